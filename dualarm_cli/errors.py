@@ -1,0 +1,100 @@
+"""The one exception tree; every class carries its data and its exit code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+
+def did_you_mean(word: str, known: list[str]) -> str:
+    """Returns ", did you mean 'x'?" for the closest known word, or an empty string."""
+    match = get_close_matches(word, known, n=1, cutoff=0.6)
+    return f", did you mean '{match[0]}'?" if match else ""
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One thing wrong with one place of an input file."""
+
+    file: str
+    """File as the user would name it."""
+    line: int
+    """Line, counted from 1; 0 when the file as a whole is meant."""
+    column: int
+    """Column, counted from 1; 0 when the line as a whole is meant."""
+    code: str
+    """Stable short code, such as E200."""
+    message: str
+    """What was found, what is allowed, what to do."""
+    snippet: str = ""
+    """The offending source line, without its end."""
+
+    @property
+    def place(self) -> str:
+        """`file:line:column`, or less where less is known."""
+        parts = [self.file] + [str(n) for n in (self.line, self.column) if n]
+        return ":".join(parts)
+
+    def __str__(self) -> str:
+        """Returns `file:line:column: CODE message`."""
+        return f"{self.place}: {self.code} {self.message}"
+
+
+class DualArmError(Exception):
+    """Everything dualarm raises on purpose; `exit_code` is what the process ends with."""
+
+    exit_code = 4
+
+
+class InputError(DualArmError):
+    """Bad input or usage; carries every diagnostic of the file at once."""
+
+    exit_code = 2
+
+    def __init__(self, diagnostics: list[Diagnostic]) -> None:
+        """Stores the diagnostics, at least one."""
+        self.diagnostics = list(diagnostics)
+        super().__init__("\n".join(str(d) for d in self.diagnostics))
+
+
+class UsageError(DualArmError):
+    """An option or argument that cannot be used as given."""
+
+    exit_code = 2
+
+
+class OutputError(DualArmError):
+    """A result that cannot be written where the user asked for it."""
+
+    exit_code = 2
+
+
+class UnknownSolverError(UsageError):
+    """A solver name that its family does not have."""
+
+    def __init__(self, family: str, name: str, known: list[str]) -> None:
+        """Stores the family, the name asked for and the names there are."""
+        self.family, self.name, self.known = family, name, known
+        super().__init__(
+            f"{family} has no solver '{name}'{did_you_mean(name, known)} "
+            f"Known: {', '.join(known)}."
+        )
+
+
+class UnsupportedError(UsageError):
+    """A request that a solver, a robot or this version does not serve, with the reason."""
+
+
+class MissingDependencyError(UsageError):
+    """An optional library that is not installed."""
+
+    def __init__(self, library: str, extra: str) -> None:
+        """Stores the library and the extra of this package that brings it."""
+        self.library, self.extra = library, extra
+        super().__init__(f"{library} is not installed: pip install 'dualarm[{extra}]'")
+
+
+class InfeasibleError(DualArmError):
+    """No feasible plan: the task that fails, where it is written, and how far it misses."""
+
+    exit_code = 3

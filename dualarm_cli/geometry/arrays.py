@@ -1,0 +1,17 @@
+"""Array types and the one way to freeze an array."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def readonly(values: ArrayLike) -> FloatArray:
+    """Returns a read-only float copy of `values`, so that a frozen dataclass is frozen through."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

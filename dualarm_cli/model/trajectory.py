@@ -1,0 +1,75 @@
+"""Motion in time: knots between which every joint's jerk is constant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Joint motion q(t) given by knots; jerk is constant between knots.
+
+    Two knots at one time are a jump of acceleration (a joint without a jerk limit). The constructor checks shapes only:
+    a trajectory that came out of somebody's file may be defective, and its defects are for the
+    verifier to find.
+    """
+
+    joints: tuple[str, ...]
+    """Names of the n joints, in column order."""
+    time: FloatArray
+    """Knot times [s], shape (k,)."""
+    position: FloatArray
+    """Joint positions at the knots [rad], shape (k, n)."""
+    velocity: FloatArray
+    """Joint velocities at the knots [rad/s], shape (k, n)."""
+    acceleration: FloatArray
+    """Joint accelerations at the knots [rad/s²], shape (k, n)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays.
+
+        Raises:
+            ValueError: there is no knot, or the shapes do not fit together.
+        """
+        for name in ("time", "position", "velocity", "acceleration"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        shape = (self.time.size, len(self.joints))
+        if self.time.ndim != 1 or self.time.size == 0:
+            raise ValueError(f"time must be a list of at least one knot, not {self.time.shape}")
+        for name in ("position", "velocity", "acceleration"):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, not {shape}")
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    def jerk(self) -> FloatArray:
+        """Returns the jerk of each interval [rad/s³], shape (k-1, n); zero where time stands."""
+        step = np.diff(self.time)[:, None]
+        change = np.diff(self.acceleration, axis=0)
+        return np.divide(change, step, out=np.zeros_like(change), where=step > 0)
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns position, velocity and acceleration at the given times, each of shape (m, n).
+
+        Times outside the knots are held at the ends. At a double knot the later one counts.
+
+        Args:
+            time: instants [s], shape (m,).
+        """
+        time = np.clip(np.asarray(time, dtype=np.float64), self.time[0], self.time[-1])
+        index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 1)
+        dt = (time - self.time[index])[:, None]
+        q, v, a = self.position[index], self.velocity[index], self.acceleration[index]
+        jerk = np.vstack([self.jerk(), np.zeros((1, len(self.joints)))])[index]
+        return (
+            q + dt * (v + dt * (a / 2 + dt * jerk / 6)),
+            v + dt * (a + dt * jerk / 2),
+            a + dt * jerk,
+        )

@@ -1,0 +1,62 @@
+"""What makes a solver pluggable: a name, a pure function, a reference and a reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from dualarm_cli.errors import UnknownSolverError
+
+P = TypeVar("P")
+S = TypeVar("S")
+
+
+def _always_supported(_: object) -> str | None:
+    return None
+
+
+@dataclass(frozen=True)
+class Solver(Generic[P, S]):
+    """One member of a family of interchangeable methods."""
+
+    name: str
+    """Word on the command line and in files."""
+    solve: Callable[[P], S]
+    """The method itself: a pure function from a problem to a solution."""
+    summary: str
+    """What it does, in one sentence."""
+    reference: str
+    """Paper and equation, or that it is our own."""
+    why_unsupported: Callable[[P], str | None] = _always_supported
+    """A reason why the problem is outside this method, or None."""
+
+
+class Registry(Generic[P, S]):
+    """The solvers of one family, best default first."""
+
+    def __init__(self, family: str, solvers: list[Solver[P, S]]) -> None:
+        """Builds the family from an explicit list; names must differ."""
+        self.family = family
+        self._solvers = {solver.name: solver for solver in solvers}
+        if len(self._solvers) != len(solvers):
+            raise ValueError(f"two {family} solvers share a name")
+
+    def __iter__(self) -> Iterator[Solver[P, S]]:
+        """Iterates over the solvers in their listed order."""
+        return iter(self._solvers.values())
+
+    def __getitem__(self, name: str) -> Solver[P, S]:
+        """Returns the solver of that name.
+
+        Raises:
+            UnknownSolverError: no solver of the family has that name.
+        """
+        if name not in self._solvers:
+            raise UnknownSolverError(self.family, name, list(self._solvers))
+        return self._solvers[name]
+
+    @property
+    def names(self) -> list[str]:
+        """Names in their listed order."""
+        return list(self._solvers)
