@@ -1,0 +1,143 @@
+"""Robot: arms, a platform that may carry them, joint limits and named postures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+ArmKind = Literal["srs", "spherical_wrist", "general"]
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What each joint may do; infinite where nothing is demanded."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints."""
+    lower: FloatArray
+    """Lowest position [rad], shape (n,)."""
+    upper: FloatArray
+    """Highest position [rad], shape (n,)."""
+    velocity: FloatArray
+    """Largest speed [rad/s], shape (n,)."""
+    acceleration: FloatArray
+    """Largest acceleration [rad/s²], shape (n,)."""
+    jerk: FloatArray
+    """Largest jerk [rad/s³], infinite where the robot file sets none, shape (n,)."""
+    source: tuple[str, ...]
+    """Where acceleration and jerk come from: datasheet, measured, assumed, or unstated."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays and refuses limits that no motion could meet.
+
+        Raises:
+            ValueError: wrong shape, NaN, lower above upper, or a rate that is not positive.
+        """
+        n = len(self.joints)
+        for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+            values = readonly(getattr(self, name))
+            object.__setattr__(self, name, values)
+            if values.shape != (n,) or np.isnan(values).any():
+                raise ValueError(f"{name} limits must be {n} numbers, not {values}")
+            if name not in ("lower", "upper") and (values <= 0).any():
+                raise ValueError(f"{name} limits must be positive, not {values.min()}")
+        if (self.lower > self.upper).any():
+            raise ValueError("a lower position limit is above its upper one")
+
+    def scaled(self, speed: float) -> JointLimits:
+        """Returns limits under which every motion takes 1/speed times as long along the same path.
+
+        Args:
+            speed: fraction of full speed, above 0.
+        """
+        return JointLimits(
+            self.joints,
+            self.lower,
+            self.upper,
+            self.velocity * speed,
+            self.acceleration * speed**2,
+            self.jerk * speed**3,
+            self.source,
+        )
+
+    def select(self, joints: Sequence[str]) -> JointLimits:
+        """Returns the limits of the named joints, in the order of the names."""
+        index = [self.joints.index(name) for name in joints]
+        return JointLimits(
+            tuple(joints),
+            self.lower[index],
+            self.upper[index],
+            self.velocity[index],
+            self.acceleration[index],
+            self.jerk[index],
+            tuple(self.source[i] for i in index),
+        )
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One serial arm and the flange that carries its tool."""
+
+    name: str
+    """left or right."""
+    joints: tuple[str, ...]
+    """Its joints from base to flange."""
+    flange: str
+    """Link of the URDF to which the tool is bolted."""
+    kind: ArmKind
+    """How its inverse kinematics is solved; checked against the URDF when it is loaded."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One or two arms, on a platform or not, as one tree of joints."""
+
+    name: str
+    """What people call it."""
+    urdf: str
+    """Complete URDF text: every moving joint with its limits, primitive geometry only."""
+    platform: tuple[str, ...]
+    """Joints that carry both arms: none, one or two."""
+    arms: tuple[Arm, ...]
+    """One or two arms, left before right."""
+    limits: JointLimits
+    """Limits of all moving joints, in the URDF's order."""
+    postures: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Named postures [rad], each of shape (n,) over `joints`; home is always there."""
+
+    def __post_init__(self) -> None:
+        """Freezes the postures.
+
+        Raises:
+            ValueError: arms share a name or a joint, or a joint is not among the limits.
+        """
+        used = [*self.platform, *(joint for arm in self.arms for joint in arm.joints)]
+        if len(set(used)) != len(used) or set(used) != set(self.joints):
+            raise ValueError("every moving joint belongs to exactly one of platform and arms")
+        if len({arm.name for arm in self.arms}) != len(self.arms):
+            raise ValueError("two arms share a name")
+        frozen = {name: readonly(q) for name, q in self.postures.items()}
+        frozen.setdefault("home", readonly(np.zeros(len(self.joints))))
+        object.__setattr__(self, "postures", MappingProxyType(frozen))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all moving joints, in the URDF's order."""
+        return self.limits.joints
+
+    def arm(self, name: str) -> Arm:
+        """Returns the arm of that name (KeyError where there is none)."""
+        for arm in self.arms:
+            if arm.name == name:
+                return arm
+        raise KeyError(name)
+
+    def columns(self, joints: Sequence[str]) -> list[int]:
+        """Returns the columns of the named joints within `joints`."""
+        return [self.joints.index(name) for name in joints]

@@ -1,0 +1,155 @@
+"""Schedule: the joint motion of a job with everything that is said to happen in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import pinocchio as pin
+
+from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Verification
+
+SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return"]
+
+
+@dataclass(frozen=True)
+class ScheduleArm:
+    """What a reader needs to find an arm's tool."""
+
+    flange: str
+    """Link of the URDF to which the tool is bolted."""
+    tcp: pin.SE3
+    """Tool centre point in the flange frame."""
+    joints: tuple[str, ...] = ()
+    """The arm's own joints, base to flange; empty where the file does not say."""
+
+
+@dataclass(frozen=True)
+class ScheduleRobot:
+    """The robot as far as a schedule needs it."""
+
+    name: str
+    """What people call it."""
+    urdf: str
+    """Complete URDF text."""
+    base: pin.SE3
+    """Pose of the root link in the world."""
+    arms: Mapping[str, ScheduleArm]
+    """Arms by name."""
+    limits: JointLimits
+    """Limits that the motion keeps; infinite and `unstated` where the file does not say."""
+    platform: tuple[str, ...] = ()
+    """Joints that carry both arms."""
+    tool_speed: float | None = None
+    """Cap on the speed of every tool centre point [m/s], or None."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stretch of the schedule that both arms start together."""
+
+    start: float
+    """When it starts [s]."""
+    end: float
+    """When the last of its arms is done [s]."""
+    tasks: tuple[str, ...]
+    """Ids of the tasks worked on, left arm's first; empty for the return to the start."""
+    platform_solver: str
+    """The method that gave the platform angle."""
+    platform_angle: float | None
+    """Where the platform stands at the end [rad]; None without a one-joint platform."""
+    platform_time: float
+    """How long the platform alone would need [s]."""
+    arm_times: Mapping[str, float]
+    """How long each arm alone would need for its transfer [s]."""
+    bottleneck: str
+    """The joint that decides the transfer's duration; empty where nothing moves."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """What one arm does between two instants."""
+
+    arm: str
+    """left or right."""
+    kind: SegmentKind
+    """What it is."""
+    task: str
+    """Id of the task; empty for a return."""
+    action: str
+    """pick, place or move; empty for a return."""
+    start: float
+    """When it starts [s]."""
+    end: float
+    """When it ends [s]."""
+    dwell: Dwell | None = None
+    """The shares of a dwell."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """An instant at which a tool is commanded to be somewhere."""
+
+    time: float
+    """When [s]; the tool then stands still for `dwell`."""
+    arm: str
+    """left or right."""
+    task: str
+    """Id of the task."""
+    action: str
+    """pick, place or move."""
+    frame: str
+    """Name of the frame that is there, such as left_tcp."""
+    pose: pin.SE3
+    """Commanded pose of that frame in the world."""
+    dwell: float = 0.0
+    """How long it stands there [s]."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a schedule comes from; enough to make it again."""
+
+    version: str
+    """Version of dualarm."""
+    inputs: Mapping[str, str]
+    """SHA-256 of every input, by name."""
+    settings: Mapping[str, Any]
+    """Everything that was asked for."""
+    seed: int
+    """Seed of all randomness."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The answer: who does what from when to when."""
+
+    robot: ScheduleRobot
+    """The robot that plays it."""
+    trajectory: Trajectory
+    """The motion of all its moving joints."""
+    stages: tuple[Stage, ...]
+    """In time order."""
+    segments: tuple[Segment, ...]
+    """In order of arm and time."""
+    events: tuple[Event, ...]
+    """In time order."""
+    provenance: Provenance
+    """Where it comes from."""
+    lower_bound: float | None = None
+    """A bound on every plan of the same stages [s], or None."""
+    verification: Verification | None = None
+    """The judgement, once there is one."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know: choices, assumptions, what was not used."""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    """Members of the file that this version does not know, kept as read."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]; the period where it closes."""
+        return self.trajectory.duration

@@ -1,0 +1,45 @@
+"""Finding and Verification: what was checked, what was measured, what is allowed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Verdict = Literal["passed", "failed", "not checked"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One property of a schedule, judged."""
+
+    name: str
+    """Stable name, such as `velocity` or `tool_at_events`."""
+    verdict: Verdict
+    """Whether it holds; `not checked` always says why in `detail`."""
+    measured: float | None
+    """Worst value found, in `unit`; None where there is nothing to measure."""
+    allowed: float | None
+    """What it may be, in `unit`."""
+    unit: str
+    """Unit of both; empty for counts and ratios."""
+    detail: str
+    """Where the worst value is (joint, task, time), or why nothing was checked."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The judgement of a whole schedule."""
+
+    checks: tuple[Check, ...]
+    """Every check, in a fixed order."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed and something was checked."""
+        verdicts = [check.verdict for check in self.checks]
+        return "failed" not in verdicts and "passed" in verdicts
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that failed."""
+        return tuple(check for check in self.checks if check.verdict == "failed")
