@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated
 
 import typer
+
+from dualarm_cli import __version__
 
 app = typer.Typer(
     name="dualarm",
@@ -19,10 +20,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        try:
-            typer.echo(f"dualarm {version('dualarm')}")
-        except PackageNotFoundError:
-            typer.echo("dualarm (not installed)")
+        typer.echo(f"dualarm {__version__}")
         raise typer.Exit
 
 

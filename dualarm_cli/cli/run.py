@@ -1,0 +1,91 @@
+"""Where every error becomes an exit code.
+
+0 good; 1 ran and found a violation or a regression; 2 bad input or usage; 3 no feasible plan;
+4 internal error; 130 and 143 on signals.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+import typer
+
+from dualarm_cli.errors import DualArmError, InputError
+
+# typer carries click within itself since 0.25 and stood on it before: its errors' common ancestor is
+# found from either.
+_COMMAND_LINE_ERROR: Any = next(
+    base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException"
+)
+SIGINT_EXIT, SIGTERM_EXIT, PIPE_EXIT, INTERNAL_EXIT = 130, 143, 141, 4
+
+
+class _TerminatedError(BaseException):
+    """SIGTERM arrived; derived from BaseException so that no solver swallows it."""
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> None:
+    raise _TerminatedError
+
+
+def run(arguments: list[str]) -> int:
+    """Runs one command.
+
+    Args:
+        arguments: the words after `dualarm`.
+
+    Returns:
+        The exit code of the process.
+    """
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        code = _run_command(arguments)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # The reader has gone: nothing more can be said, not even by the interpreter at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PIPE_EXIT
+    except (KeyboardInterrupt, typer.Abort):
+        return _report("interrupted", SIGINT_EXIT, arguments)
+    except _TerminatedError:
+        return _report("terminated", SIGTERM_EXIT, arguments)
+    except _COMMAND_LINE_ERROR as error:
+        context = getattr(error, "ctx", None)
+        hint = f" Try '{context.command_path} --help'." if context is not None else ""
+        return _report(f"{error.format_message()}{hint}", 2, arguments)
+    except InputError as error:
+        from dualarm_cli.loading.diagnostics import render
+
+        return _report(render(error.diagnostics), error.exit_code, arguments)
+    except DualArmError as error:
+        return _report(f"error: {error}", error.exit_code, arguments)
+    except OSError as error:
+        return _report(f"error: {error.strerror}: {error.filename or 'standard output'}", 2, arguments)
+    except Exception as error:
+        if os.environ.get("DUALARM_DEBUG"):
+            raise
+        text = f"internal error: {type(error).__name__}: {error}\nThis is a bug; "
+        return _report(f"{text}DUALARM_DEBUG=1 shows where.", INTERNAL_EXIT, arguments)
+
+
+def _run_command(arguments: list[str]) -> int:
+    from dualarm_cli.cli.commands import app
+
+    command = typer.main.get_command(app)
+    result = command.main(args=arguments, prog_name="dualarm", standalone_mode=False)
+    return result if isinstance(result, int) else 0
+
+
+def _report(text: str, code: int, arguments: list[str]) -> int:
+    """Says what went wrong on stderr, and on stdout as a document where JSON was asked for."""
+    sys.stderr.write(text + "\n")
+    if "--json" in arguments:
+        from dualarm_cli.cli.output import print_json
+
+        print_json({"format": "dualarm.error/1", "exit_code": code, "message": text})
+    return code

@@ -1,0 +1,1 @@
+"""Joints to poses and back: the platform's chain and arms in closed form."""

@@ -1,0 +1,139 @@
+"""CellModel: a cell ready for kinematics, with its platform chain and its arms in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.robot import Arm, Robot
+
+SRS_TOLERANCE = 1e-6
+"""Largest deviation from exact SRS geometry that closed forms may ignore [m and rad]."""
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """One arm: closed-form kinematics in the carried frame, and its tool."""
+
+    arm: Arm
+    """The noun."""
+    kinematics: SrsArm
+    """Inverse kinematics in the frame that carries the arms."""
+    columns: list[int]
+    """Columns of its joints within the robot's joints."""
+    T_flange_tcp: pin.SE3
+    """Tool centre point in the flange frame."""
+
+
+@dataclass(frozen=True)
+class CellModel:
+    """A cell ready for kinematics."""
+
+    cell: Cell
+    """The noun."""
+    platform: PlatformChain
+    """Joints that carry the arms."""
+    platform_columns: list[int]
+    """Columns of the platform's joints within the robot's joints."""
+    arms: Mapping[str, ArmModel]
+    """Arms by name."""
+
+    @classmethod
+    def from_cell(cls, cell: Cell) -> CellModel:
+        """Measures the robot's kinematics.
+
+        Raises:
+            UnsupportedError: an arm is not spherical-revolute-spherical.
+        """
+        robot = cell.robot
+        model = pin.buildModelFromXML(robot.urdf)
+        platform = PlatformChain.from_model(model, robot.platform, cell.base)
+        arms = {}
+        for arm in robot.arms:
+            geometry = measure_arm(model, robot, arm, platform, cell.base)
+            if arm.kind != "srs" or not geometry.is_srs(SRS_TOLERANCE):
+                raise UnsupportedError(
+                    f"arm {arm.name} of {robot.name} (kind: {arm.kind}) is not "
+                    f"spherical-revolute-spherical: {geometry.deviation}; "
+                    "this version plans SRS arms only"
+                )
+            limits = robot.limits.select(arm.joints)
+            arms[arm.name] = ArmModel(
+                arm,
+                SrsArm(geometry, limits.lower, limits.upper),
+                robot.columns(arm.joints),
+                cell.tools[arm.name].tcp,
+            )
+        return cls(cell, platform, robot.columns(robot.platform), arms)
+
+    def carried_frame(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the frame that carries the arms: rotations (..., 3, 3), translations (..., 3).
+
+        Args:
+            position: all joints of the robot [rad], shape (..., n).
+        """
+        return self.platform.pose(position[..., self.platform_columns])
+
+    def tool_position(self, arm: str, position: FloatArray) -> FloatArray:
+        """Returns the tool centre point in the world [m], shape (..., 3).
+
+        Args:
+            arm: name of the arm.
+            position: all joints of the robot [rad], shape (..., n).
+        """
+        model = self.arms[arm]
+        R_world, p_world = self.carried_frame(position)
+        R, p = model.kinematics.forward(position[..., model.columns])
+        tip = p + R @ model.T_flange_tcp.translation
+        return p_world + (R_world @ tip[..., None])[..., 0]
+
+    def tool_pose(self, arm: str, position: FloatArray) -> pin.SE3:
+        """Returns the tool centre point's pose in the world at one configuration (n,)."""
+        model = self.arms[arm]
+        R_world, p_world = self.carried_frame(position)
+        R, p = model.kinematics.forward(position[model.columns])
+        return pin.SE3(R_world, p_world) * pin.SE3(R, p) * model.T_flange_tcp
+
+
+def measure_arm(
+    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
+) -> SrsGeometry:
+    """Returns the SRS geometry of a 7-axis arm with its deviations, measured on the URDF.
+
+    Args:
+        model: the whole robot.
+        robot: the noun.
+        arm: which arm.
+        platform: the chain that carries it.
+        base: pose of the model's root in the world.
+
+    Raises:
+        UnsupportedError: the arm does not have seven revolute joints.
+    """
+    if len(arm.joints) != 7:
+        raise UnsupportedError(
+            f"arm {arm.name} of {robot.name} has {len(arm.joints)} joints; kind srs needs 7"
+        )
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    pin.updateFramePlacements(model, data)
+    T_carried_root = platform.T_world_carried.inverse() * base
+    axes, points = np.empty((7, 3)), np.empty((7, 3))
+    for k, name in enumerate(arm.joints):
+        index = model.getJointId(name)
+        twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
+        T = T_carried_root * data.oMi[index]
+        axes[k], points[k] = T.rotation @ twist[3:], T.translation
+        if abs(np.linalg.norm(axes[k]) - 1.0) > 1e-9:
+            raise UnsupportedError(f"joint {name} of {robot.name} slides; kind srs needs revolute")
+    flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
+    return SrsGeometry.measure(axes, points, flange.rotation, flange.translation)

@@ -1,0 +1,111 @@
+"""The platform's joints: where the frame that carries both arms stands, for many angles at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+
+@dataclass(frozen=True)
+class PlatformChain:
+    """None, one or two joints between the world and the frame that carries the arms.
+
+    Every joint frame is turned so that its axis is z. With one joint the carried frame is the axis frame
+    turned by the platform angle, so that an arm's shoulder has a fixed radius, azimuth and height in it.
+    """
+
+    joints: tuple[str, ...]
+    """Names of the k joints, world side first."""
+    R_parent_joint: FloatArray
+    """Constant rotation before each joint's motion, shape (k, 3, 3)."""
+    p_parent_joint: FloatArray
+    """Constant translation before each joint's motion [m], shape (k, 3)."""
+    revolute: tuple[bool, ...]
+    """Whether a joint turns (else it slides along z)."""
+    T_world_carried: pin.SE3
+    """The carried frame with all joints at zero; the root link's pose where there is no joint."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        object.__setattr__(self, "R_parent_joint", readonly(self.R_parent_joint))
+        object.__setattr__(self, "p_parent_joint", readonly(self.p_parent_joint))
+
+    @classmethod
+    def from_model(cls, model: pin.Model, joints: tuple[str, ...], base: pin.SE3) -> PlatformChain:
+        """Measures the chain on a pinocchio model.
+
+        Args:
+            model: the whole robot, one position per joint.
+            joints: platform joints, each moved by the one before.
+            base: pose of the model's root in the world.
+        """
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        frames = [base]
+        revolute = []
+        for name in joints:
+            index = model.getJointId(name)
+            # Local unit twist of the joint: (linear, angular).
+            twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
+            revolute.append(bool(np.linalg.norm(twist[3:]) > 0.5))
+            axis = twist[3:] if revolute[-1] else twist[:3]
+            frames.append(base * data.oMi[index] * pin.SE3(_align_z(axis), np.zeros(3)))
+        world = pin.SE3.Identity()
+        parents = [world, *frames[1:-1]] if joints else []
+        steps = [parent.inverse() * frame for parent, frame in zip(parents, frames[1:], strict=True)]
+        return cls(
+            joints,
+            np.array([step.rotation for step in steps]).reshape(-1, 3, 3),
+            np.array([step.translation for step in steps]).reshape(-1, 3),
+            tuple(revolute),
+            frames[-1],
+        )
+
+    @property
+    def is_turntable(self) -> bool:
+        """Whether it is one revolute joint, so that a platform angle can be chosen."""
+        return self.revolute == (True,)
+
+    def pose(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the carried frame in the world: rotations (..., 3, 3), translations (..., 3) [m].
+
+        Args:
+            position: joint positions [rad or m], shape (..., k).
+        """
+        batch = position.shape[:-1]
+        if not self.joints:
+            rotation = np.broadcast_to(self.T_world_carried.rotation, (*batch, 3, 3))
+            return rotation, np.broadcast_to(self.T_world_carried.translation, (*batch, 3))
+        R = np.broadcast_to(np.eye(3), (*batch, 3, 3))
+        p = np.zeros((*batch, 3))
+        for k, turns in enumerate(self.revolute):
+            p = p + (R @ self.p_parent_joint[k])
+            R = R @ self.R_parent_joint[k]
+            if turns:
+                R = R @ rotation_z(position[..., k])
+            else:
+                p = p + R[..., :, 2] * position[..., k, None]
+        return R, p
+
+
+def rotation_z(angle: FloatArray) -> FloatArray:
+    """Returns rotations about z, shape (..., 3, 3), for angles [rad] of shape (...)."""
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.zeros((*np.shape(angle), 3, 3))
+    R[..., 0, 0] = R[..., 1, 1] = c
+    R[..., 0, 1], R[..., 1, 0], R[..., 2, 2] = -s, s, 1.0
+    return R
+
+
+def _align_z(axis: FloatArray) -> FloatArray:
+    """Returns a rotation that takes z to the unit vector `axis`; the identity where it is z."""
+    if np.array_equal(axis, [0.0, 0.0, 1.0]):
+        return np.eye(3)
+    # Any frame with that z axis will do; the coordinate axis farthest from it spans the first one.
+    x = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])

@@ -1,0 +1,138 @@
+"""Platform positions worth trying for a stage: the solver's, then the nearest reachable ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
+from dualarm_cli.redundancy import StopProblem
+
+SCAN_STEP = np.radians(2.5)
+"""Spacing of the platform angles that are scanned when no solver's angle can be used [rad]."""
+SCAN_ARM_ANGLES = 24
+"""Arm angles per scanned platform angle."""
+SCAN_TRIES = 24
+"""Scanned angles, nearest first, at which the whole stage is tried."""
+
+
+def platform_candidates(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem], solver: str
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yields the solver's platform positions in order of preference, each with the method's name.
+
+    A stage with one arm at work, and a platform that is not one revolute joint, stays where it is: no solver of
+    the family has two elbows to balance there.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stops: the arms' stops as seen with the platform where it is.
+        solver: name of the platform solver.
+    """
+    here = position[model.platform_columns]
+    if not model.platform.is_turntable or len(stops) < 2 or solver == "fixed":
+        yield "fixed", here
+        return
+    solution = PLATFORM_SOLVERS[solver].solve(stage_problem(model, position, stops))
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    for angle in solution.preferred(0):
+        turns = 2.0 * np.pi * np.arange(-2, 3)
+        inside = [a for a in angle + turns if limits.lower[0] <= a <= limits.upper[0]]
+        if inside:
+            yield solver, np.array([min(inside, key=lambda a: abs(a - here[0]))])
+
+
+def stage_problem(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
+) -> PlatformProblem:
+    """Returns the platform-angle problem of one stage with both arms at work.
+
+    The wrist centres are those of the transfer's end (the start of the approach), at the first yaw.
+    """
+    angle = float(position[model.platform_columns][0])
+    shoulder, upper, fore, wrist, elbow = [], [], [], [], []
+    for name, stop in stops.items():
+        arm = model.arms[name].kinematics
+        shoulder.append(arm.geometry.shoulder)
+        upper.append(arm.geometry.upper)
+        fore.append(arm.geometry.fore)
+        wrist.append(_turn(_wrist_before_approach(stop), angle))
+        elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
+    points = np.array(shoulder)
+    return PlatformProblem.broadcast(
+        radius=np.hypot(points[:, 0], points[:, 1]),
+        offset=np.arctan2(points[:, 1], points[:, 0]),
+        height=points[:, 2],
+        upper=np.array(upper),
+        fore=np.array(fore),
+        wrist=np.array(wrist)[None],
+        angle_0=np.array([angle]),
+        elbow_0=np.array([elbow]),
+    )
+
+
+def _wrist_before_approach(stop: StopProblem) -> FloatArray:
+    """Returns the wrist centre at the start of the approach in the carried frame [m], (3,)."""
+    R_tool = stop.R_base_tool[0]
+    p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
+    wrist: FloatArray = stop.arm.wrist_center(
+        R_tool @ stop.R_tool_flange, p_tool + R_tool @ stop.p_tool_flange
+    )
+    return wrist
+
+
+def _turn(point: FloatArray, angle: float) -> FloatArray:
+    """Returns a point of the carried frame in the platform's fixed axis frame."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = point
+    return np.array([c * x - s * y, s * x + c * y, z])
+
+
+def reachable_positions(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
+) -> Iterator[FloatArray]:
+    """Yields platform positions, nearest first, at which every arm reaches target and line ends.
+
+    Only a platform of one revolute joint is scanned.
+    """
+    if not model.platform.is_turntable:
+        return
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    here = float(position[model.platform_columns][0])
+    low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
+    angles = np.arange(low, high, SCAN_STEP)
+    usable = np.ones(len(angles), dtype=np.bool_)
+    for stop in stops.values():
+        if stop.configurations is None:
+            usable &= _reached(stop, angles - here)
+    nearest = np.argsort(np.abs(angles - here), kind="stable")
+    for k in [i for i in nearest if usable[i]][:SCAN_TRIES]:
+        yield angles[[k]]
+
+
+def _reached(stop: StopProblem, turn: FloatArray) -> BoolArray:
+    """Returns for each further platform turn whether target and both line ends are in reach."""
+    c, s = np.cos(-turn), np.sin(-turn)
+    R_turn = np.zeros((len(turn), 3, 3))
+    R_turn[:, 0, 0] = R_turn[:, 1, 1] = c
+    R_turn[:, 1, 0], R_turn[:, 0, 1], R_turn[:, 2, 2] = s, -s, 1.0
+    yaws = stop.yaw[:: max(1, len(stop.yaw) // 4)]
+    Rz = np.zeros((len(yaws), 3, 3))
+    Rz[:, 0, 0] = Rz[:, 1, 1] = np.cos(yaws)
+    Rz[:, 1, 0], Rz[:, 2, 2] = np.sin(yaws), 1.0
+    Rz[:, 0, 1] = -Rz[:, 1, 0]
+    psi = np.linspace(-np.pi, np.pi, SCAN_ARM_ANGLES, endpoint=False)
+    usable: BoolArray = np.ones((len(turn), len(yaws)), dtype=np.bool_)
+    for depth in {0.0, stop.approach, stop.retract}:
+        R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ Rz)[None]
+        p_tool = (R_turn @ stop.p_base_tool[0])[:, None] - R_tool[..., :, 2] * depth
+        R = R_tool @ stop.R_tool_flange
+        p = p_tool + R_tool @ stop.p_tool_flange
+        solutions = stop.arm.solve(R[:, :, None], p[:, :, None], psi)
+        inside = stop.arm.within_limits(stop.arm.nearest_turns(solutions.q, stop.start))
+        usable &= (solutions.reachable[..., None] & inside).any(axis=(2, 3))
+    return usable.any(axis=1)
