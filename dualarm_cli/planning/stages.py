@@ -25,6 +25,8 @@ YAW_STEPS = 24
 class ArmStop:
     """What one arm does in a stage."""
 
+    arm: str
+    """Name of the arm."""
     task: Task
     """The task it works on."""
     stop: Stop
@@ -147,7 +149,7 @@ def _try_position(
         if isinstance(posture, NoPosture):
             reasons[name] = posture
             continue
-        stops[name] = ArmStop(task, stop, problem, posture)
+        stops[name] = ArmStop(name, task, stop, problem, posture)
         columns = model.arms[name].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
         longest = max(longest, posture.cost + stop.dwell.total)

@@ -1,0 +1,208 @@
+"""From decided stages to motion: every transfer, line, dwell and wait of every joint group."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.lines import solve_line
+from dualarm_cli.planning.stages import ArmStop, StagePlan
+from dualarm_cli.planning.transfers import PLATFORM, Transfers, transfers_within_tool_speed
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import concatenate, hold, merge
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A job's whole motion and what is said to happen in it."""
+
+    trajectory: Trajectory
+    """All joints of the robot."""
+    stages: tuple[Stage, ...]
+    """In time order."""
+    segments: tuple[Segment, ...]
+    """Arm by arm, in time order."""
+    events: tuple[Event, ...]
+    """In time order."""
+
+
+@dataclass
+class _Recorder:
+    """Pieces of motion per joint group, and what they mean, while stages are added."""
+
+    pieces: dict[str, list[Trajectory]]
+    segments: dict[str, list[Segment]]
+    events: list[Event] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
+    clock: float = 0.0
+
+
+def realise(
+    model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSolver
+) -> Motion:
+    """Returns the motion of the decided stages under every limit of the job.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        plans: its stages in order.
+        timing: how transfers and lines are timed.
+    """
+    robot = job.cell.robot
+    limits = robot.limits.scaled(job.speed)
+    columns = {PLATFORM: model.platform_columns} if robot.platform else {}
+    columns |= {name: arm.columns for name, arm in model.arms.items()}
+    record = _Recorder({name: [] for name in columns}, {name: [] for name in model.arms})
+    for plan in plans:
+        transfers = transfers_within_tool_speed(
+            model, plan, columns, limits, timing, job.tool_speed
+        )
+        _add_stage(record, model, job, plan, transfers, columns, limits, timing)
+    trajectory = merge(
+        [concatenate(record.pieces[name]) for name in columns], joints=robot.joints
+    )
+    events = [_at_knot(event, trajectory.time) for event in record.events]
+    return Motion(
+        trajectory,
+        tuple(record.stages),
+        tuple(segment for name in record.segments for segment in record.segments[name]),
+        tuple(sorted(events, key=lambda event: (event.time, event.arm))),
+    )
+
+
+def _add_stage(
+    record: _Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    transfers: Transfers,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> None:
+    """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
+    begin, ends = record.clock, {}
+    for name in columns:
+        ends[name] = 0.0
+        if name in transfers.motion:
+            record.pieces[name].append(transfers.motion[name])
+            ends[name] = transfers.motion[name].duration
+        if name != PLATFORM and ends[name] > 0:
+            kind: SegmentKind = "transfer" if plan.stops else "return"
+            _segment(record, name, kind, plan.stops.get(name), begin, begin + ends[name])
+    for name, arm_stop in plan.stops.items():
+        clock = begin + ends[name]
+        ends[name] = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing) - begin
+    length = max(ends.values())
+    for name, index in columns.items():
+        if ends[name] < length:
+            names = tuple(model.cell.robot.joints[i] for i in index)
+            record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
+            if name != PLATFORM:
+                _segment(record, name, "wait", None, begin + ends[name], begin + length)
+    record.clock = begin + length
+    critical = max(plan.stops, key=lambda name: ends[name], default="")
+    record.stages.append(_stage(model, plan, transfers, begin, record.clock, critical))
+
+
+def _stage(
+    model: CellModel,
+    plan: StagePlan,
+    transfers: Transfers,
+    start: float,
+    end: float,
+    critical: str,
+) -> Stage:
+    platform = plan.arrival[model.platform_columns]
+    return Stage(
+        start=start,
+        end=end,
+        tasks=tuple(stop.task.id for stop in plan.stops.values()),
+        platform_solver=plan.solver,
+        platform_angle=float(platform[0]) if len(platform) == 1 else None,
+        platform_time=transfers.times.get(PLATFORM, 0.0),
+        arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
+        bottleneck=transfers.bottleneck(critical),
+    )
+
+
+def _add_stop(
+    record: _Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    arm_stop: ArmStop,
+    clock: float,
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> float:
+    """Appends approach, dwell and retract of one arm; returns when they are over [s]."""
+    name = arm_stop.arm
+    arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
+    own = limits.select(arm.arm.joints)
+
+    def add(piece: Trajectory, kind: SegmentKind) -> None:
+        nonlocal clock
+        pieces.append(piece)
+        _segment(record, name, kind, arm_stop, clock, clock + piece.duration)
+        clock += piece.duration
+
+    if stop.approach > 0:
+        add(solve_line(arm_stop, "approach", own, job.tool_speed, timing), "approach")
+    record.events.append(_event(model, plan, arm_stop, clock))
+    if stop.dwell.total > 0:
+        add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
+    if stop.retract > 0:
+        add(solve_line(arm_stop, "retract", own, job.tool_speed, timing), "retract")
+    return clock
+
+
+def _segment(
+    record: _Recorder,
+    name: str,
+    kind: SegmentKind,
+    arm_stop: ArmStop | None,
+    start: float,
+    end: float,
+) -> None:
+    task = arm_stop.task.id if arm_stop else ""
+    action = arm_stop.stop.action if arm_stop else ""
+    dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
+    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell))
+
+
+def _event(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
+    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw."""
+    target, name = arm_stop.stop.target, arm_stop.arm
+    if isinstance(target, PoseTarget):
+        turn = pin.SE3(pin.utils.rotate("z", arm_stop.posture.yaw), np.zeros(3))
+        pose = target.pose * turn
+    else:
+        position = np.array(plan.arrival)
+        position[model.arms[name].columns] = target.configurations[arm_stop.posture.target]
+        pose = model.tool_pose(name, position)
+    return Event(
+        time=time,
+        arm=name,
+        task=arm_stop.task.id,
+        action=arm_stop.stop.action,
+        frame=f"{name}_tcp",
+        pose=pose,
+        dwell=arm_stop.stop.dwell.total,
+    )
+
+
+def _at_knot(event: Event, time: FloatArray) -> Event:
+    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
+    after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
+    nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
+    return replace(event, time=float(nearest))

@@ -1,0 +1,106 @@
+"""The main job: a job and settings in, an unverified schedule out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dualarm_cli import __version__
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleArm, ScheduleRobot
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.motion import realise
+from dualarm_cli.planning.stages import StagePlan, choose_stages
+from dualarm_cli.platform_angle import PLATFORM_SOLVERS
+from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
+from dualarm_cli.timing import TIMING_SOLVERS
+
+
+def plan(
+    job: Job, settings: PlanSettings, progress: Callable[[str], None] = lambda _: None
+) -> Schedule:
+    """Returns the schedule of a job: decisions by closed forms, then exact motion.
+
+    With no platform solver named, the job is decided with each and the fastest is kept.
+
+    Args:
+        job: cell and tasks.
+        settings: solver names and tunables.
+        progress: is told what is being done.
+
+    Raises:
+        UnknownSolverError: a solver that its family does not have.
+        UnsupportedError: a robot or a limit that a chosen solver does not serve.
+        InfeasibleError: no posture reaches a target.
+    """
+    timing = TIMING_SOLVERS[settings.timing]
+    REDUNDANCY_SOLVERS[settings.redundancy]
+    progress("reading the robot")
+    model = CellModel.from_cell(job.cell)
+    names = [settings.platform] if settings.platform else _fitting(model)
+    stages, notes = _fastest(model, job, names, settings.redundancy, progress)
+    progress("timing the motion")
+    motion = realise(model, job, stages, timing)
+    return Schedule(
+        robot=_schedule_robot(job),
+        trajectory=motion.trajectory,
+        stages=motion.stages,
+        segments=motion.segments,
+        events=motion.events,
+        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        notes=(*job.notes, *notes),
+    )
+
+
+def _fitting(model: CellModel) -> list[str]:
+    """Returns the platform solvers that differ on this robot: one where nothing can be chosen."""
+    both_on_turntable = model.platform.is_turntable and len(model.arms) == 2
+    return PLATFORM_SOLVERS.names if both_on_turntable else ["fixed"]
+
+
+def _fastest(
+    model: CellModel,
+    job: Job,
+    names: list[str],
+    redundancy: str,
+    progress: Callable[[str], None],
+) -> tuple[list[StagePlan], list[str]]:
+    """Returns the stages of the fastest platform solver, and what the others would have needed.
+
+    Raises:
+        InfeasibleError: no solver finds a plan; the last one's reason.
+    """
+    found: dict[str, list[StagePlan]] = {}
+    failure: InfeasibleError | None = None
+    for name in names:
+        progress(f"choosing postures (platform: {name})")
+        try:
+            found[name] = choose_stages(model, job, name, redundancy)
+        except InfeasibleError as error:
+            failure = error
+    if not found:
+        raise failure or InfeasibleError("no platform solver fits this robot")
+    times = {name: sum(stage.duration for stage in stages) for name, stages in found.items()}
+    best = min(times, key=lambda name: times[name])
+    if len(names) == 1:
+        return found[best], []
+    tried = ", ".join(f"{name} {time:.3f} s" for name, time in times.items())
+    return found[best], [f"platform: every solver tried, the fastest kept ({tried}, estimated)"]
+
+
+def _schedule_robot(job: Job) -> ScheduleRobot:
+    """Returns the robot as the schedule states it, with the limits that the plan keeps."""
+    cell = job.cell
+    return ScheduleRobot(
+        name=cell.robot.name,
+        urdf=cell.robot.urdf,
+        base=cell.base,
+        arms={
+            arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
+            for arm in cell.robot.arms
+        },
+        limits=cell.robot.limits.scaled(job.speed),
+        platform=cell.robot.platform,
+        tool_speed=job.tool_speed,
+    )
