@@ -1,0 +1,104 @@
+"""`dualarm plan`: cell and tasks in, verified joint schedule and report out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stderr_console, stdout_console
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.model.schedule import Schedule
+    from dualarm_cli.model.settings import PlanSettings
+
+MAX_RATE = 10_000.0
+"""Highest sampling rate of the CSV file [Hz]."""
+
+
+def plan_command(
+    tasks: Annotated[Path, typer.Argument(help="Task file (tasks/1).", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for the results; default ./<task file's name>-plan.",
+                     show_default=False),
+    ] = None,
+    platform: Annotated[
+        str | None,
+        typer.Option("--platform", help="Platform solver; default: try all, keep the fastest.",
+                     show_default=False),
+    ] = None,
+    redundancy: Annotated[str, typer.Option("--redundancy", help="Redundancy solver.")] = "arm_angle",
+    timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
+    rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of all randomness.")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Plan a cell's tasks: verified joint schedule and throughput report."""
+    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.reporting.report import build_report
+
+    if not 0.0 < rate <= MAX_RATE:
+        raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    folder = out or Path(f"{tasks.stem}-plan")
+    refuse_existing(folder, force)
+    job = load_job(tasks)
+    settings = PlanSettings(platform, redundancy, timing, seed)
+    schedule = _plan_and_verify(job, settings, quiet)
+    report = build_report(schedule, job)
+    write_results(folder, schedule, report, rate, force)
+    if json_output:
+        print_json(report)
+    elif not quiet:
+        _print(report, folder)
+    if schedule.verification is None or not schedule.verification.passed:
+        raise typer.Exit(1)
+
+
+def refuse_existing(folder: Path, force: bool) -> None:
+    """Raises before any work is done where results could not be written anyway."""
+    from dualarm_cli.exporting.files import check_writable
+
+    check_writable(folder, force)
+
+
+def write_results(
+    folder: Path, schedule: Schedule, report: dict[str, Any], rate: float, force: bool
+) -> None:
+    """Writes schedule, CSV, URDF and report, the schedule last."""
+    from dualarm_cli.exporting.files import write_schedule_set
+
+    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    write_schedule_set(folder, schedule, {"report.json": text.encode()}, rate, force)
+
+
+def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
+    from dualarm_cli.planning.planner import plan
+    from dualarm_cli.verification import verify
+
+    console = stderr_console()
+    if quiet or not console.is_terminal:
+        schedule = plan(job, settings)
+        return replace(schedule, verification=verify(schedule, job))
+    with console.status("planning") as status:
+        schedule = plan(job, settings, progress=lambda text: status.update(text))
+        status.update("verifying")
+        return replace(schedule, verification=verify(schedule, job))
+
+
+def _print(report: dict[str, Any], folder: Path) -> None:
+    from dualarm_cli.reporting.console import stage_table, summary_lines
+
+    console = stdout_console()
+    console.print(stage_table(report))
+    for line in summary_lines(report):
+        console.print(line, markup=False)
+    console.print(f"written: {folder}", markup=False)

@@ -1,0 +1,175 @@
+"""`dualarm robot`: the robots at hand, what is known of one, and its complete URDF."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.robot import Robot
+
+robot_app = typer.Typer(
+    name="robot", help="The robots at hand.", no_args_is_help=True, rich_markup_mode=None
+)
+RobotName = Annotated[str, typer.Argument(help="A bundled robot's name, or a robot file.")]
+
+
+@robot_app.command("list")
+def list_command(json_output: JsonOption = False) -> None:
+    """List the bundled robots."""
+    from dualarm_cli.loading.bundled import bundled_robots
+    from dualarm_cli.loading.robots import load_robot
+
+    rows = []
+    for name in bundled_robots():
+        robot = load_robot(name).robot
+        rows.append(
+            {
+                "robot": name,
+                "name": robot.name,
+                "platform_joints": len(robot.platform),
+                "arms": {arm.name: f"{len(arm.joints)} axes, {arm.kind}" for arm in robot.arms},
+            }
+        )
+    if json_output:
+        print_json({"format": "dualarm.robots/1", "robots": rows})
+        return
+    from rich.table import Table
+
+    table = Table()
+    for column in ("robot", "name", "platform joints", "arms"):
+        table.add_column(column)
+    for row in rows:
+        arms: Any = row["arms"]
+        text = "; ".join(f"{arm}: {what}" for arm, what in arms.items())
+        table.add_row(str(row["robot"]), str(row["name"]), str(row["platform_joints"]), text)
+    stdout_console().print(table)
+
+
+@robot_app.command("show")
+def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
+    """Show joints, limits with their source, and the measured arm geometry."""
+    from dualarm_cli.loading.robots import load_robot
+
+    noun = load_robot(robot).robot
+    document = describe_robot(noun)
+    if json_output:
+        print_json(document)
+        return
+    console = stdout_console()
+    console.print(_limits_table(noun))
+    for name, arm in document["arms"].items():
+        console.print(f"{name} arm: {arm['summary']}", markup=False, soft_wrap=True)
+    console.print(f"postures: {', '.join(document['postures'])}", markup=False)
+    console.print(f"notes: {'; '.join(document['notes'])}" if document["notes"] else "", end="")
+
+
+@robot_app.command("export")
+def export_command(
+    robot: RobotName,
+    out: Annotated[Path, typer.Option("--out", help="URDF file to write.")],
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+) -> None:
+    """Write the complete URDF that any other tool loads."""
+    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.loading.robots import load_robot
+
+    write_file(out, load_robot(robot).robot.urdf.encode(), force)
+    print_message(f"written: {out}")
+
+
+def describe_robot(robot: Robot) -> dict[str, Any]:
+    """Returns everything known of a robot as a JSON-ready document; angles in rad.
+
+    Args:
+        robot: the noun.
+    """
+    import pinocchio as pin
+
+    from dualarm_cli.kinematics.cell_model import SRS_TOLERANCE, measure_arm
+    from dualarm_cli.kinematics.platform_chain import PlatformChain
+
+    model = pin.buildModelFromXML(robot.urdf)
+    base = pin.SE3.Identity()
+    platform = PlatformChain.from_model(model, robot.platform, base)
+    arms: dict[str, Any] = {}
+    for arm in robot.arms:
+        arms[arm.name] = {"kind": arm.kind, "joints": list(arm.joints), "flange": arm.flange}
+        if arm.kind != "srs":
+            arms[arm.name]["summary"] = f"kind {arm.kind}, {len(arm.joints)} axes"
+            continue
+        geometry = measure_arm(model, robot, arm, platform, base)
+        x, y, z = (float(v) for v in geometry.shoulder)
+        exact = geometry.is_srs(SRS_TOLERANCE)
+        arms[arm.name] |= {
+            "upper": geometry.upper,
+            "fore": geometry.fore,
+            "shoulder_radius": math.hypot(x, y),
+            "shoulder_azimuth": math.atan2(y, x),
+            "shoulder_height": z,
+            "is_srs": exact,
+            "deviation": str(geometry.deviation),
+            "summary": (
+                f"spherical-revolute-spherical{'' if exact else ' claimed, but NOT'}; "
+                f"measured deviation: {geometry.deviation}; "
+                f"links {geometry.upper * 1000:.1f} and {geometry.fore * 1000:.1f} mm; shoulder "
+                f"{math.hypot(x, y) * 1000:.2f} mm from the platform axis at "
+                f"{math.degrees(math.atan2(y, x)):.3f} deg, height {z * 1000:.1f} mm; "
+                "inverse kinematics: closed form (arm_angle)"
+            ),
+        }
+    limits = robot.limits
+    return {
+        "format": "dualarm.robot_description/1",
+        "name": robot.name,
+        "platform": list(robot.platform),
+        "arms": arms,
+        "joints": {
+            name: {
+                "lower": _finite(limits.lower[k]),
+                "upper": _finite(limits.upper[k]),
+                "velocity": float(limits.velocity[k]),
+                "acceleration": float(limits.acceleration[k]),
+                "jerk": _finite(limits.jerk[k]),
+                "source": limits.source[k],
+            }
+            for k, name in enumerate(robot.joints)
+        },
+        "postures": sorted(robot.postures),
+        "notes": [],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _limits_table(robot: Robot) -> Any:
+    """Returns the table of joint limits in degrees, as a robot's data sheet has them."""
+    from rich.table import Table
+
+    table = Table(title=robot.name, title_justify="left")
+    for column in ("joint", "group", "lower °", "upper °", "velocity °/s"):
+        table.add_column(column, justify="left" if column in ("joint", "group") else "right")
+    for column in ("acceleration rad/s²", "jerk rad/s³", "source"):
+        table.add_column(column, justify="right")
+    groups = dict.fromkeys(robot.platform, "platform")
+    groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
+    limits = robot.limits
+    for k, joint in enumerate(robot.joints):
+        table.add_row(
+            joint,
+            groups[joint],
+            f"{math.degrees(limits.lower[k]):.1f}",
+            f"{math.degrees(limits.upper[k]):.1f}",
+            f"{math.degrees(limits.velocity[k]):.1f}",
+            f"{limits.acceleration[k]:g}",
+            f"{limits.jerk[k]:g}" if math.isfinite(limits.jerk[k]) else "none",
+            limits.source[k],
+        )
+    return table

@@ -1,0 +1,78 @@
+"""Tables for people at a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+
+def stage_table(report: dict[str, Any]) -> Table:
+    """Returns the table of stages: who needs how long, who is the bottleneck.
+
+    Args:
+        report: as built by `build_report`.
+    """
+    arms = list(report["arms"])
+    table = Table(title=f"{report['robot']}: stages", title_justify="left")
+    table.add_column("#", justify="right")
+    table.add_column("tasks")
+    table.add_column("start s", justify="right")
+    table.add_column("length s", justify="right")
+    table.add_column("platform s", justify="right")
+    for arm in arms:
+        table.add_column(f"{arm} s", justify="right")
+    table.add_column("bottleneck")
+    table.add_column("platform solver")
+    table.add_column("angle °", justify="right")
+    for number, stage in enumerate(report["stages"], start=1):
+        angle = stage["platform_angle"]
+        table.add_row(
+            str(number),
+            escape(", ".join(stage["tasks"]) or "(return)"),
+            f"{stage['start']:.3f}",
+            f"{stage['duration']:.3f}",
+            f"{stage['platform_time']:.3f}",
+            *(f"{stage['arm_times'].get(arm, 0.0):.3f}" for arm in arms),
+            stage["bottleneck"] or "–",
+            stage["platform_solver"],
+            "–" if angle is None else f"{angle * 180 / 3.141592653589793:.2f}",
+        )
+    return table
+
+
+def summary_lines(report: dict[str, Any]) -> list[str]:
+    """Returns the sentences below the table: cycle time, throughput, what is assumed."""
+    what = "cycle time (period)" if report["closes"] else "time of one pass"
+    lines = [f"{what}: {report['cycle_time']:.3f} s"]
+    if report["parts_per_hour"] is not None and report["parts"]:
+        lines[0] += f", {report['parts']} parts, {report['parts_per_hour']:.0f} parts per hour"
+    for name, use in report["arms"].items():
+        lines.append(
+            f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
+            f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s, "
+            f"waits {use['waiting']:.2f} s"
+        )
+    if report["bottlenecks"]:
+        worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
+        lines.append(f"bottleneck stages: {worst}")
+    if report["lower_bound"] is None:
+        lines.append("lower bound: none computed")
+    lines.append(f"collisions: {report['collisions']}")
+    if report["assumed_limits"]:
+        lines.append(
+            f"acceleration and jerk limits are assumed, not the maker's, for "
+            f"{len(report['assumed_limits'])} joints: {', '.join(report['assumed_limits'])}"
+        )
+    lines += [f"note: {note}" for note in report["notes"]]
+    verification = report["verification"]
+    if verification is not None:
+        failed = [check for check in verification["checks"] if check["verdict"] == "failed"]
+        passed = sum(check["verdict"] == "passed" for check in verification["checks"])
+        lines.append(
+            f"verification: passed ({passed} checks)"
+            if verification["passed"]
+            else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
+        )
+    return lines

@@ -1,0 +1,140 @@
+"""The throughput report of a schedule: one document from which every table is printed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule, Stage
+from dualarm_cli.model.verification import Check, Verification
+
+FORMAT = "dualarm.report/1"
+COLLISIONS = "not checked"
+"""What this version says about collisions."""
+
+
+def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Returns the report as a JSON-ready document; times in s, angles in rad.
+
+    Args:
+        schedule: a planned schedule, with its verification where there is one.
+        job: what it was planned for.
+    """
+    duration = schedule.duration
+    parts = sum(any(stop.action != "move" for stop in task.stops) for task in job.tasks)
+    bound = schedule.lower_bound
+    return {
+        "format": FORMAT,
+        "robot": schedule.robot.name,
+        "cycle_time": duration,
+        "closes": job.returns,
+        "parts": parts,
+        "parts_per_hour": 3600.0 * parts / duration if duration > 0 else None,
+        "lower_bound": bound,
+        "gap": (duration - bound) / duration if bound is not None and duration > 0 else None,
+        "collisions": COLLISIONS,
+        "smallest_clearance": None,
+        "stages": [_stage_row(stage) for stage in schedule.stages],
+        "bottlenecks": _bottlenecks(schedule),
+        "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
+        "limits_used": _limits_used(schedule),
+        "platform_travel": _platform_travel(schedule),
+        "joint_travel": _travel(schedule, schedule.trajectory.joints),
+        "speed": job.speed,
+        "tool_speed_cap": job.tool_speed,
+        "assumed_limits": assumed_joints(schedule),
+        "verification": verification_document(schedule.verification),
+        "settings": dict(schedule.provenance.settings),
+        "notes": list(schedule.notes),
+    }
+
+
+def assumed_joints(schedule: Schedule) -> list[str]:
+    """Returns the joints whose acceleration and jerk limits are assumed."""
+    limits = schedule.robot.limits
+    return [j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"]
+
+
+def verification_document(verification: Verification | None) -> dict[str, Any] | None:
+    """Returns a verification as a JSON-ready document, or None."""
+    if verification is None:
+        return None
+    return {
+        "passed": verification.passed,
+        "checks": [_check_row(check) for check in verification.checks],
+    }
+
+
+def _check_row(check: Check) -> dict[str, Any]:
+    return {
+        "name": check.name,
+        "verdict": check.verdict,
+        "measured": check.measured,
+        "allowed": check.allowed,
+        "unit": check.unit,
+        "detail": check.detail,
+    }
+
+
+def _stage_row(stage: Stage) -> dict[str, Any]:
+    return {
+        "start": stage.start,
+        "end": stage.end,
+        "duration": stage.end - stage.start,
+        "tasks": list(stage.tasks),
+        "platform_solver": stage.platform_solver,
+        "platform_angle": stage.platform_angle,
+        "platform_time": stage.platform_time,
+        "arm_times": dict(stage.arm_times),
+        "bottleneck": stage.bottleneck,
+    }
+
+
+def _bottlenecks(schedule: Schedule) -> dict[str, int]:
+    """Returns how many stages each joint decides, most first."""
+    names = [stage.bottleneck for stage in schedule.stages if stage.bottleneck]
+    counts = {name: names.count(name) for name in sorted(set(names))}
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+
+def _arm_use(schedule: Schedule, arm: str) -> dict[str, float]:
+    """Returns how long one arm does what [s], and the share of the time in which it works."""
+    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return"), 0.0)
+    for segment in schedule.segments:
+        if segment.arm == arm and segment.kind in times:
+            times[segment.kind] += segment.end - segment.start
+    busy = sum(times.values())
+    duration = schedule.duration
+    waiting = max(0.0, duration - busy)
+    return times | {
+        "waiting": waiting,
+        "utilisation": busy / duration if duration > 0 else 0.0,
+    }
+
+
+def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
+    """Returns the largest share of each limit that each joint uses at a knot."""
+    trajectory, limits = schedule.trajectory, schedule.robot.limits
+    order = [limits.joints.index(name) for name in trajectory.joints]
+    peak = {
+        "velocity": np.abs(trajectory.velocity).max(axis=0) / limits.velocity[order],
+        "acceleration": np.abs(trajectory.acceleration).max(axis=0) / limits.acceleration[order],
+    }
+    return {
+        joint: {name: float(share[k]) for name, share in peak.items()}
+        for k, joint in enumerate(trajectory.joints)
+    }
+
+
+def _travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
+    """Returns the path length of each joint [rad], measured between knots."""
+    trajectory = schedule.trajectory
+    length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
+    return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
+
+
+def _platform_travel(schedule: Schedule) -> float:
+    """Returns the path length of the platform's joints [rad]."""
+    return sum(_travel(schedule, schedule.robot.platform).values())
