@@ -4,12 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from dualarm_cli.errors import UnknownSolverError
 
 P = TypeVar("P")
 S = TypeVar("S")
+
+
+class Named(Protocol):
+    """Anything that a registry can hold."""
+
+    @property
+    def name(self) -> str:
+        """Word on the command line and in files."""
+
+    @property
+    def summary(self) -> str:
+        """What it does, in one sentence."""
+
+    @property
+    def reference(self) -> str:
+        """Paper and equation, or that it is our own."""
+
+
+E = TypeVar("E", bound=Named)
 
 
 def _always_supported(_: object) -> str | None:
@@ -32,21 +51,21 @@ class Solver(Generic[P, S]):
     """A reason why the problem is outside this method, or None."""
 
 
-class Registry(Generic[P, S]):
+class Registry(Generic[E]):
     """The solvers of one family, best default first."""
 
-    def __init__(self, family: str, solvers: list[Solver[P, S]]) -> None:
+    def __init__(self, family: str, solvers: list[E]) -> None:
         """Builds the family from an explicit list; names must differ."""
         self.family = family
         self._solvers = {solver.name: solver for solver in solvers}
         if len(self._solvers) != len(solvers):
             raise ValueError(f"two {family} solvers share a name")
 
-    def __iter__(self) -> Iterator[Solver[P, S]]:
+    def __iter__(self) -> Iterator[E]:
         """Iterates over the solvers in their listed order."""
         return iter(self._solvers.values())
 
-    def __getitem__(self, name: str) -> Solver[P, S]:
+    def __getitem__(self, name: str) -> E:
         """Returns the solver of that name.
 
         Raises:

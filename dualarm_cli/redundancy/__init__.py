@@ -6,7 +6,7 @@ from dualarm_cli.redundancy.arm_angle import choose_posture
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
 from dualarm_cli.registry import Registry, Solver
 
-REDUNDANCY_SOLVERS: Registry[StopProblem, StopPosture | NoPosture] = Registry(
+REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
     "redundancy",
     [
         Solver(

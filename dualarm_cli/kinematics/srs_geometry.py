@@ -1,0 +1,109 @@
+"""Spherical-revolute-spherical geometry of a seven-axis arm, measured on its axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+
+@dataclass(frozen=True)
+class SrsDeviation:
+    """How far an arm is from exact SRS geometry."""
+
+    shoulder: float
+    """Largest distance of axes 1 to 3 from their common centre [m]."""
+    elbow: float
+    """Largest distance of axes 3 to 5 from their common centre [m]."""
+    wrist: float
+    """Largest distance of axes 5 to 7 from their common centre [m]."""
+    angle: float
+    """Largest deviation of two consecutive axes from a right angle [rad]."""
+
+    @property
+    def largest(self) -> float:
+        """The largest of them, in m or rad."""
+        return max(self.shoulder, self.elbow, self.wrist, self.angle)
+
+    def __str__(self) -> str:
+        """Returns the deviations in mm and rad."""
+        return (
+            f"axes miss the shoulder by {self.shoulder * 1000:.3g} mm, the elbow by "
+            f"{self.elbow * 1000:.3g} mm, the wrist by {self.wrist * 1000:.3g} mm, "
+            f"right angles by {self.angle:.3g} rad"
+        )
+
+
+@dataclass(frozen=True)
+class SrsGeometry:
+    """An SRS arm at q = 0 in its base frame."""
+
+    axes: FloatArray
+    """Unit joint axes, shape (7, 3)."""
+    shoulder: FloatArray
+    """Where axes 1 to 3 meet [m], shape (3,)."""
+    elbow: FloatArray
+    """Where axes 3 to 5 meet [m], shape (3,)."""
+    wrist: FloatArray
+    """Where axes 5 to 7 meet [m], shape (3,)."""
+    R_flange: FloatArray
+    """Rotation of the flange, shape (3, 3)."""
+    p_flange: FloatArray
+    """Position of the flange [m], shape (3,)."""
+    deviation: SrsDeviation
+    """How far the axes are from meeting like that."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("axes", "shoulder", "elbow", "wrist", "R_flange", "p_flange"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def measure(
+        cls, axes: FloatArray, points: FloatArray, R_flange: FloatArray, p_flange: FloatArray
+    ) -> SrsGeometry:
+        """Measures centres, links and deviations.
+
+        Args:
+            axes: unit joint axes at q = 0, shape (7, 3).
+            points: a point on each axis [m], shape (7, 3).
+            R_flange: rotation of the flange, shape (3, 3).
+            p_flange: position of the flange [m], shape (3,).
+        """
+        (shoulder, miss_s), (elbow, miss_e), (wrist, miss_w) = (
+            _meeting_point(axes[i : i + 3], points[i : i + 3]) for i in (0, 2, 4)
+        )
+        skew = np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max()
+        deviation = SrsDeviation(miss_s, miss_e, miss_w, float(np.arcsin(min(1.0, skew))))
+        return cls(axes, shoulder, elbow, wrist, R_flange, p_flange, deviation)
+
+    @property
+    def upper(self) -> float:
+        """Length of the upper arm, shoulder to elbow [m]."""
+        return float(np.linalg.norm(self.elbow - self.shoulder))
+
+    @property
+    def fore(self) -> float:
+        """Length of the forearm, elbow to wrist [m]."""
+        return float(np.linalg.norm(self.wrist - self.elbow))
+
+    @property
+    def p_flange_wrist(self) -> FloatArray:
+        """Wrist centre in the flange frame [m], shape (3,)."""
+        wrist: FloatArray = self.R_flange.T @ (self.wrist - self.p_flange)
+        return wrist
+
+    def is_srs(self, tolerance: float) -> bool:
+        """Returns whether every deviation is within the tolerance [m and rad] and both links exist."""
+        return self.deviation.largest <= tolerance and min(self.upper, self.fore) > tolerance
+
+
+def _meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the point nearest to lines in the least-squares sense, and its largest distance."""
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal, right = across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0]
+    centre = np.linalg.lstsq(normal, right, rcond=None)[0]
+    distance = np.linalg.norm((across @ (centre - points)[:, :, None])[..., 0], axis=1)
+    return centre, float(distance.max())

@@ -1,0 +1,132 @@
+"""TextSource: an input file read safely, with its lines for messages and its hash for provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import stat
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from dualarm_cli.errors import Diagnostic, InputError
+
+MAX_FILE_BYTES = 5_000_000
+"""Largest input file that is read [bytes]."""
+_SNIPPET_LENGTH = 160
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+# U+0085, U+2028 and U+2029 end a line for some YAML parsers and not for others, and line numbers with it.
+_FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
+
+
+def quote(value: object) -> str:
+    """Returns a value as a message shows it: quoted text, on one line, not too long, without controls."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = value if isinstance(value, str) else repr(value)
+    text = text if len(text) <= 60 else text[:57] + "..."
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return f"'{shown}'" if isinstance(value, str) else shown
+
+
+@dataclass(frozen=True)
+class TextSource:
+    """The text of one input file."""
+
+    name: str
+    """File as the user would name it."""
+    text: str
+    """Its text with line ends normalised and without a byte order mark."""
+    sha256: str
+    """Hash of its bytes."""
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """Lines without their ends."""
+        return self.text.split("\n")
+
+    def snippet(self, line: int) -> str:
+        """Returns a source line fit for a terminal: tabs and controls replaced one for one, cut off."""
+        if not 1 <= line <= len(self.lines):
+            return ""
+        text = self.lines[line - 1][:_SNIPPET_LENGTH]
+        return "".join(c if c.isprintable() else " " if c == "\t" else "\N{MIDDLE DOT}" for c in text)
+
+    def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
+        """Returns a diagnostic at a place of this file, with its snippet."""
+        return Diagnostic(self.name, line, column, code, message, self.snippet(line))
+
+
+def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
+    """Returns the bytes of a regular file, never waiting for a pipe or a device.
+
+    Args:
+        path: file to read.
+        name: what the user calls it.
+        limit: most bytes it may have.
+
+    Raises:
+        InputError: missing, unreadable, not a regular file, or too large.
+    """
+    try:
+        # Without O_NONBLOCK opening a FIFO would wait for a writer for ever.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a file name"
+        raise _file_error(name, f"cannot be read: {reason}") from None
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(file.fileno())
+        if stat.S_ISDIR(status.st_mode):
+            raise _file_error(name, "is a directory; name a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise _file_error(name, "is not a regular file (a pipe or a device); save it to a file first")
+        try:
+            data = file.read(limit + 1) if status.st_size <= limit else b""
+        except OSError as error:
+            raise _file_error(name, f"cannot be read: {error.strerror}") from None
+    if status.st_size > limit or len(data) > limit:
+        size = max(status.st_size, len(data))
+        raise _file_error(name, f"has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are read", "E100")
+    return data
+
+
+def read_text(path: Path, name: str) -> TextSource:
+    """Returns the text of an input file.
+
+    Args:
+        path: file to read.
+        name: what the user calls it.
+
+    Raises:
+        InputError: it cannot be read, is not UTF-8, or contains control characters.
+    """
+    data = read_bytes(path, name)
+    if data.startswith(_UTF16_MARKS):
+        raise _file_error(name, "is UTF-16 or UTF-32; save it as UTF-8", "E101")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8-sig")
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        message = f"byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        raise InputError([Diagnostic(name, line, column, "E101", message)]) from None
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    source = TextSource(name, text, hashlib.sha256(data).hexdigest())
+    bad = _FORBIDDEN.search(text)
+    if bad:
+        line = text.count("\n", 0, bad.start()) + 1
+        column = bad.start() - text.rfind("\n", 0, bad.start())
+        message = f"character U+{ord(bad[0]):04X} is not allowed; remove it"
+        raise InputError([source.diagnostic(line, column, "E101", message)])
+    return source
+
+
+def _file_error(name: str, message: str, code: str = "E500") -> InputError:
+    return InputError([Diagnostic(name, 0, 0, code, message)])

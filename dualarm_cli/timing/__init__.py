@@ -1,0 +1,50 @@
+"""The timing family: how transfers and lines become motion in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.registry import Registry
+from dualarm_cli.timing import line_profile, ruckig_
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+
+
+def _serves_all(_: JointLimits) -> str | None:
+    return None
+
+
+@dataclass(frozen=True)
+class TimingSolver:
+    """One way of timing: a transfer solver and a line solver."""
+
+    name: str
+    """Word on the command line and in files."""
+    transfer: Callable[[TransferProblem], Trajectory]
+    """From rest to rest."""
+    line: Callable[[LineProblem], Trajectory]
+    """Along a given path."""
+    summary: str
+    """What it does, in one sentence."""
+    reference: str
+    """Paper and equation, or that it is our own."""
+    why_unsupported: Callable[[JointLimits], str | None] = _serves_all
+    """A reason why joints with such limits cannot be timed, or None."""
+
+
+TIMING_SOLVERS: Registry[TimingSolver] = Registry(
+    "timing",
+    [
+        TimingSolver(
+            name="ruckig",
+            transfer=ruckig_.solve_transfer,
+            line=line_profile.solve_line,
+            summary="Jerk-limited: transfers by ruckig, lines by the fastest double-S profile.",
+            reference="[Berscheid2021]; line profiles: ours",
+        ),
+    ],
+)
+
+__all__ = ["TIMING_SOLVERS", "LineProblem", "TimingSolver", "TransferProblem"]

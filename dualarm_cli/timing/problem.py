@@ -1,0 +1,81 @@
+"""What a timing solver is asked: transfers from rest to rest, and lines along a given path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.model.robot import JointLimits
+
+
+@dataclass(frozen=True)
+class TransferProblem:
+    """From rest to rest, every joint by itself, all arriving together."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints."""
+    start: FloatArray
+    """Joints at the start [rad], shape (n,)."""
+    goal: FloatArray
+    """Joints at the end [rad], shape (n,)."""
+    limits: JointLimits
+    """What these joints may do."""
+    minimum_duration: float = 0.0
+    """Least time that the transfer may take [s]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays.
+
+        Raises:
+            ValueError: no joints, wrong shapes, or numbers that are not finite.
+        """
+        n = len(self.joints)
+        for name in ("start", "goal"):
+            values = readonly(getattr(self, name))
+            object.__setattr__(self, name, values)
+            if n == 0 or values.shape != (n,) or not np.isfinite(values).all():
+                raise ValueError(f"{name} must be {n} finite numbers (at least one), not {values}")
+        if self.limits.joints != self.joints:
+            raise ValueError(f"limits are for {self.limits.joints}, not {self.joints}")
+        if not (np.isfinite(self.minimum_duration) and self.minimum_duration >= 0):
+            raise ValueError(f"minimum_duration must be 0 or more, not {self.minimum_duration}")
+
+
+@dataclass(frozen=True)
+class LineProblem:
+    """Along a given joint path, from rest to rest."""
+
+    joints: tuple[str, ...]
+    """Names of the n joints."""
+    position: FloatArray
+    """Joints at equidistant gridpoints of the path [rad], shape (m, n), m at least 8."""
+    length: FloatArray
+    """Path length at the gridpoints [m], from 0 upwards, shape (m,)."""
+    limits: JointLimits
+    """What these joints may do."""
+    tool_speed: float | None = None
+    """Cap on the speed along the path [m/s], or None."""
+    knots: int = 24
+    """How many knots at least; more follow the path more closely."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays.
+
+        Raises:
+            ValueError: wrong shapes, too few gridpoints, gridpoints that are not equidistant, or
+                numbers that are not finite.
+        """
+        for name in ("position", "length"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        m = self.length.size
+        if self.position.shape != (m, len(self.joints)) or m < 8:
+            raise ValueError(f"position has shape {self.position.shape}; needs 8 gridpoints or more")
+        if not (np.isfinite(self.position).all() and np.isfinite(self.length).all()):
+            raise ValueError("a gridpoint is not finite")
+        step = np.diff(self.length)
+        if step.min() <= 0 or np.ptp(step) > 1e-9 * self.length[-1]:
+            raise ValueError("length must rise from 0 in equal steps")
+        if self.limits.joints != self.joints:
+            raise ValueError(f"limits are for {self.limits.joints}, not {self.joints}")

@@ -1,0 +1,65 @@
+"""Cubic splines from rest to rest: constant jerk between knots, C2, with exact extrema."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+
+
+def rest_to_rest_spline(
+    time: FloatArray, position: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns positions, velocities, accelerations at the knots of a C2 cubic spline.
+
+    The spline stands still at both ends, acceleration included. That takes two conditions more than knots to
+    interpolate, so the second knot and the last but one give way: their positions follow from the
+    boundary ([Biagiotti2008] §4.4.4, solved here for the accelerations of all inner knots at once).
+
+    Args:
+        time: knots [s], increasing, shape (k,), k at least 5.
+        position: what to interpolate [rad], shape (k, n).
+    """
+    h, k = np.diff(time), len(time)
+    q = np.array(position)
+    # Row i (knot i+1): h_i a_i + 2 (h_i + h_i+1) a_i+1 + h_i+1 a_i+2 = 6 (slope_i+1 - slope_i).
+    matrix = np.zeros((k - 2, k - 2))
+    inner = np.arange(k - 2)
+    matrix[inner, inner] = 2.0 * (h[:-1] + h[1:])
+    matrix[inner[1:], inner[:-1]] = matrix[inner[:-1], inner[1:]] = h[1:-1]
+    # From rest q_1 = q_0 + h_0² a_1 / 6; likewise at the end. The unknown part moves to the left.
+    first, last = h[0] ** 2, h[-1] ** 2
+    matrix[0, 0] += first / h[1] + first / h[0]
+    matrix[1, 0] -= first / h[1]
+    matrix[-1, -1] += last / h[-2] + last / h[-1]
+    matrix[-2, -1] -= last / h[-2]
+    q[1], q[-2] = q[0], q[-1]
+    slope = np.diff(q, axis=0) / h[:, None]
+    a = np.zeros_like(q)
+    a[1:-1] = np.linalg.solve(matrix, 6.0 * np.diff(slope, axis=0))
+    q[1] += first * a[1] / 6.0
+    q[-2] += last * a[-2] / 6.0
+    v = np.zeros_like(q)
+    v[1:] = np.cumsum(h[:, None] * (a[:-1] + a[1:]) / 2.0, axis=0)
+    v[-1] = 0.0
+    return q, v, a
+
+
+def largest_rates(
+    time: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns the largest |velocity|, |acceleration|, |jerk| between all knots, each (n,).
+
+    Args:
+        time: knots [s], shape (k,).
+        velocity: at the knots [rad/s], shape (k, n).
+        acceleration: at the knots [rad/s²], shape (k, n); linear in between.
+    """
+    h = np.diff(time)[:, None]
+    jerk = np.diff(acceleration, axis=0) / h
+    a0, a1 = acceleration[:-1], acceleration[1:]
+    # Where the acceleration changes its sign the velocity has an extremum: v0 - a0² / 2j.
+    turns = a0 * a1 < 0
+    inside = np.where(turns, velocity[:-1] - a0**2 / np.where(turns, 2.0 * jerk, 1.0), 0.0)
+    v = np.maximum(np.abs(velocity).max(axis=0), np.abs(inside).max(axis=0))
+    return v, np.abs(acceleration).max(axis=0), np.abs(jerk).max(axis=0)
