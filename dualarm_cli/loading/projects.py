@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from dualarm_cli.loading.text_source import TextSource, quote, read_text
 _MARKERS = ("dualarm.toml", ".git")
 
 
-class ReferenceError_(ValueError):
+class BadReferenceError(ValueError):
     """A path in a file that may not be followed; its text is the whole message."""
 
 
@@ -75,15 +74,15 @@ class Project:
             holder: the file that holds it.
 
         Raises:
-            ReferenceError_: it is absolute, a URL, leads out of the project, or is no file.
+            BadReferenceError: it is absolute, a URL, leads out of the project, or is no file.
         """
         if "://" in reference or reference.startswith(("/", "~")) or "\\" in reference:
-            raise ReferenceError_(f"{quote(reference)} must be a relative path with forward slashes")
+            raise BadReferenceError(f"{quote(reference)} must be a relative path with forward slashes")
         if not reference.strip() or "\0" in reference:
-            raise ReferenceError_(f"{quote(reference)} is not the path of a file")
+            raise BadReferenceError(f"{quote(reference)} is not the path of a file")
         path = holder.parent / reference
         if not Path(os.path.realpath(path)).is_relative_to(self.folder):
-            raise ReferenceError_(
+            raise BadReferenceError(
                 f"{quote(reference)} leaves the project folder "
                 f"{quote(self.folder.name or '/')}; keep the file inside it, or put a dualarm.toml "
                 "into the folder that holds both"
@@ -96,14 +95,11 @@ def _existing(path: Path, reference: str) -> None:
     try:
         exists = path.exists()
     except OSError as error:
-        raise ReferenceError_(f"{quote(reference)}: {error.strerror}") from None
+        raise BadReferenceError(f"{quote(reference)}: {error.strerror}") from None
     if not exists:
-        raise ReferenceError_(f"there is no file {quote(reference)} here")
+        raise BadReferenceError(f"there is no file {quote(reference)} here")
 
 
 def display_name(reference: str, holder_name: str) -> str:
     """Returns what the user would call a file that another file names."""
     return os.path.normpath(Path(holder_name).parent / reference)
-
-
-Follow = Callable[[str], Path]

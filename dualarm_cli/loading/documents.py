@@ -1,0 +1,82 @@
+"""Typed documents: a YAML file of a known kind, validated against its schema."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from dualarm_cli.errors import InputError, did_you_mean
+from dualarm_cli.loading.diagnostics import Findings, schema_diagnostics
+from dualarm_cli.loading.projects import Project
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.yaml_source import Document, Loc, parse_yaml
+
+KINDS = ("robot/1", "cell/1", "tasks/1")
+"""File kinds that this version reads."""
+LATER_KINDS = ("study/1", "points/1")
+"""File kinds of the format that this version does not read."""
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_document(project: Project, path: Path, name: str, kind: str | None = None) -> Document:
+    """Returns the document in a file and makes sure of what kind it is.
+
+    Args:
+        project: where the reading is recorded.
+        path: the file.
+        name: what the user calls it.
+        kind: what it must be, such as `cell/1`; None for any kind that this version reads.
+
+    Raises:
+        InputError: it cannot be read, is not YAML, or is something else.
+    """
+    document = parse_yaml(project.read(path, name))
+    problem = _kind_problem(document.data, kind)
+    if problem is not None:
+        loc, code, message = problem
+        raise InputError([document.diagnostic(loc, code, message), *document.diagnostics])
+    return document
+
+
+def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None:
+    """Returns place, code and message of what is wrong with a file's kind."""
+    wanted = kind or "tasks/1"
+    if not isinstance(data, dict):
+        return (), "E200", f"must be a mapping that begins with 'dualarm: {wanted}', not {quote(data)}"
+    if "dualarm" not in data:
+        close = did_you_mean("dualarm", [key for key in data if isinstance(key, str)])
+        found = f" (there is {close.split(maxsplit=3)[3].rstrip('?')})" if close else ""
+        return (), "E202", f"'dualarm' is missing{found}; begin the file with 'dualarm: {wanted}'"
+    found_kind = data["dualarm"]
+    if found_kind in ((kind,) if kind else KINDS):
+        return None
+    if found_kind in KINDS:
+        message = f"this is a {str(found_kind).split('/')[0]} file ({found_kind}); needed here: {kind}"
+    elif found_kind in LATER_KINDS:
+        message = f"{found_kind} files are not available in this version; it reads {', '.join(KINDS)}"
+    else:
+        hint = did_you_mean(str(found_kind), list(KINDS))
+        message = f"unknown kind {quote(found_kind)}{hint}; this version reads {kind or ', '.join(KINDS)}"
+    return ("dualarm",), "E200", message
+
+
+def validate(
+    document: Document, model: type[M], findings: Findings, data: object = None, prefix: Loc = ()
+) -> M | None:
+    """Returns the validated part of a document, or None after noting everything wrong with it.
+
+    Args:
+        document: the file.
+        model: its schema.
+        findings: where errors are noted.
+        data: the part that is validated; None for the whole.
+        prefix: where that part stands.
+    """
+    try:
+        return model.model_validate(document.data if data is None else data)
+    except ValidationError as error:
+        findings.extend(schema_diagnostics(document, model, error, prefix))
+        return None

@@ -1,0 +1,160 @@
+"""Schema of cell files (`dualarm: cell/1`)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from dualarm_cli.loading.fields import (
+    Distance,
+    FramedPose,
+    Mass,
+    Name,
+    Pose,
+    Scale,
+    Section,
+    Size,
+    ToolSpeed,
+    refuse,
+)
+
+SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
+"""Solids that a file can describe."""
+
+
+class RoundSection(Section):
+    """A cylinder or capsule about its z axis."""
+
+    radius: Size = Field(description="Radius [m].")
+    length: Size = Field(description="Length [m]; a capsule's between the centres of its caps.")
+
+
+class SphereSection(Section):
+    """A ball."""
+
+    radius: Size = Field(description="Radius [m].")
+
+
+class MeshSection(Section):
+    """A triangle mesh from a file."""
+
+    file: Name = Field(description="Path of an STL, OBJ, PLY or DAE file, relative to this file.")
+    scale: Scale = Field(1.0, description="Factor from the file's unit to m.")
+
+
+def _radius(value: object) -> object:
+    return {"radius": value} if isinstance(value, int | float | str) else value
+
+
+def _mesh(value: object) -> object:
+    return {"file": value} if isinstance(value, str) else value
+
+
+def _half_space(value: object) -> object:
+    return True if value == {} else value
+
+
+class ShapeSection(FramedPose):
+    """A solid and where it sits; exactly one kind of solid."""
+
+    box: Annotated[list[Size], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="Full sides along x, y, z [m]."
+    )
+    sphere: Annotated[SphereSection, BeforeValidator(_radius)] | None = Field(
+        None, description="Radius [m], alone or as {radius: …}."
+    )
+    cylinder: RoundSection | None = Field(None, description="Cylinder about z.")
+    capsule: RoundSection | None = Field(None, description="Capsule about z.")
+    half_space: Annotated[Literal[True], BeforeValidator(_half_space)] | None = Field(
+        None, description="true: everything below the plane z = 0 of its pose."
+    )
+    mesh: Annotated[MeshSection, BeforeValidator(_mesh)] | None = Field(
+        None, description="Mesh file, alone or as {file: …, scale: …}."
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ShapeSection:
+        given = [kind for kind in SHAPE_KINDS if getattr(self, kind) is not None]
+        if not given:
+            raise refuse(f"has no shape; give one of {', '.join(SHAPE_KINDS)}")
+        if len(given) > 1:
+            raise refuse(f"has more than one shape: {', '.join(given)}; keep one", given[1])
+        return self
+
+
+class ToolShapeSection(ShapeSection):
+    """A solid of a tool, in the flange frame."""
+
+    @model_validator(mode="after")
+    def _on_flange(self) -> ToolShapeSection:
+        if self.in_ is not None:
+            raise refuse("a tool's shape is given in the flange frame; remove 'in'", "in")
+        return self
+
+
+class ObstacleSection(ShapeSection):
+    """A fixed solid of the cell."""
+
+    name: Name = Field(description="Unique name.")
+
+
+class ToolSection(Section):
+    """What an arm carries on its flange."""
+
+    tcp: Pose = Field(default_factory=Pose, description="Tool centre point in the flange frame.")
+    mass: Mass = Field(0.0, description="Mass [kg].")
+    shapes: list[ToolShapeSection] = Field(
+        default_factory=list, description="Solids in the flange frame."
+    )
+
+
+class ToolsSection(Section):
+    """The tool of each arm."""
+
+    left: ToolSection | None = Field(None, description="Tool of the left arm.")
+    right: ToolSection | None = Field(None, description="Tool of the right arm.")
+
+
+class LimitsSection(Section):
+    """Caps for the whole cell."""
+
+    tool_speed: ToolSpeed | None = Field(
+        None, description="Cap on the speed of every tool centre point [m/s]."
+    )
+
+
+class PairMemberSection(Section):
+    """One of two robots that make the cell together."""
+
+    robot: Name = Field(description="Bundled robot's name, or path of a robot file.")
+    base: Pose = Field(default_factory=Pose, description="Its root link in the cell.")
+
+
+class PairSection(Section):
+    """Two robots of one arm each."""
+
+    left: PairMemberSection = Field(description="The robot that is the left arm.")
+    right: PairMemberSection = Field(description="The robot that is the right arm.")
+
+
+class CellFile(Section):
+    """A cell: a robot at its place, tools, named frames and obstacles."""
+
+    dualarm: Literal["cell/1"] = Field(description="Kind and version of the file.")
+    robot: Any = Field(
+        description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two robots.",
+        json_schema_extra={"anyOf": [{"type": "string"}, PairSection.model_json_schema()]},
+    )
+    base: Pose = Field(default_factory=Pose, description="The robot's root link in the world.")
+    tools: ToolsSection = Field(default_factory=ToolsSection, description="Tools by arm.")
+    frames: dict[Name, FramedPose] = Field(
+        default_factory=dict, description="Named frames, in the world or in each other."
+    )
+    obstacles: list[ObstacleSection] = Field(
+        default_factory=list, description="Fixed solids that must not be touched."
+    )
+    clearance: Distance = Field(
+        0.0, description="Least distance between everything that may not touch [m]."
+    )
+    limits: LimitsSection = Field(default_factory=LimitsSection, description="Caps for the whole cell.")

@@ -1,0 +1,215 @@
+"""URDF: checked in every point that could mislead a parser, then written anew with the robot's joints only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dualarm_cli.errors import did_you_mean
+from dualarm_cli.loading.text_source import TextSource, quote
+from dualarm_cli.loading.urdf_shapes import check_link
+from dualarm_cli.loading.urdf_tree import Element, UrdfFindings, parse_xml
+
+CONTINUOUS_LIMIT = 1000.0
+"""Position limit given to joints that turn without end [rad]."""
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
+"""Joint types that a robot file may name."""
+_TYPES = (*MOVING_TYPES, "fixed", "floating", "planar")
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A moving joint."""
+
+    name: str
+    """Its name."""
+    slides: bool
+    """Whether it is prismatic."""
+    lower: float
+    """Lowest position [rad or m]."""
+    upper: float
+    """Highest position [rad or m]."""
+    velocity: float
+    """Largest speed [rad/s or m/s]."""
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A checked robot description."""
+
+    source: TextSource
+    """The file."""
+    root: Element
+    """Its root element."""
+    root_link: str
+    """The link that nothing moves."""
+    links: dict[str, Element]
+    """Links by name."""
+    joints: dict[str, Element]
+    """Joints by name, in document order."""
+
+    def chain(self, link: str) -> list[str]:
+        """Returns the moving joints from the root to a link."""
+        parent_of = {joint.child_name("child", "link"): joint for joint in self.joints.values()}
+        found = []
+        while link != self.root_link:
+            joint = parent_of[link]
+            if joint.get("type") != "fixed":
+                found.append(joint.name)
+            link = joint.child_name("parent", "link")
+        return found[::-1]
+
+
+def read_urdf(source: TextSource) -> Urdf:
+    """Returns a checked URDF.
+
+    Args:
+        source: the text of the file.
+
+    Raises:
+        InputError: not XML or not a URDF, not one tree, or a link or joint with impossible values.
+    """
+    root = parse_xml(source)
+    findings = UrdfFindings(source)
+    if root.tag != "robot":
+        findings.add(root, f"root element must be <robot>, not <{root.tag}>")
+        findings.raise_if_any()
+    links = _by_name(root, "link", findings)
+    joints = _by_name(root, "joint", findings)
+    if not links:
+        findings.add(root, "there is no <link>")
+    for link in links.values():
+        check_link(link, findings)
+    for joint in joints.values():
+        _check_joint(joint, links, findings)
+    findings.raise_if_any()
+    root_link = _check_tree(root, links, joints, findings)
+    findings.raise_if_any()
+    return Urdf(source, root, root_link, links, joints)
+
+
+def _by_name(root: Element, tag: str, findings: UrdfFindings) -> dict[str, Element]:
+    """Returns the named elements of one kind; names must be there and differ."""
+    found: dict[str, Element] = {}
+    for element in root.all(tag):
+        name = element.name
+        if not name or not name.isprintable() or name != name.strip():
+            findings.add(element, f"<{tag}> needs a printable name, not {quote(name)}")
+        elif name in found:
+            findings.add(element, f"duplicate {tag} {quote(name)}, first at line {found[name].line}")
+        else:
+            found[name] = element
+    return found
+
+
+def _check_joint(joint: Element, links: dict[str, Element], findings: UrdfFindings) -> None:
+    what = f"joint {quote(joint.name)}"
+    kind = joint.get("type")
+    if kind not in _TYPES:
+        hint = did_you_mean(kind, list(_TYPES))
+        findings.add(joint, f"{what}: type {quote(kind)} is not known{hint}; allowed: {', '.join(_TYPES)}")
+    for tag in ("parent", "child"):
+        child = joint.find(tag)
+        if child is None or not child.get("link"):
+            findings.add(child or joint, f"{what}: <{tag} link=\"…\"/> is missing")
+        elif child.get("link") not in links:
+            name = child.get("link")
+            hint = did_you_mean(name, list(links))
+            findings.add(child, f"{what}: there is no link {quote(name)}{hint}")
+    origin = joint.find("origin")
+    for attribute in ("xyz", "rpy"):
+        if origin is not None and attribute in origin.attributes:
+            findings.numbers(origin, attribute, 3, what)
+    axis = joint.find("axis")
+    if kind in MOVING_TYPES and axis is not None:
+        values = findings.numbers(axis, "xyz", 3, what)
+        if values is not None and math.hypot(*values) < 1e-6:
+            findings.add(axis, f"{what}: axis must not be zero")
+
+
+def _check_tree(
+    root: Element, links: dict[str, Element], joints: dict[str, Element], findings: UrdfFindings
+) -> str:
+    """Returns the root link; notes two parents, several roots, cycles."""
+    parent_joint: dict[str, Element] = {}
+    for joint in joints.values():
+        child = joint.child_name("child", "link")
+        if child in parent_joint:
+            first = parent_joint[child].name
+            message = f"link {quote(child)} is the child of two joints: {quote(first)} and {quote(joint.name)}"
+            findings.add(joint, message)
+        parent_joint.setdefault(child, joint)
+    roots = [name for name in links if name not in parent_joint]
+    if len(roots) > 1:
+        names = ", ".join(quote(name) for name in roots[:5])
+        findings.add(links[roots[1]], f"{len(roots)} root links: {names}; join them by joints")
+    reached, todo = set(roots), list(roots)
+    children: dict[str, list[str]] = {}
+    for child, joint in parent_joint.items():
+        children.setdefault(joint.child_name("parent", "link"), []).append(child)
+    while todo:
+        fresh = [child for child in children.get(todo.pop(), []) if child not in reached]
+        reached.update(fresh)
+        todo.extend(fresh)
+    lost = [name for name in links if name not in reached]
+    if lost:
+        joint = parent_joint[lost[0]]
+        findings.add(joint, f"joints form a cycle through link {quote(lost[0])}")
+    return roots[0] if roots else ""
+
+
+def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[str]]:
+    """Returns the named joints in document order with their limits, and notes on how they were read.
+
+    Args:
+        urdf: a checked URDF.
+        names: joints of platform and arms; all must be in the URDF.
+
+    Raises:
+        InputError: a joint cannot move, mimics another, or has no or impossible limits.
+    """
+    findings = UrdfFindings(urdf.source)
+    found, notes = [], []
+    for joint in urdf.joints.values():
+        if joint.name not in names:
+            continue
+        what, kind = f"joint {quote(joint.name)}", joint.get("type")
+        if kind not in MOVING_TYPES:
+            findings.add(joint, f"{what} is {kind}; the robot file needs one that turns or slides")
+            continue
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            findings.add(mimic, f"{what} mimics {quote(mimic.get('joint'))}; it cannot be planned")
+            continue
+        limits = _limits(joint, kind, what, findings)
+        if limits is not None:
+            found.append(UrdfJoint(joint.name, kind == "prismatic", *limits))
+        if kind == "continuous":
+            notes.append(f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad")
+    findings.raise_if_any()
+    return found, notes
+
+
+def _limits(
+    joint: Element, kind: str, what: str, findings: UrdfFindings
+) -> tuple[float, float, float] | None:
+    """Returns lower, upper and velocity limits, or None after noting what is wrong."""
+    limit = joint.find("limit")
+    if limit is None:
+        findings.add(joint, f"{what} has no <limit>; give lower, upper and velocity")
+        return None
+    velocity = findings.numbers(limit, "velocity", 1, what)
+    if velocity is not None and velocity[0] <= 0.0:
+        findings.add(limit, f"{what}: velocity limit must be above 0, not {velocity[0]:g}")
+        velocity = None
+    if kind == "continuous":
+        return (-CONTINUOUS_LIMIT, CONTINUOUS_LIMIT, velocity[0]) if velocity else None
+    lower = findings.numbers(limit, "lower", 1, what)
+    upper = findings.numbers(limit, "upper", 1, what)
+    if lower is None or upper is None or velocity is None:
+        return None
+    if lower[0] > upper[0]:
+        findings.add(limit, f"{what}: lower limit {lower[0]:g} is above upper limit {upper[0]:g}")
+        return None
+    return lower[0], upper[0], velocity[0]
