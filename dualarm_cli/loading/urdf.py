@@ -199,6 +199,8 @@ def _limits(
     if limit is None:
         findings.add(joint, f"{what} has no <limit>; give lower, upper and velocity")
         return None
+    if "effort" in limit.attributes:
+        findings.numbers(limit, "effort", 1, what)
     velocity = findings.numbers(limit, "velocity", 1, what)
     if velocity is not None and velocity[0] <= 0.0:
         findings.add(limit, f"{what}: velocity limit must be above 0, not {velocity[0]:g}")

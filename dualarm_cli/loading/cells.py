@@ -1,0 +1,196 @@
+"""Cell files to cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pinocchio as pin
+
+from dualarm_cli.errors import InputError
+from dualarm_cli.loading.cell_frames import frame_pose, world_frames
+from dualarm_cli.loading.diagnostics import Findings
+from dualarm_cli.loading.documents import read_document, validate
+from dualarm_cli.loading.meshes import check_mesh_file
+from dualarm_cli.loading.poses import to_se3
+from dualarm_cli.loading.projects import BadReferenceError, Project
+from dualarm_cli.loading.robot_pair import compose_pair, why_not_a_pair_member
+from dualarm_cli.loading.robots import build_robot, find_robot
+from dualarm_cli.loading.schema_cell import CellFile, PairMemberSection, PairSection, ShapeSection
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.yaml_source import Document, Loc
+from dualarm_cli.model.cell import Cell, Obstacle, Shape, Tool
+from dualarm_cli.model.robot import Robot
+
+
+@dataclass(frozen=True)
+class LoadedCell:
+    """A cell, and what is known of its loading."""
+
+    cell: Cell
+    """The cell."""
+    inputs: Mapping[str, str]
+    """SHA-256 of every file that was read, by its name within the project."""
+    notes: tuple[str, ...]
+    """What the reader should know of how the files were understood."""
+
+
+def load_cell(path: str | Path) -> LoadedCell:
+    """Returns the cell that a cell file describes.
+
+    Args:
+        path: the cell file.
+
+    Raises:
+        InputError: everything wrong with it and the files that it names.
+    """
+    project = Project.of(Path(path))
+    cell, notes = build_cell(project, Path(path), str(path))
+    return LoadedCell(cell, dict(project.inputs), notes)
+
+
+def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str, ...]]:
+    """Returns the cell of a cell file, and notes on how it was understood.
+
+    Args:
+        project: what the file must stay in.
+        path: the file.
+        name: what the user calls it.
+
+    Raises:
+        InputError: everything wrong with the file and those that it names.
+    """
+    document = read_document(project, path, name, "cell/1")
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    model = validate(document, CellFile, findings)
+    reader = _CellReader(project, path, name, document, findings)
+    robot = reader.robot(document.data.get("robot"))
+    if model is None:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    frames = world_frames(document, dict(model.frames), findings)
+    obstacles = reader.obstacles(model, frames)
+    tools = reader.tools(model, robot)
+    findings.raise_if_any()
+    if robot is None:
+        raise InputError(findings.diagnostics)
+    cell = Cell(
+        robot,
+        to_se3(model.base),
+        tools,
+        frames,
+        obstacles,
+        model.clearance,
+        model.limits.tool_speed,
+    )
+    return cell, tuple(reader.notes)
+
+
+class _CellReader:
+    """Turns the parts of one cell file into nouns, noting every error."""
+
+    def __init__(
+        self, project: Project, path: Path, name: str, document: Document, findings: Findings
+    ) -> None:
+        self.project, self.path, self.name = project, path, name
+        self.document, self.findings = document, findings
+        self.notes: list[str] = []
+
+    def robot(self, value: object) -> Robot | None:
+        """Returns the robot, or two robots as one; None after noting what is wrong."""
+        if isinstance(value, str):
+            return self._one_robot(value, ("robot",))
+        if isinstance(value, dict):
+            pair = validate(self.document, PairSection, self.findings, value, ("robot",))
+            return self._pair(pair) if pair is not None else None
+        if value is not None:
+            message = f"must be a robot's name, a path, or {{left: …, right: …}}, not {quote(value)}"
+            self.findings.add(self.document, ("robot",), message, "E200")
+        elif "robot" in self.document.data:
+            self.findings.add(self.document, ("robot",), "must not be empty", "E200")
+        return None
+
+    def _one_robot(self, reference: str, loc: Loc) -> Robot | None:
+        try:
+            place = find_robot(self.project, reference, self.path, self.name)
+            robot, notes = build_robot(place)
+        except BadReferenceError as error:
+            self.findings.add(self.document, loc, str(error), "E500")
+            return None
+        except InputError as error:
+            self.findings.extend(error.diagnostics)
+            return None
+        self.notes += [f"{robot.name}: {note}" for note in notes if f"{robot.name}: {note}" not in self.notes]
+        return robot
+
+    def _pair(self, pair: PairSection) -> Robot | None:
+        left, right = self._member("left", pair.left), self._member("right", pair.right)
+        if left is None or right is None:
+            return None
+        return compose_pair(left, to_se3(pair.left.base), right, to_se3(pair.right.base))
+
+    def _member(self, side: str, member: PairMemberSection) -> Robot | None:
+        loc: Loc = ("robot", side, "robot")
+        robot = self._one_robot(member.robot, loc)
+        problem = why_not_a_pair_member(robot) if robot is not None else None
+        if problem is not None:
+            self.findings.add(self.document, loc, problem)
+            return None
+        return robot
+
+    def tools(self, model: CellFile, robot: Robot | None) -> dict[str, Tool]:
+        """Returns the tool of every arm; an arm without one has its flange as tool centre point."""
+        sections = {"left": model.tools.left, "right": model.tools.right}
+        arms = [arm.name for arm in robot.arms] if robot is not None else list(sections)
+        found = {}
+        for side, section in sections.items():
+            if section is None:
+                continue
+            if robot is not None and side not in arms:
+                message = f"{robot.name} has no {side} arm; it has {', '.join(arms)}"
+                self.findings.add(self.document, ("tools", side), message, key=True)
+            loc: Loc = ("tools", side, "shapes")
+            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
+            found[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
+        return {arm: found.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
+
+    def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
+        """Returns the obstacles, posed in the world; their names must differ."""
+        found, first = [], dict[str, int]()
+        for k, section in enumerate(model.obstacles):
+            loc: Loc = ("obstacles", k)
+            line = self.document.place((*loc, "name"))[0]
+            if section.name in first:
+                message = f"duplicate obstacle {quote(section.name)}, first at line {first[section.name]}"
+                self.findings.add(self.document, (*loc, "name"), message, "E102")
+            first.setdefault(section.name, line)
+            shape = self.shape(section, loc, frames)
+            if shape is not None:
+                found.append(Obstacle(section.name, shape))
+        return tuple(found)
+
+    def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
+        """Returns a solid in the frame that holds it, or None after noting what is wrong."""
+        T_world_frame = frame_pose(self.document, (*loc, "in"), section.in_, frames, self.findings)
+        if T_world_frame is None:
+            return None
+        pose = T_world_frame * to_se3(section)
+        if section.box is not None:
+            return Shape("box", tuple(section.box), pose)
+        if section.sphere is not None:
+            return Shape("sphere", (section.sphere.radius,), pose)
+        if section.cylinder is not None:
+            return Shape("cylinder", (section.cylinder.radius, section.cylinder.length), pose)
+        if section.capsule is not None:
+            return Shape("capsule", (section.capsule.radius, section.capsule.length), pose)
+        if section.mesh is None:
+            return Shape("half_space", (), pose)
+        try:
+            path = self.project.follow(section.mesh.file, self.path)
+            check_mesh_file(path, section.mesh.file)
+        except BadReferenceError as error:
+            self.findings.add(self.document, (*loc, "mesh"), str(error), "E500")
+            return None
+        return Shape("mesh", (section.mesh.scale,), pose, str(path))

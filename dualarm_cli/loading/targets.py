@@ -1,0 +1,100 @@
+"""Targets of tasks: poses in the world, or joint configurations within the arm's limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.loading.cell_frames import frame_pose
+from dualarm_cli.loading.diagnostics import Findings
+from dualarm_cli.loading.poses import to_se3
+from dualarm_cli.loading.robot_joints import joint_position
+from dualarm_cli.loading.schema_tasks import TargetSection
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.urdf import UrdfJoint
+from dualarm_cli.loading.yaml_source import Document, Loc
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import JointTarget, PoseTarget, Target
+from dualarm_cli.model.robot import Robot
+
+
+class TargetReader:
+    """Turns the targets of one task file into nouns."""
+
+    def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
+        """Prepares for a file and its cell.
+
+        Args:
+            document: the task file.
+            cell: where frames and arms come from.
+            findings: where errors are noted.
+        """
+        self._document, self._findings = document, findings
+        self._frames = dict(cell.frames)
+        self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
+
+    def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
+        """Returns a target, or None after noting what is wrong.
+
+        Args:
+            section: the target as the file has it.
+            loc: where it stands.
+            arm: the arm that goes there.
+        """
+        if section.joints is not None:
+            return self._configurations(section.joints, (*loc, "joints"), self._joints[arm])
+        key = "at" if section.at is not None else "in"
+        name = section.at if section.at is not None else section.in_
+        T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
+        if T_world_frame is None:
+            return None
+        pose: pin.SE3 = T_world_frame * to_se3(section)
+        return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+
+    def _configurations(self, values: list[object], loc: Loc, joints: list[UrdfJoint]) -> Target | None:
+        """Returns alternatives to choose from; a flat list is one."""
+        if not any(isinstance(value, list) for value in values):
+            rows = [self._configuration(values, loc, joints)]
+        else:
+            rows = [self._configuration(row, (*loc, k), joints) for k, row in enumerate(values)]
+        good = [row for row in rows if row is not None]
+        return JointTarget(np.array(good)) if len(good) == len(rows) else None
+
+    def _configuration(self, row: object, loc: Loc, joints: list[UrdfJoint]) -> list[float] | None:
+        if not isinstance(row, list):
+            message = f"must be a list of {len(joints)} joint positions, not {quote(row)}"
+            self._findings.add(self._document, loc, message, "E200")
+            return None
+        if len(row) != len(joints):
+            names = ", ".join(joint.name for joint in joints)
+            message = f"{len(row)} joint positions; the arm has {len(joints)} joints: {names}"
+            self._findings.add(self._document, loc, message)
+            return None
+        positions = [
+            joint_position(self._document, (*loc, k), value, joint, self._findings)
+            for k, (value, joint) in enumerate(zip(row, joints, strict=True))
+        ]
+        good = [position for position in positions if position is not None]
+        return good if len(good) == len(row) else None
+
+
+def _arm_joints(robot: Robot, names: tuple[str, ...]) -> list[UrdfJoint]:
+    """Returns an arm's joints with their limits."""
+    sliding = _sliding(robot.urdf)
+    limits = robot.limits.select(names)
+    return [
+        UrdfJoint(name, name in sliding, float(low), float(high), float(velocity))
+        for name, low, high, velocity in zip(
+            names, limits.lower, limits.upper, limits.velocity, strict=True
+        )
+    ]
+
+
+def _sliding(urdf: str) -> set[str]:
+    """Returns the joints that slide."""
+    model = pin.buildModelFromXML(urdf)
+    return {
+        name
+        for name, joint in zip(model.names, model.joints, strict=True)
+        if joint.shortname().startswith("JointModelP")
+    }

@@ -1,0 +1,155 @@
+"""Task files to jobs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from dualarm_cli.errors import InputError, did_you_mean
+from dualarm_cli.loading.cells import build_cell
+from dualarm_cli.loading.diagnostics import Findings
+from dualarm_cli.loading.documents import read_document, validate
+from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
+from dualarm_cli.loading.schema_tasks import DwellSection, TaskSection, TasksFile
+from dualarm_cli.loading.targets import TargetReader
+from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.yaml_source import Document, Loc
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Action, Dwell, Job, Place, Stop, Task
+
+FREE_START = "free"
+"""What a file says where the planner shall choose the start posture."""
+_ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
+
+
+def load_job(path: str | Path) -> Job:
+    """Returns the job that a task file describes, with its cell and robot.
+
+    Args:
+        path: the task file.
+
+    Raises:
+        InputError: everything wrong with it and the files that it names.
+    """
+    project, name = Project.of(Path(path)), str(path)
+    document = read_document(project, Path(path), name, "tasks/1")
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    model = validate(document, TasksFile, findings)
+    sections = _good_tasks(document, model)
+    check_tasks(document, sections, findings)
+    if model is not None:
+        check_settings(document, model, findings)
+    loaded = _load_cell(project, document, Path(path), findings)
+    if model is None or loaded is None:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    cell, notes = loaded
+    _check_start(document, model, cell, findings)
+    tasks = _TaskReader(document, model, cell, findings).tasks(sections)
+    findings.raise_if_any()
+    caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
+    return Job(
+        cell,
+        tasks,
+        model.start,
+        model.return_,
+        model.speed,
+        min(caps, default=None),
+        dict(project.inputs),
+        (*notes, *permission_notes(model)),
+    )
+
+
+def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSection]:
+    """Returns the tasks that their schema accepts, so that the others do not hide their errors."""
+    if model is not None:
+        return dict(enumerate(model.tasks))
+    raw = document.data.get("tasks")
+    good = {}
+    for index, entry in enumerate(raw if isinstance(raw, list) else []):
+        try:
+            good[index] = TaskSection.model_validate(entry)
+        except ValidationError:
+            continue
+    return good
+
+
+def _load_cell(
+    project: Project, document: Document, path: Path, findings: Findings
+) -> tuple[Cell, tuple[str, ...]] | None:
+    """Returns the cell with its notes, or None after noting what is wrong with it."""
+    reference = document.data.get("cell")
+    if not isinstance(reference, str):
+        return None
+    try:
+        cell_path = project.follow(reference, path)
+        return build_cell(project, cell_path, display_name(reference, document.source.name))
+    except BadReferenceError as error:
+        findings.add(document, ("cell",), str(error), "E500")
+    except InputError as error:
+        findings.extend(error.diagnostics)
+    return None
+
+
+def _check_start(document: Document, model: TasksFile, cell: Cell, findings: Findings) -> None:
+    known = [*cell.robot.postures, FREE_START]
+    if model.start not in known:
+        message = (
+            f"{cell.robot.name} has no posture {quote(model.start)}{did_you_mean(model.start, known)}; "
+            f"it has {', '.join(cell.robot.postures)}; or 'free'"
+        )
+        findings.add(document, ("start",), message)
+
+
+class _TaskReader:
+    """Turns the tasks of one file into nouns."""
+
+    def __init__(self, document: Document, model: TasksFile, cell: Cell, findings: Findings) -> None:
+        self._document, self._findings = document, findings
+        self._defaults, self._robot = model.defaults, cell.robot
+        self._arms = [arm.name for arm in cell.robot.arms]
+        self._targets = TargetReader(document, cell, findings)
+
+    def tasks(self, sections: dict[int, TaskSection]) -> tuple[Task, ...]:
+        """Returns the tasks in file order."""
+        found = []
+        for index, section in sections.items():
+            loc: Loc = ("tasks", index)
+            if section.arm is None or section.arm == "any":
+                continue
+            if section.arm not in self._arms:
+                message = f"{self._robot.name} has no {section.arm} arm; it has {', '.join(self._arms)}"
+                self._findings.add(self._document, (*loc, "arm"), message)
+                continue
+            stops = self._stops(section, loc, section.arm)
+            found.append(Task(section.id, section.arm, stops, tuple(section.after)))
+        return tuple(found)
+
+    def _stops(self, section: TaskSection, loc: Loc, arm: str) -> tuple[Stop, ...]:
+        stops = []
+        for action in _ACTIONS:
+            target_section = getattr(section, action)
+            if target_section is None:
+                continue
+            target = self._targets.target(target_section, (*loc, action), arm)
+            if target is None:
+                continue
+            line, column = self._document.place((*loc, action))
+            place = Place(self._document.source.name, line, column)
+            stops.append(Stop(action, target, *self._surroundings(section, action == "move"), place))
+        return tuple(stops)
+
+    def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:
+        """Returns approach, retract and dwell; defaults are for picks and places only."""
+        approach = 0.0 if bare else self._defaults.approach
+        retract = 0.0 if bare else self._defaults.retract
+        dwell = DwellSection() if bare else self._defaults.dwell
+        dwell = section.dwell if section.dwell is not None else dwell
+        return (
+            section.approach if section.approach is not None else approach,
+            section.retract if section.retract is not None else retract,
+            Dwell(dwell.gripper, dwell.settle, dwell.handshake),
+        )

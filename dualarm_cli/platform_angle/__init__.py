@@ -1,0 +1,35 @@
+"""The platform family: how far the platform turns in a move."""
+
+from __future__ import annotations
+
+from dualarm_cli.platform_angle.exact import solve_exact
+from dualarm_cli.platform_angle.fixed import solve_fixed
+from dualarm_cli.platform_angle.linearised import solve_linearised
+from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, PlatformSolution
+from dualarm_cli.registry import Registry, Solver
+
+PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry(
+    "platform",
+    [
+        Solver(
+            name="exact",
+            solve=solve_exact,
+            summary="Exactly equal elbow displacements: zeros of a quartic, stationary points else.",
+            reference="ours, after [Bottin2021] Eq. 3",
+        ),
+        Solver(
+            name="linearised",
+            solve=solve_linearised,
+            summary="Elbow displacements equal to first order of the arccosine.",
+            reference="[Bottin2021] Eq. 14 and 15",
+        ),
+        Solver(
+            name="fixed",
+            solve=solve_fixed,
+            summary="The platform does not turn.",
+            reference="baseline",
+        ),
+    ],
+)
+
+__all__ = ["PLATFORM_SOLVERS", "Kind", "PlatformProblem", "PlatformSolution"]
