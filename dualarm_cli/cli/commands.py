@@ -3,5 +3,14 @@
 from __future__ import annotations
 
 from dualarm_cli.cli.app import app
+from dualarm_cli.cli.plan import plan_command
+from dualarm_cli.cli.platform import platform_command
+from dualarm_cli.cli.robot import robot_app
+from dualarm_cli.cli.solvers import solvers_command
+
+app.command("plan")(plan_command)
+app.command("platform")(platform_command)
+app.add_typer(robot_app)
+app.command("solvers")(solvers_command)
 
 __all__ = ["app"]

@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics of a spherical-revolute-spherical arm over its arm angle."""
+"""Closed-form forward and inverse kinematics of a spherical-revolute-spherical arm."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
+from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.kinematics import srs_limits
+from dualarm_cli.kinematics.arm_angle_curves import ArmAngleCurves
+from dualarm_cli.kinematics.arm_angle_plane import REACH_SLACK, ArmPlane, reference_directions
+from dualarm_cli.kinematics.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs_geometry import SrsGeometry
 
-REACH_SLACK = 1e-12
-"""How far |cos q4| may exceed one by rounding before a pose is out of reach."""
-PARALLEL = 1e-9
-"""Below this sine the wrist counts as lying on the first axis."""
+SRS_TOLERANCE = 1e-6
+"""Largest deviation from exact SRS geometry that the closed forms ignore [m and rad]."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,8 @@ class SrsSolutions:
     """All postures of many targets."""
 
     q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach."""
+    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach. A view of an array with
+    the joints first in memory: fast to compute with, copied when it is reshaped."""
     reachable: BoolArray
     """Whether the target is within reach, joint limits apart, shape (...)."""
 
@@ -30,69 +34,112 @@ class SrsSolutions:
 class SrsArm:
     """Forward and inverse kinematics of one arm in its base frame.
 
-    The arm angle psi turns the arm plane (shoulder, elbow, wrist) about the line from shoulder to wrist;
-    psi = 0 where the first axis lies in that plane. With the wrist on the first axis that plane is
-    undefined and the base's own second axis stands in for its normal.
+    The arm angle psi says where the elbow is on its circle about the line from shoulder to wrist. It is
+    counted from a direction that is carried along from the first axis by the smallest rotation
+    (`reference_directions`): continuous everywhere but where the wrist lies behind the shoulder on the
+    first axis. All eight branches of one psi have their elbow at the same place.
 
-    Branch = 4 * elbow + 2 * shoulder + wrist, each 0 or 1: elbow 0 has q4 on the positive side of the
-    stretched arm, shoulder and wrist 0 have a positive sine of the middle joint of their triple.
+    Branch = 4 * elbow + 2 * shoulder + wrist, each 0 or 1. With theta2, theta4, theta6 the angles of
+    joints 2, 4, 6 counted from where axis 1 and upper arm, upper arm and forearm, forearm and axis 7
+    lie along each other: elbow is 1 for theta4 < 0, shoulder for theta2 < 0, wrist for theta6 < 0.
+    Changing one of them turns both neighbours by half a turn. Where a triple is singular (theta2 = 0
+    or pi) joint 1 is 0 (joint 5 for the wrist), and joint 3 (7) has all of the turn.
     """
 
     geometry: SrsGeometry
     """Axes, centres and flange at q = 0."""
     lower: FloatArray
-    """Lowest joint positions [rad], shape (7,)."""
+    """Lowest joint positions [rad], shape (7,), -inf allowed."""
     upper: FloatArray
-    """Highest joint positions [rad], shape (7,)."""
+    """Highest joint positions [rad], shape (7,), inf allowed."""
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Freezes the arrays.
+
+        Raises:
+            UnsupportedError: the geometry is not SRS.
+        """
+        if not self.geometry.is_srs(SRS_TOLERANCE):
+            raise UnsupportedError(
+                f"the arm is not spherical-revolute-spherical: {self.geometry.deviation}, links "
+                f"{self.geometry.upper * 1000:.4g} and {self.geometry.fore * 1000:.4g} mm; "
+                f"{SRS_TOLERANCE:g} m and rad are allowed; use a general inverse kinematics for it"
+            )
         object.__setattr__(self, "lower", readonly(self.lower))
         object.__setattr__(self, "upper", readonly(self.upper))
 
     @cached_property
-    def _shoulder(self) -> _Triple:
-        return _Triple.of(*self.geometry.axes[0:3])
+    def canonical(self) -> SrsCanonical:
+        """Signs, offsets and frames that make the arm a chain Z Y Z Y Z Y Z."""
+        return SrsCanonical.of(self.geometry)
 
     @cached_property
-    def _wrist(self) -> _Triple:
-        return _Triple.of(*self.geometry.axes[4:7])
+    def _to_canonical(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Linear maps on flattened flange rotations: to canonical ones and to wrist centres."""
+        B, C = self.canonical.B, self.canonical.C
+        # Row-major: (B^T R C^T)_ij = sum over kl of B_ki C_jl R_kl.
+        rotation = np.kron(B.T, C)
+        wrist = np.kron(B.T, self.geometry.p_flange_wrist)
+        return rotation, wrist, B.T @ self.geometry.shoulder
 
     @cached_property
-    def _links(self) -> tuple[FloatArray, FloatArray, float]:
-        """Upper arm and forearm at q = 0 and the joint-4 angle from stretched to there."""
-        g = self.geometry
-        u, f = g.elbow - g.shoulder, g.wrist - g.elbow
-        return u, f, float(np.arctan2(g.axes[3] @ np.cross(u, f), u @ f))
+    def reach(self) -> tuple[float, float]:
+        """Least and greatest distance of the wrist from the shoulder [m], joint 4 within limits."""
+        low, high = self.lower[3], self.upper[3]
+        zero = self.canonical.offset[3]
+        cosines = [np.cos(angle + zero) for angle in (low, high) if np.isfinite(angle)]
+        for extreme in (0.0, np.pi):
+            if srs_limits.some_turn_within(np.array(extreme - zero), low, high):
+                cosines.append(np.cos(extreme))
+        a1, a2 = self.geometry.upper, self.geometry.fore
+        least, most = (
+            float(np.sqrt(max(0.0, a1 * a1 + a2 * a2 + 2.0 * a1 * a2 * cosine)))
+            for cosine in (min(cosines), max(cosines))
+        )
+        return least, most
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., 7)."""
-        g = self.geometry
-        u, f, _ = self._links
-        R03 = _rotations(g.axes[0:3], q[..., 0:3])
-        R04 = R03 @ _rotation(g.axes[3], q[..., 3])
-        R07 = R04 @ _rotations(g.axes[4:7], q[..., 4:7])
-        p = g.shoulder + R03 @ u + R04 @ f + R07 @ (g.p_flange - g.wrist)
-        return R07 @ g.R_flange, p
+        q = np.asarray(q, dtype=np.float64)
+        shape = q.shape[:-1]
+        s, c = self._sin_cos(q)
+        upper = _turn_bend(None, s[0], c[0], s[1], c[1])
+        fore = _turn_bend(upper, s[2], c[2], s[3], c[3])
+        x, y, z = _turn_bend(fore, s[4], c[4], s[5], c[5])
+        columns = np.stack([c[6] * x + s[6] * y, c[6] * y - s[6] * x, z], axis=1)
+        w = self.geometry.upper * upper[2] + self.geometry.fore * fore[2]
+        rotation, wrist, origin = self._to_canonical
+        R = rotation.T @ columns.reshape(9, -1)
+        p = self.canonical.B @ (w.reshape(3, -1) + origin[:, None] - wrist @ R)
+        return R.T.reshape(*shape, 3, 3), p.T.reshape(*shape, 3)
 
     def wrist_center(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns the wrist centre [m], shape (..., 3), of flange poses."""
+        """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
         return p + R @ self.geometry.p_flange_wrist
 
     def elbow_interior_angle(self, q4: FloatArray) -> FloatArray:
-        """Returns the angle between upper arm and forearm [rad]; pi where stretched."""
-        return np.pi - np.abs(_wrap(np.asarray(q4) + self._links[2]))
+        """Returns the angle between upper arm and forearm [rad], pi where stretched, shape (...).
+
+        Args:
+            q4: joint 4 [rad], shape (...).
+        """
+        return np.pi - np.abs(srs_limits.wrap(np.asarray(q4) + self.canonical.offset[3]))
 
     def reach_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
-        """Returns how far each flange pose is beyond the links' reach [m], shape (...); 0 within."""
-        r = np.linalg.norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
-        a1, a2 = self.geometry.upper, self.geometry.fore
-        return np.maximum(0.0, np.maximum(r - (a1 + a2), abs(a1 - a2) - r))
+        """Returns how far flange poses are beyond `reach` [m], shape (...); 0 within.
+
+        Args:
+            R: flange rotations in the base frame, shape (..., 3, 3).
+            p: flange positions in the base frame [m], shape (..., 3).
+        """
+        d = np.linalg.norm(self.wrist_center(R, p) - self.geometry.shoulder, axis=-1)
+        least, most = self.reach
+        miss = np.maximum(d - most, least - d)
+        return np.where(miss > REACH_SLACK, miss, 0.0)
 
     def within_limits(self, q: FloatArray) -> BoolArray:
-        """Returns whether all joints are within their limits, shape (...)."""
-        inside: BoolArray = ((q >= self.lower) & (q <= self.upper)).all(axis=-1)
-        return inside
+        """Returns whether all joints (..., 7) are within their limits, shape (...)."""
+        return srs_limits.within_limits(q, self.lower, self.upper)
 
     def nearest_turns(self, q: FloatArray, reference: FloatArray) -> FloatArray:
         """Returns q with whole turns added: nearest to the reference among those within limits.
@@ -100,14 +147,29 @@ class SrsArm:
         A joint that no turn brings within its limits keeps its value.
 
         Args:
-            q: joints [rad], shape (..., 7).
+            q: joints in [-pi, pi] [rad], shape (..., 7).
             reference: joints to be near to [rad], broadcast against q.
         """
-        turn = 2.0 * np.pi
-        nearest = q + turn * np.round((reference - q) / turn)
-        low = q + turn * np.ceil((self.lower - q) / turn)
-        high = q + turn * np.floor((self.upper - q) / turn)
-        return np.where(low <= high, np.clip(nearest, low, high), q)
+        return srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+
+    def curves(self, R: FloatArray, p: FloatArray) -> ArmAngleCurves:
+        """Returns the joints of targets (...) as functions of the arm angle.
+
+        Args:
+            R: flange rotations in the base frame, shape (..., 3, 3).
+            p: flange positions in the base frame [m], shape (..., 3), broadcast against R.
+        """
+        R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        ndim = max(R.ndim - 2, p.ndim - 1)
+        shape_R = (1,) * (ndim - R.ndim + 2) + R.shape[:-2]
+        shape_p = (1,) * (ndim - p.ndim + 1) + p.shape[:-1]
+        rotation, wrist, origin = self._to_canonical
+        flat = R.reshape(-1, 9).T
+        w = (self.canonical.B.T @ p.reshape(-1, 3).T - origin[:, None]).reshape(3, *shape_p)
+        w = w + (wrist @ flat).reshape(3, *shape_R)
+        R_canonical = (rotation @ flat).reshape(3, 3, *shape_R)
+        plane = ArmPlane.of(w, R_canonical, self.geometry.upper, self.geometry.fore)
+        return ArmAngleCurves.of(self.canonical, plane)
 
     def solve(self, R: FloatArray, p: FloatArray, psi: FloatArray) -> SrsSolutions:
         """Returns all eight branches.
@@ -117,20 +179,25 @@ class SrsArm:
             p: flange positions in the base frame [m], shape (..., 3).
             psi: arm angles [rad], broadcast against (...).
         """
-        plane = _ArmPlane.of(self, R, p)
-        shape = np.broadcast_shapes(plane.reachable.shape, np.shape(psi))
-        q = np.empty((*shape, 8, 7))
-        sin, cos = np.sin(psi), np.cos(psi)
-        for elbow in (0, 1):
-            shoulder, q4, wrist = self._postures(plane, sin, cos, 1 - 2 * elbow)
-            for branch in range(4):
-                row = q[..., 4 * elbow + branch, :]
-                row[..., 3] = q4
-                row[..., 0:3] = _flip(shoulder, branch >> 1, self._shoulder)
-                row[..., 4:7] = _flip(wrist, branch & 1, self._wrist)
-        reachable = np.broadcast_to(plane.reachable, shape)
-        q[~reachable] = 0.0
-        return SrsSolutions(_wrap(q), reachable)
+        curves = self.curves(R, p)
+        t1, t2, t3, t4, t5, t6, t7 = curves.angles(np.sin(psi), np.cos(psi))
+        q = np.empty((2, 2, 2, 7, *t1.shape))
+        offset = self.canonical.offset
+        t1, t3, t5, t7 = ((angle, _opposite(angle)) for angle in (t1, t3, t5, t7))
+        for bit in (0, 1):
+            q[:, bit, :, 0] = t1[bit]
+            q[:, bit, :, 1] = _bent(t2, 1 - 2 * bit, offset[1])
+            q[bit, :, :, 3] = _bent(t4, 1 - 2 * bit, offset[3])
+            q[:, :, bit, 5] = _bent(t6, 1 - 2 * bit, offset[5])
+            q[:, :, bit, 6] = t7[bit]
+            for elbow in (0, 1):
+                q[elbow, bit, :, 2] = t3[bit ^ elbow]
+                q[elbow, :, bit, 4] = t5[bit ^ elbow]
+        q = q.reshape(8, 7, *t1[0].shape)
+        reachable = np.broadcast_to(curves.plane.reachable, t1[0].shape)
+        if not reachable.all():
+            q[:, :, ~reachable] = 0.0
+        return SrsSolutions(np.moveaxis(q, (0, 1), (-2, -1)), reachable)
 
     def solve_branch(
         self, R: FloatArray, p: FloatArray, psi: FloatArray, branch: IntArray
@@ -143,148 +210,79 @@ class SrsArm:
             psi: arm angles [rad], broadcast against (...).
             branch: branch of each element, broadcast against (...).
         """
-        plane = _ArmPlane.of(self, R, p)
-        shape = np.broadcast_shapes(plane.reachable.shape, np.shape(psi), np.shape(branch))
-        branch = np.broadcast_to(branch, shape)
-        sign = 1 - 2 * (branch >> 2)
-        shoulder, q4, wrist = self._postures(plane, np.sin(psi), np.cos(psi), sign)
-        q = np.empty((*shape, 7))
-        q[..., 0:3] = _flip(shoulder, (branch >> 1) & 1, self._shoulder)
-        q[..., 3] = q4
-        q[..., 4:7] = _flip(wrist, branch & 1, self._wrist)
-        reachable = np.broadcast_to(plane.reachable, shape)
-        q[~reachable] = 0.0
-        return _wrap(q), reachable
-
-    def _postures(
-        self, plane: _ArmPlane, sin: FloatArray, cos: FloatArray, sign: int | IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns shoulder angles (..., 3), q4 (...), wrist angles (..., 3) of unflipped triples."""
-        g = self.geometry
-        u, f, zero = self._links
-        q4 = sign * plane.bend - zero
-        R34 = _rotation(g.axes[3], q4)
-        v = u + R34 @ f
-        v = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), PARALLEL)
-        # R03 takes v to w, the fourth axis to the normal n of the arm plane.
-        n = cos[..., None] * plane.n0 + sin[..., None] * plane.m0
-        to = np.stack([np.broadcast_to(plane.w, n.shape), n, np.cross(plane.w, n)], axis=-1)
-        e4 = np.broadcast_to(g.axes[3], v.shape)
-        R03 = to @ np.stack([v, e4, np.cross(v, e4)], axis=-2)
-        R47 = np.swapaxes(R03 @ R34, -1, -2) @ (plane.R @ g.R_flange.T)
-        return self._shoulder.angles(R03), np.broadcast_to(q4, n.shape[:-1]), self._wrist.angles(R47)
+        curves = self.curves(R, p)
+        t1, t2, t3, t4, t5, t6, t7 = curves.angles(np.sin(psi), np.cos(psi))
+        branch = np.asarray(branch)
+        elbow, shoulder, wrist = (branch & 4) != 0, (branch & 2) != 0, (branch & 1) != 0
+        shape = np.broadcast_shapes(t1.shape, branch.shape)
+        q = np.empty((7, *shape))
+        offset = self.canonical.offset
+        for i, flip, angle in (
+            (0, shoulder, t1),
+            (2, shoulder ^ elbow, t3),
+            (4, elbow ^ wrist, t5),
+            (6, wrist, t7),
+        ):
+            q[i] = np.where(flip, _opposite(angle), angle)
+        for i, flip, angle in ((1, shoulder, t2), (3, elbow, t4), (5, wrist, t6)):
+            q[i] = _bent(angle, np.where(flip, -1.0, 1.0), offset[i])
+        reachable = np.broadcast_to(curves.plane.reachable, shape)
+        if not reachable.all():
+            q[:, ~reachable] = 0.0
+        return np.moveaxis(q, 0, -1), reachable
 
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 7), shape (...)."""
-        _, _, zero = self._links
         bits = [
-            _wrap(q[..., 3] + zero) < 0,
-            np.sin(q[..., 1] + self._shoulder.zero) < 0,
-            np.sin(q[..., 5] + self._wrist.zero) < 0,
+            srs_limits.wrap(q[..., i] + self.canonical.offset[i]) < 0.0 for i in (3, 1, 5)
         ]
         return np.asarray(4 * bits[0] + 2 * bits[1] + bits[2], dtype=np.int64)
 
     def arm_angle(self, q: FloatArray) -> FloatArray:
-        """Returns the arm angle [rad] of postures (..., 7), shape (...)."""
-        R, p = self.forward(q)
-        plane = _ArmPlane.of(self, R, p)
-        n = _rotations(self.geometry.axes[0:3], q[..., 0:3]) @ self.geometry.axes[3]
-        return np.arctan2((n * plane.m0).sum(axis=-1), (n * plane.n0).sum(axis=-1))
+        """Returns the arm angle [rad] of postures (..., 7), shape (...).
+
+        It follows from the elbow's axis, so that the stretched and the folded arm have one too.
+        """
+        q = np.asarray(q, dtype=np.float64)
+        s, c = self._sin_cos(q)
+        upper = _turn_bend(None, s[0], c[0], s[1], c[1])
+        # Joint 4's own axis does not depend on joint 4: y of the frame before it.
+        fore = _turn_bend(upper, s[2], c[2], s[3], c[3])
+        w = self.geometry.upper * upper[2] + self.geometry.fore * fore[2]
+        d = np.sqrt((w * w).sum(axis=0))
+        tiny = d < REACH_SLACK
+        u = np.where(tiny, np.array([0.0, 0.0, 1.0])[:, None], w / np.where(tiny, 1.0, d))
+        r, t = reference_directions(u)
+        # h = -sign(theta4) y × u, hence h·r = ∓ y·t... of the right-handed (u, r, t).
+        y = fore[1] * np.where(s[3] < 0.0, -1.0, 1.0)
+        psi = np.arctan2((y * r).sum(axis=0), -(y * t).sum(axis=0))
+        return srs_limits.wrap(psi).reshape(q.shape[:-1])
+
+    def _sin_cos(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns sines and cosines of the canonical joints, (7, n) each."""
+        sign, offset = self.canonical.sign[:, None], self.canonical.offset[:, None]
+        theta = sign * q.reshape(-1, 7).T + offset
+        return np.sin(theta), np.cos(theta)
 
 
-@dataclass(frozen=True)
-class _Triple:
-    """Three axes that meet at right angles: Rot(e1, a) Rot(e2, b) Rot(e3, c), in closed form.
-
-    With B = [e2 x e1, e2, e1] and e3 = cos(zero) e1 + sin(zero) e2 x e1 the product is
-    B Rz(a) Ry(b + zero) Rz(c) Ry(-zero) B^T (our own derivation).
-    """
-
-    B: FloatArray
-    C: FloatArray
-    zero: float
-
-    @classmethod
-    def of(cls, e1: FloatArray, e2: FloatArray, e3: FloatArray) -> _Triple:
-        x = np.cross(e2, e1)
-        zero = float(np.arctan2(e3 @ x, e3 @ e1))
-        c, s = np.cos(zero), np.sin(zero)
-        B = np.column_stack([x, e2, e1])
-        return cls(B, B @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), zero)
-
-    def angles(self, R: FloatArray) -> FloatArray:
-        """Returns the three angles (..., 3) with a positive sine of the middle one."""
-        M = self.B.T @ R @ self.C
-        b = np.arctan2(np.hypot(M[..., 0, 2], M[..., 1, 2]), M[..., 2, 2])
-        singular = np.hypot(M[..., 0, 2], M[..., 1, 2]) < PARALLEL
-        # Where the outer axes are one line only the sum (or difference) counts: c = 0.
-        a = np.where(
-            singular,
-            np.arctan2(M[..., 1, 0], M[..., 1, 1]),
-            np.arctan2(M[..., 1, 2], M[..., 0, 2]),
-        )
-        c = np.where(singular, 0.0, np.arctan2(M[..., 2, 1], -M[..., 2, 0]))
-        return np.stack([a, b - self.zero, c], axis=-1)
+def _turn_bend(
+    frame: tuple[FloatArray, FloatArray, FloatArray] | None,
+    s_turn: FloatArray,
+    c_turn: FloatArray,
+    s_bend: FloatArray,
+    c_bend: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns the columns of frame · Z(turn) · Y(bend), (3, n) each; no frame is the identity."""
+    x, y, z = frame if frame is not None else (v[:, None] for v in np.eye(3))
+    x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
+    return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
 
 
-def _flip(angles: FloatArray, flip: int | IntArray, triple: _Triple) -> FloatArray:
-    """Returns the other solution of a triple where `flip` is 1: (a + pi, -b, c + pi)."""
-    if isinstance(flip, int):
-        if not flip:
-            return angles
-        return np.stack(
-            [
-                angles[..., 0] + np.pi,
-                -(angles[..., 1] + triple.zero) - triple.zero,
-                angles[..., 2] + np.pi,
-            ],
-            axis=-1,
-        )
-    return np.where(np.asarray(flip)[..., None] == 1, _flip(angles, 1, triple), angles)
+def _opposite(angle: FloatArray) -> FloatArray:
+    """Returns angles half a turn away, in (-pi, pi]."""
+    return angle - np.where(angle > 0.0, np.pi, -np.pi)
 
 
-@dataclass(frozen=True)
-class _ArmPlane:
-    """What does not depend on the arm angle: direction to the wrist, elbow bend, reference plane."""
-
-    R: FloatArray
-    w: FloatArray
-    n0: FloatArray
-    m0: FloatArray
-    bend: FloatArray
-    reachable: BoolArray
-
-    @classmethod
-    def of(cls, arm: SrsArm, R: FloatArray, p: FloatArray) -> _ArmPlane:
-        g = arm.geometry
-        w = arm.wrist_center(R, p) - g.shoulder
-        r = np.linalg.norm(w, axis=-1)
-        a1, a2 = g.upper, g.fore
-        x = (r**2 - a1**2 - a2**2) / (2.0 * a1 * a2)
-        reachable = (np.abs(x) <= 1.0 + REACH_SLACK) & (r > PARALLEL)
-        w = w / np.maximum(r, PARALLEL)[..., None]
-        n0 = np.cross(g.axes[0], w)
-        length = np.linalg.norm(n0, axis=-1, keepdims=True)
-        n0 = np.where(length > PARALLEL, n0 / np.maximum(length, PARALLEL), g.axes[1])
-        return cls(R, w, n0, np.cross(w, n0), np.arccos(np.clip(x, -1.0, 1.0)), reachable)
-
-
-def _rotation(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Returns rotations about a fixed unit axis, shape (..., 3, 3) (Rodrigues)."""
-    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    angle = np.asarray(angle)[..., None, None]
-    rotation: FloatArray = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-    return rotation
-
-
-def _rotations(axes: FloatArray, q: FloatArray) -> FloatArray:
-    """Returns the product of rotations about fixed axes (k, 3) by angles (..., k)."""
-    R = _rotation(axes[0], q[..., 0])
-    for k in range(1, len(axes)):
-        R = R @ _rotation(axes[k], q[..., k])
-    return R
-
-
-def _wrap(angle: FloatArray) -> FloatArray:
-    """Returns angles in (-pi, pi]."""
-    return -((-angle + np.pi) % (2.0 * np.pi) - np.pi)
+def _bent(theta: FloatArray, sign: FloatArray | float, offset: float) -> FloatArray:
+    """Returns the joint in (-pi, pi] of a canonical angle with a sign."""
+    return sign * theta if offset == 0.0 else srs_limits.wrap(sign * theta - offset)

@@ -8,6 +8,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
+PARALLEL = 1e-9
+"""Below this sine of their angle two axes count as parallel when their distance is measured."""
+
 
 @dataclass(frozen=True)
 class SrsDeviation:
@@ -19,20 +22,23 @@ class SrsDeviation:
     """Largest distance of axes 3 to 5 from their common centre [m]."""
     wrist: float
     """Largest distance of axes 5 to 7 from their common centre [m]."""
+    gaps: tuple[float, ...]
+    """Distance of each axis from the next one, six of them [m]: the offsets of a data sheet."""
     angle: float
     """Largest deviation of two consecutive axes from a right angle [rad]."""
 
     @property
     def largest(self) -> float:
         """The largest of them, in m or rad."""
-        return max(self.shoulder, self.elbow, self.wrist, self.angle)
+        return max(self.shoulder, self.elbow, self.wrist, *self.gaps, self.angle)
 
     def __str__(self) -> str:
         """Returns the deviations in mm and rad."""
+        gaps = ", ".join(f"{gap * 1000:.3g}" for gap in self.gaps)
         return (
             f"axes miss the shoulder by {self.shoulder * 1000:.3g} mm, the elbow by "
             f"{self.elbow * 1000:.3g} mm, the wrist by {self.wrist * 1000:.3g} mm, "
-            f"right angles by {self.angle:.3g} rad"
+            f"each other by {gaps} mm, right angles by {self.angle:.3g} rad"
         )
 
 
@@ -64,7 +70,9 @@ class SrsGeometry:
     def measure(
         cls, axes: FloatArray, points: FloatArray, R_flange: FloatArray, p_flange: FloatArray
     ) -> SrsGeometry:
-        """Measures centres, links and deviations.
+        """Returns centres, links and deviations of any seven axes, SRS or not.
+
+        A centre is the point nearest to its three axes in the least-squares sense.
 
         Args:
             axes: unit joint axes at q = 0, shape (7, 3).
@@ -72,11 +80,15 @@ class SrsGeometry:
             R_flange: rotation of the flange, shape (3, 3).
             p_flange: position of the flange [m], shape (3,).
         """
+        axes, points = np.asarray(axes, dtype=np.float64), np.asarray(points, dtype=np.float64)
         (shoulder, miss_s), (elbow, miss_e), (wrist, miss_w) = (
             _meeting_point(axes[i : i + 3], points[i : i + 3]) for i in (0, 2, 4)
         )
+        gaps = tuple(
+            _distance(axes[i], points[i], axes[i + 1], points[i + 1]) for i in range(6)
+        )
         skew = np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max()
-        deviation = SrsDeviation(miss_s, miss_e, miss_w, float(np.arcsin(min(1.0, skew))))
+        deviation = SrsDeviation(miss_s, miss_e, miss_w, gaps, float(np.arcsin(min(1.0, skew))))
         return cls(axes, shoulder, elbow, wrist, R_flange, p_flange, deviation)
 
     @property
@@ -96,7 +108,12 @@ class SrsGeometry:
         return wrist
 
     def is_srs(self, tolerance: float) -> bool:
-        """Returns whether every deviation is within the tolerance [m and rad] and both links exist."""
+        """Returns whether every deviation is within the tolerance [m and rad] and both links exist.
+
+        Args:
+            tolerance: largest deviation that may be ignored; the closed forms are wrong by about as
+                much at the shoulder, and by an angular deviation times the reach at the flange.
+        """
         return self.deviation.largest <= tolerance and min(self.upper, self.fore) > tolerance
 
 
@@ -107,3 +124,12 @@ def _meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, fl
     centre = np.linalg.lstsq(normal, right, rcond=None)[0]
     distance = np.linalg.norm((across @ (centre - points)[:, :, None])[..., 0], axis=1)
     return centre, float(distance.max())
+
+
+def _distance(e: FloatArray, p: FloatArray, f: FloatArray, r: FloatArray) -> float:
+    """Returns the distance [m] of the line through p along e from the line through r along f."""
+    common = np.cross(e, f)
+    sine = np.linalg.norm(common)
+    if sine < PARALLEL:
+        return float(np.linalg.norm(np.cross(e, r - p)))
+    return float(abs(common @ (r - p)) / sine)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from dualarm_cli.errors import did_you_mean
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.fields import FramedPose
 from dualarm_cli.loading.poses import to_se3
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document
 
 WORLD = "world"
@@ -33,7 +32,7 @@ def world_frames(
             findings.add(document, ("frames", name), message, key=True)
         parent = section.in_
         if parent is not None and parent not in known:
-            message = f"there is no frame {quote(parent)}{did_you_mean(parent, known)}"
+            message = f"there is no frame {quote(parent)}{suggest(parent, known, 'frames')}"
             findings.add(document, ("frames", name, "in"), message)
     waiting = {name: section for name, section in sections.items() if name != WORLD}
     while waiting:
@@ -54,7 +53,11 @@ def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: F
     seen: set[str] = set()
     for start in waiting:
         path = [start]
-        while (parent := waiting[path[-1]].in_) in waiting and parent not in path and parent not in seen:
+        while (
+            (parent := waiting[path[-1]].in_) in waiting
+            and parent not in path
+            and parent not in seen
+        ):
             path.append(str(parent))
         if parent in path:
             ring = path[path.index(str(parent)) :]
@@ -83,12 +86,7 @@ def frame_pose(
         return pin.SE3.Identity()
     if name not in frames:
         known = [*frames, WORLD]
-        message = f"the cell has no frame {quote(name)}{did_you_mean(name, known)}; it has {_listed(known)}"
+        message = f"the cell has no frame {quote(name)}{suggest(name, known, 'it has')}"
         findings.add(document, loc, message)
         return None
     return frames[name]
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(names[:12])
-    return shown if len(names) <= 12 else f"{shown} and {len(names) - 12} more"

@@ -106,7 +106,9 @@ class _CellReader:
             pair = validate(self.document, PairSection, self.findings, value, ("robot",))
             return self._pair(pair) if pair is not None else None
         if value is not None:
-            message = f"must be a robot's name, a path, or {{left: …, right: …}}, not {quote(value)}"
+            message = (
+                f"must be a robot's name, a path, or {{left: …, right: …}}, not {quote(value)}"
+            )
             self.findings.add(self.document, ("robot",), message, "E200")
         elif "robot" in self.document.data:
             self.findings.add(self.document, ("robot",), "must not be empty", "E200")
@@ -122,7 +124,9 @@ class _CellReader:
         except InputError as error:
             self.findings.extend(error.diagnostics)
             return None
-        self.notes += [f"{robot.name}: {note}" for note in notes if f"{robot.name}: {note}" not in self.notes]
+        self.notes += [
+            f"{robot.name}: {note}" for note in notes if f"{robot.name}: {note}" not in self.notes
+        ]
         return robot
 
     def _pair(self, pair: PairSection) -> Robot | None:
@@ -163,7 +167,9 @@ class _CellReader:
             loc: Loc = ("obstacles", k)
             line = self.document.place((*loc, "name"))[0]
             if section.name in first:
-                message = f"duplicate obstacle {quote(section.name)}, first at line {first[section.name]}"
+                message = (
+                    f"duplicate obstacle {quote(section.name)}, first at line {first[section.name]}"
+                )
                 self.findings.add(self.document, (*loc, "name"), message, "E102")
             first.setdefault(section.name, line)
             shape = self.shape(section, loc, frames)

@@ -27,7 +27,7 @@ def load_file(path: str | Path) -> Robot | Cell | Job:
     document = read_document(Project.of(Path(path)), Path(path), str(path))
     kind = document.data["dualarm"]
     if kind == "robot/1":
-        return load_robot(Path(path) if "/" in str(path) else f"./{path}").robot
+        return load_robot(Path(path)).robot
     return load_cell(path).cell if kind == "cell/1" else load_job(path)
 
 

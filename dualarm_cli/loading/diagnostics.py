@@ -1,8 +1,8 @@
-"""Diagnostics: what pydantic found, said as people say it, at its place in the file; and their text.
+"""Diagnostics: what pydantic found, said as people say it, at its place; and their text.
 
-Codes: E100 too large or too deep; E101 not text or not YAML; E102 duplicate key; E104 number that is none;
-E105 alias, anchor or tag; E200 wrong value; E201 unknown key; E202 missing key; E300 does not fit the rest
-of the files; E310 not available in this version; E400 URDF; E500 file or path.
+Codes: E100 too large or too deep; E101 not text or not YAML; E102 duplicate; E104 no number;
+E105 alias, anchor or tag; E200 wrong value; E201 unknown key; E202 missing; E300 does not fit the
+rest of the files; E310 not available in this version; E400 URDF; E500 file or path.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, get_args
 
-from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.loading.text_source import quote, suggest
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -36,19 +36,24 @@ class Findings:
     def __init__(self) -> None:
         """Starts with nothing found."""
         self.diagnostics: list[Diagnostic] = []
+        self._unread: set[tuple[str, int, int]] = set()
 
     def add(
-        self, document: Document, loc: Iterable[str | int], message: str, code: str = "E300", key: bool = False
+        self,
+        document: Document,
+        loc: Iterable[str | int],
+        message: str,
+        code: str = "E300",
+        key: bool = False,
     ) -> None:
         """Adds one finding at the place of a value (or of its key)."""
-        self.diagnostics.append(document.diagnostic(loc, code, message, key))
+        self.extend([document.diagnostic(loc, code, message, key)])
 
     def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
-        """Adds findings; a place that already has one keeps the first."""
-        known = {(d.file, d.line, d.column) for d in self.diagnostics if d.line}
-        for diagnostic in diagnostics:
-            if (diagnostic.file, diagnostic.line, diagnostic.column) not in known:
-                self.diagnostics.append(diagnostic)
+        """Adds findings; a number that could not be read (E104) is not blamed again."""
+        fresh = [d for d in diagnostics if _place(d) not in self._unread]
+        self._unread |= {_place(d) for d in fresh if d.code == "E104"}
+        self.diagnostics += fresh
 
     def raise_if_any(self) -> None:
         """Raises everything at once, by file and line.
@@ -61,6 +66,10 @@ class Findings:
             order = {name: k for k, name in enumerate(files)}
             unique = dict.fromkeys(self.diagnostics)
             raise InputError(sorted(unique, key=lambda d: (order[d.file], d.line, d.column)))
+
+
+def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
+    return diagnostic.file, diagnostic.line, diagnostic.column
 
 
 def schema_diagnostics(
@@ -98,12 +107,11 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
         return f"must be {_KINDS[kind]}, not {quote(value)}"
     if kind == "literal_error":
         words = [w.strip("'") for w in str(context["expected"]).replace(" or ", ", ").split(", ")]
-        hint = did_you_mean(value, words) if isinstance(value, str) else ""
-        return f"{quote(value)} is not allowed{hint}; allowed: {', '.join(words)}"
+        return f"{quote(value)} is not allowed{suggest(str(value), words)}"
     if kind in ("too_short", "too_long"):
         least, most = context.get("min_length"), context.get("max_length")
         wanted = f"at least {least}" if least is not None else f"at most {most}"
-        return f"a list of {context['actual_length']} is too {kind[4:]}: {wanted}"
+        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted} belong here"
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         bound = next(context[k] for k in ("gt", "ge", "lt", "le") if k in context)
         words_of = {"greater_than": "above", "less_than": "below"}
@@ -116,8 +124,7 @@ def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
     """Returns the message for a key that a mapping does not have."""
     holder = _model_at(model, loc[:-1])
     known = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
-    allowed = f"; allowed: {', '.join(known)}" if known else ""
-    return f"unknown key {quote(loc[-1])}{did_you_mean(str(loc[-1]), known)}{allowed}"
+    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known)}"
 
 
 def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
@@ -128,7 +135,9 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
         if holder is None:
             current = next((a for a in reversed(_arguments(current)) if a is not type(None)), None)
             continue
-        fields = {field.alias or name: field.annotation for name, field in holder.model_fields.items()}
+        fields = {
+            field.alias or name: field.annotation for name, field in holder.model_fields.items()
+        }
         current = fields.get(str(step))
     return _as_model(current)
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from dualarm_cli.errors import InputError, did_you_mean
 from dualarm_cli.loading.diagnostics import Findings, schema_diagnostics
 from dualarm_cli.loading.projects import Project
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc, parse_yaml
 
 KINDS = ("robot/1", "cell/1", "tasks/1")
@@ -45,21 +45,29 @@ def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None
     """Returns place, code and message of what is wrong with a file's kind."""
     wanted = kind or "tasks/1"
     if not isinstance(data, dict):
-        return (), "E200", f"must be a mapping that begins with 'dualarm: {wanted}', not {quote(data)}"
+        return (
+            (),
+            "E200",
+            f"must be a mapping that begins with 'dualarm: {wanted}', not {quote(data)}",
+        )
     if "dualarm" not in data:
-        close = did_you_mean("dualarm", [key for key in data if isinstance(key, str)])
-        found = f" (there is {close.split(maxsplit=3)[3].rstrip('?')})" if close else ""
+        close = [key for key in data if did_you_mean(key, ["dualarm"])]
+        found = f" (there is {quote(close[0])})" if close else ""
         return (), "E202", f"'dualarm' is missing{found}; begin the file with 'dualarm: {wanted}'"
     found_kind = data["dualarm"]
     if found_kind in ((kind,) if kind else KINDS):
         return None
     if found_kind in KINDS:
-        message = f"this is a {str(found_kind).split('/')[0]} file ({found_kind}); needed here: {kind}"
+        message = (
+            f"this is a {str(found_kind).split('/')[0]} file ({found_kind}); needed here: {kind}"
+        )
     elif found_kind in LATER_KINDS:
-        message = f"{found_kind} files are not available in this version; it reads {', '.join(KINDS)}"
+        message = (
+            f"{found_kind} files are not available in this version; it reads {', '.join(KINDS)}"
+        )
     else:
-        hint = did_you_mean(str(found_kind), list(KINDS))
-        message = f"unknown kind {quote(found_kind)}{hint}; this version reads {kind or ', '.join(KINDS)}"
+        hint = suggest(str(found_kind), [kind] if kind else list(KINDS), "this version reads")
+        message = f"unknown kind {quote(found_kind)}{hint}"
     return ("dualarm",), "E200", message
 
 

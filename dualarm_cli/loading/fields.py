@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic.json_schema import WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, core_schema
 
 from dualarm_cli.loading import quantities
 from dualarm_cli.loading.quantities import Dimension, QuantityError, parse_quantity
@@ -32,39 +40,55 @@ class Section(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def _quantity(dimension: Dimension, low: float | None = None, high: float | None = None) -> Any:
-    """Returns the field type of a physical quantity, in SI after validation."""
+@dataclass(frozen=True)
+class Quantity:
+    """Field annotation: a number with or without its unit, in SI after validation."""
 
-    def read(value: object) -> float:
+    dimension: Dimension
+    """What it must be."""
+    low: float = -math.inf
+    """Least value [SI]."""
+    high: float = math.inf
+    """Greatest value [SI]."""
+
+    def read(self, value: object) -> float:
+        """Returns the SI value; raises what pydantic reports."""
         try:
-            number = parse_quantity(value, dimension)
+            number = parse_quantity(value, self.dimension)
         except QuantityError as error:
             raise refuse(str(error)) from None
-        if low is not None and number < low:
-            relation = "positive" if low > 0.0 else f"at least {low:g}"
-            raise refuse(f"{quote(value)}: {dimension.name} must be {relation}")
-        if high is not None and number > high:
-            raise refuse(f"{quote(value)}: {dimension.name} must be at most {high:g}")
+        if number < self.low:
+            relation = "positive" if 0.0 < self.low < 1e-3 else f"at least {self.low:g}"
+            raise refuse(f"{quote(value)}: {self.dimension.name} must be {relation}")
+        if number > self.high:
+            raise refuse(f"{quote(value)}: {self.dimension.name} must be at most {self.high:g}")
         return number
 
-    units = ", ".join(unit for unit in dimension.units if unit)
-    schema = {
-        "anyOf": [{"type": "number"}, {"type": "string"}],
-        "description": f"{dimension.name}: a plain number is {dimension.unit or 'a fraction'}; "
-        f"or text with a unit ({units})",
-    }
-    return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
+    def __get_pydantic_core_schema__(
+        self, source: type[Any], handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Reads the value before pydantic checks that it is a finite float."""
+        return core_schema.no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema: a number, or text with a unit."""
+        units = ", ".join(unit for unit in self.dimension.units if unit)
+        plain = f"a plain number is {self.dimension.unit}" if self.dimension.unit else "a number"
+        note = f"{self.dimension.name}: {plain}" + (f"; units: {units}" if units else "")
+        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": note}
 
 
-Length = _quantity(quantities.LENGTH)
-Distance = _quantity(quantities.LENGTH, 0.0)
-Size = _quantity(quantities.LENGTH, SMALLEST_POSITIVE)
-Angle = _quantity(quantities.ANGLE)
-Duration = _quantity(quantities.TIME, 0.0)
-Mass = _quantity(quantities.MASS, 0.0)
-ToolSpeed = _quantity(quantities.SPEED, 1e-6)
-SpeedFraction = _quantity(quantities.FRACTION, 1e-3, 1.0)
-Scale = _quantity(quantities.FRACTION, SMALLEST_POSITIVE)
+Length = Annotated[float, Quantity(quantities.LENGTH)]
+Distance = Annotated[float, Quantity(quantities.LENGTH, 0.0)]
+Size = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE)]
+Angle = Annotated[float, Quantity(quantities.ANGLE)]
+Duration = Annotated[float, Quantity(quantities.TIME, 0.0)]
+Mass = Annotated[float, Quantity(quantities.MASS, 0.0)]
+ToolSpeed = Annotated[float, Quantity(quantities.SPEED, 1e-6)]
+SpeedFraction = Annotated[float, Quantity(quantities.FRACTION, 1e-3, 1.0)]
+Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
 
 
 def check_name(text: str) -> str:
@@ -88,11 +112,13 @@ Angles3 = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 def _unit_quaternion(values: list[float]) -> list[float]:
     norm = math.sqrt(sum(v * v for v in values))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        raise refuse(f"a quaternion [x, y, z, w] must have length 1, not {norm:.6g}; divide by its length")
+        raise refuse(
+            f"a quaternion [x, y, z, w] must have length 1, not {norm:.6g}; divide by its length"
+        )
     return [v / norm for v in values]
 
 
-QuaternionPart = _quantity(Dimension("quaternion", {"": 1.0}, 10.0))
+QuaternionPart = Annotated[float, Quantity(Dimension("quaternion part", {"": 1.0}, 10.0))]
 Quaternion = Annotated[
     list[QuaternionPart], Field(min_length=4, max_length=4), AfterValidator(_unit_quaternion)
 ]
@@ -101,11 +127,13 @@ Quaternion = Annotated[
 class Pose(Section):
     """A pose: translation, then rotation given by `rpy` or `quat`; what is missing is zero."""
 
-    xyz: Vector3 | None = Field(None, description="Translation [m]; default zero.")
+    xyz: Vector3 | None = Field(default=None, description="Translation [m]; default zero.")
     rpy: Angles3 | None = Field(
-        None, description="Turns about the fixed axes x, then y, then z [rad], as in URDF."
+        default=None, description="Turns about the fixed axes x, then y, then z [rad], as in URDF."
     )
-    quat: Quaternion | None = Field(None, description="Unit quaternion [x, y, z, w] instead of rpy.")
+    quat: Quaternion | None = Field(
+        default=None, description="Unit quaternion [x, y, z, w] instead of rpy."
+    )
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Pose:
@@ -117,4 +145,6 @@ class Pose(Section):
 class FramedPose(Pose):
     """A pose in the world or in a named frame."""
 
-    in_: Name | None = Field(None, alias="in", description="Named frame that it is given in; default world.")
+    in_: Name | None = Field(
+        default=None, alias="in", description="Named frame that it is given in; default world."
+    )

@@ -31,7 +31,9 @@ def check_mesh_file(path: Path, reference: str) -> None:
         BadReferenceError: unreadable, too large, of an unknown kind, or cut off.
     """
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise BadReferenceError(f"{quote(reference)} is no mesh file; allowed: {', '.join(MESH_SUFFIXES)}")
+        raise BadReferenceError(
+            f"{quote(reference)} is no mesh file; allowed: {', '.join(MESH_SUFFIXES)}"
+        )
     try:
         data = read_bytes(path, reference, MAX_MESH_BYTES)
     except InputError as error:
@@ -39,10 +41,13 @@ def check_mesh_file(path: Path, reference: str) -> None:
     if not data:
         raise BadReferenceError(f"{quote(reference)} is empty")
     if path.suffix.lower() == ".stl" and not data.lstrip().startswith(b"solid"):
-        count = struct.unpack_from("<I", data, _STL_HEADER - 4)[0] if len(data) >= _STL_HEADER else 0
+        count = (
+            struct.unpack_from("<I", data, _STL_HEADER - 4)[0] if len(data) >= _STL_HEADER else 0
+        )
         if count == 0 or len(data) < _STL_HEADER + _STL_TRIANGLE * count:
             raise BadReferenceError(
-                f"{quote(reference)} is not a whole STL file: {count} triangles in {len(data)} bytes"
+                f"{quote(reference)} is not a whole STL file: "
+                f"{count} triangles in {len(data)} bytes"
             )
 
 

@@ -11,7 +11,8 @@ from dualarm_cli.loading.fields import Pose
 def to_se3(pose: Pose) -> pin.SE3:
     """Returns the transform T_parent_child that a file's pose describes.
 
-    `rpy` turns about the parent's fixed axes x, then y, then z: R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF.
+    `rpy` turns about the parent's fixed axes x, then y, then z, as in URDF:
+    R = Rz(yaw) Ry(pitch) Rx(roll).
 
     Args:
         pose: translation [m] and rotation [rad]; what is missing is zero.

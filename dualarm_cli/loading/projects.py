@@ -1,4 +1,4 @@
-"""Project: the folder that a job's files must stay in, and the record of the files that were read."""
+"""Project: the folder that a job's files must stay in, and a record of what was read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bundled import robots_folder
 from dualarm_cli.loading.text_source import TextSource, quote, read_text
 
@@ -33,8 +34,15 @@ class Project:
 
         Args:
             path: a task, cell or robot file; it need not exist.
+
+        Raises:
+            InputError: no file can have that name.
         """
-        resolved = Path(os.path.realpath(path))
+        try:
+            resolved = Path(os.path.realpath(path))
+        except ValueError:
+            message = f"{quote(str(path))} is not the name of a file"
+            raise InputError([Diagnostic(quote(str(path)), 0, 0, "E500", message)]) from None
         for folder in resolved.parents:
             if any((folder / marker).exists() for marker in _MARKERS):
                 return cls(folder)
@@ -77,7 +85,9 @@ class Project:
             BadReferenceError: it is absolute, a URL, leads out of the project, or is no file.
         """
         if "://" in reference or reference.startswith(("/", "~")) or "\\" in reference:
-            raise BadReferenceError(f"{quote(reference)} must be a relative path with forward slashes")
+            raise BadReferenceError(
+                f"{quote(reference)} must be a relative path with forward slashes"
+            )
         if not reference.strip() or "\0" in reference:
             raise BadReferenceError(f"{quote(reference)} is not the path of a file")
         path = holder.parent / reference
@@ -96,6 +106,8 @@ def _existing(path: Path, reference: str) -> None:
         exists = path.exists()
     except OSError as error:
         raise BadReferenceError(f"{quote(reference)}: {error.strerror}") from None
+    if exists and path.is_dir():
+        raise BadReferenceError(f"{quote(reference)} is a directory; name a file in it")
     if not exists:
         raise BadReferenceError(f"there is no file {quote(reference)} here")
 

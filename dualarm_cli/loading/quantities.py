@@ -6,20 +6,20 @@ import math
 import re
 from dataclasses import dataclass
 
-from dualarm_cli.errors import did_you_mean
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 
 _NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
-_QUANTITY = re.compile(rf"({_NUMBER})\s*([A-Za-z%][A-Za-z0-9/^%]*)?", re.ASCII)
+_QUANTITY = re.compile(rf"({_NUMBER})\s*([A-WYZa-wyz%][A-Za-z0-9/^%]*)?", re.ASCII)
 _POWER = re.compile(r"s([23])$")
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"([-+]?[0-9]+),([0-9]+)(.*)", re.ASCII | re.DOTALL)
 _MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\u2014\ufe63\uff0d"
 _SPELLING = str.maketrans({"²": "^2", "³": "^3", "µ": "u", "μ": "u", "°": "deg", "\xa0": " "})
+_SMALLEST = 1e-100
 _DEG = math.pi / 180.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dimension:
     """A physical quantity: its units, and the sizes that make sense."""
 
@@ -68,12 +68,14 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
         known = [name for name in dimension.units if name]
         raise QuantityError(
             f"unit {quote(unit)} in {quote(value)} is not one of {dimension.name}"
-            f"{did_you_mean(unit, known)}; allowed: {', '.join(known)}"
+            f"{suggest(unit, known)}"
         )
     result = number * dimension.units[unit]
     if not math.isfinite(result) or abs(result) > dimension.limit:
-        span = f"{dimension.limit:g} {dimension.unit}".strip()
-        raise QuantityError(f"{quote(value)} is outside -{span} to {span}")
+        span = f"-{dimension.limit:g} to {dimension.limit:g} {dimension.unit}".strip()
+        raise QuantityError(f"{quote(value)} is outside the range of {dimension.name}: {span}")
+    if 0.0 < abs(result) < _SMALLEST:
+        raise QuantityError(f"{quote(value)} is too small to be meant; write 0")
     return result + 0.0  # -0.0 becomes 0.0
 
 

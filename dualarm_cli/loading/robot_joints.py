@@ -43,7 +43,9 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
     arms = file_arms(model)
     if not arms:
         findings.add(document, ("arms",), "has no arm; give left, right or both", "E202")
-    places: list[tuple[Loc, str]] = [(("platform", k), name) for k, name in enumerate(model.platform)]
+    places: list[tuple[Loc, str]] = [
+        (("platform", k), name) for k, name in enumerate(model.platform)
+    ]
     for side, arm in arms.items():
         places += [(("arms", side, "joints", k), name) for k, name in enumerate(arm.joints)]
     first: dict[str, int] = {}
@@ -109,13 +111,21 @@ def joint_limits(
         loc: Loc = ("limits", joint.name)
         linear, angular = quantities.ACCELERATION, quantities.ANGULAR_ACCELERATION
         acceleration = _rate(
-            document, (*loc, "acceleration"), section.acceleration, linear if joint.slides else angular, findings
+            document,
+            (*loc, "acceleration"),
+            section.acceleration,
+            linear if joint.slides else angular,
+            findings,
         )
         linear, angular = quantities.JERK, quantities.ANGULAR_JERK
         jerk: float | None = math.inf
         if section.jerk is not None:
             jerk = _rate(
-                document, (*loc, "jerk"), section.jerk, linear if joint.slides else angular, findings
+                document,
+                (*loc, "jerk"),
+                section.jerk,
+                linear if joint.slides else angular,
+                findings,
             )
         if acceleration is not None and jerk is not None:
             rows.append((acceleration, jerk, section.source))
@@ -157,7 +167,8 @@ def posture_positions(
     """Returns the named postures, home among them, each of shape (n,) over the moving joints."""
     columns = {joint.name: k for k, joint in enumerate(joints)}
     postures = {}
-    for posture, positions in ({"home": {}} | model.postures).items():
+    sections: dict[str, dict[str, object]] = {"home": {}, **model.postures}
+    for posture, positions in sections.items():
         if posture == "free":
             message = "'free' cannot name a posture; it lets the planner choose the start"
             findings.add(document, ("postures", posture), message, key=True)
@@ -165,7 +176,8 @@ def posture_positions(
         for name, value in positions.items():
             loc: Loc = ("postures", posture, name)
             if name not in columns:
-                message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, list(columns))}"
+                hint = did_you_mean(name, list(columns))
+                message = f"{quote(name)} is no joint of platform or arms{hint}"
                 findings.add(document, loc, message, key=True)
                 continue
             position = joint_position(document, loc, value, joints[columns[name]], findings)
@@ -212,7 +224,9 @@ def joint_position(
         span = f"{joint.lower:.6g} to {joint.upper:.6g} {dimension.unit}"
         if not joint.slides:
             span += f" ({math.degrees(joint.lower):.6g} to {math.degrees(joint.upper):.6g} deg)"
-        findings.add(document, loc, f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}")
+        findings.add(
+            document, loc, f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
+        )
         return None
     # What lies outside by rounding only is put onto the limit.
     return min(max(position, joint.lower), joint.upper)

@@ -39,11 +39,18 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         urdf = read_urdf(TextSource(robot.name, robot.urdf, ""))
         members[side] = (urdf.root, urdf.root_link, bases[side])
     arms = tuple(
-        Arm(side, tuple(f"{side}_{j}" for j in r.arms[0].joints), f"{side}_{r.arms[0].flange}", r.arms[0].kind)
+        Arm(
+            side,
+            tuple(f"{side}_{j}" for j in r.arms[0].joints),
+            f"{side}_{r.arms[0].flange}",
+            r.arms[0].kind,
+        )
         for side, r in robots.items()
     )
     names = [*left.postures, *(name for name in right.postures if name not in left.postures)]
-    postures = {name: np.concatenate([_posture(r, name) for r in robots.values()]) for name in names}
+    postures = {
+        name: np.concatenate([_posture(r, name) for r in robots.values()]) for name in names
+    }
     title = f"{left.name} and {right.name}"
     return Robot(title, write_pair(members), (), arms, _joined_limits(robots), postures)
 

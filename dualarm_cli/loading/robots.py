@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bundled import ROBOT_FILE, bundled_robots, robots_folder
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
@@ -23,7 +23,7 @@ from dualarm_cli.loading.robot_joints import (
     posture_positions,
 )
 from dualarm_cli.loading.schema_robot import RobotFile
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
 from dualarm_cli.loading.urdf_writer import write_urdf
 from dualarm_cli.loading.yaml_source import Document
@@ -69,13 +69,15 @@ def load_robot(name_or_path: str | Path, relative_to: Path | None = None) -> Loa
     try:
         if relative_to is not None:
             place = find_robot(Project.of(relative_to), reference, relative_to, str(relative_to))
-        elif _is_path(reference):
+        elif isinstance(name_or_path, Path) or _is_path(reference):
             path = Path(reference)
             place = RobotFilePlace(Project.of(path), path, reference)
         else:
             place = _find_bundled(Project(Path.cwd()), reference)
     except BadReferenceError as error:
-        raise InputError([Diagnostic(str(relative_to or reference), 0, 0, "E500", str(error))]) from None
+        raise InputError(
+            [Diagnostic(str(relative_to or reference), 0, 0, "E500", str(error))]
+        ) from None
     robot, notes = build_robot(place)
     return LoadedRobot(robot, dict(place.project.inputs), notes)
 
@@ -106,8 +108,8 @@ def _find_bundled(project: Project, name: str) -> RobotFilePlace:
     known = bundled_robots()
     if name not in known:
         raise BadReferenceError(
-            f"no bundled robot {quote(name)}{did_you_mean(name, known)}; bundled: "
-            f"{', '.join(known) or 'none'}; the path of a robot file ends with .yaml"
+            f"no bundled robot {quote(name)}{suggest(name, known, 'bundled')}; "
+            "the path of a robot file ends with .yaml"
         )
     path = robots_folder() / name / ROBOT_FILE
     return RobotFilePlace(project.bundled(), path, f"robots/{name}/{ROBOT_FILE}")
@@ -190,7 +192,9 @@ def _check_readable(urdf: Urdf, text: str, count: int) -> None:
 def _fixed_note(urdf: Urdf, joints: list[UrdfJoint]) -> list[str]:
     """Returns a note on joints of the URDF that neither platform nor arms name."""
     moving = {joint.name for joint in joints}
-    fixed = [j.name for j in urdf.joints.values() if j.get("type") != "fixed" and j.name not in moving]
+    fixed = [
+        j.name for j in urdf.joints.values() if j.get("type") != "fixed" and j.name not in moving
+    ]
     if not fixed:
         return []
     return [f"joints that neither platform nor arms name are fixed at 0: {', '.join(fixed)}"]

@@ -40,7 +40,7 @@ class MeshSection(Section):
     """A triangle mesh from a file."""
 
     file: Name = Field(description="Path of an STL, OBJ, PLY or DAE file, relative to this file.")
-    scale: Scale = Field(1.0, description="Factor from the file's unit to m.")
+    scale: Scale = Field(default=1.0, description="Factor from the file's unit to m.")
 
 
 def _radius(value: object) -> object:
@@ -59,27 +59,27 @@ class ShapeSection(FramedPose):
     """A solid and where it sits; exactly one kind of solid."""
 
     box: Annotated[list[Size], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="Full sides along x, y, z [m]."
+        default=None, description="Full sides along x, y, z [m]."
     )
     sphere: Annotated[SphereSection, BeforeValidator(_radius)] | None = Field(
-        None, description="Radius [m], alone or as {radius: …}."
+        default=None, description="Radius [m], alone or as {radius: …}."
     )
-    cylinder: RoundSection | None = Field(None, description="Cylinder about z.")
-    capsule: RoundSection | None = Field(None, description="Capsule about z.")
+    cylinder: RoundSection | None = Field(default=None, description="Cylinder about z.")
+    capsule: RoundSection | None = Field(default=None, description="Capsule about z.")
     half_space: Annotated[Literal[True], BeforeValidator(_half_space)] | None = Field(
-        None, description="true: everything below the plane z = 0 of its pose."
+        default=None, description="true: everything below the plane z = 0 of its pose."
     )
     mesh: Annotated[MeshSection, BeforeValidator(_mesh)] | None = Field(
-        None, description="Mesh file, alone or as {file: …, scale: …}."
+        default=None, description="Mesh file, alone or as {file: …, scale: …}."
     )
 
     @model_validator(mode="after")
     def _one_kind(self) -> ShapeSection:
         given = [kind for kind in SHAPE_KINDS if getattr(self, kind) is not None]
         if not given:
-            raise refuse(f"has no shape; give one of {', '.join(SHAPE_KINDS)}")
+            raise refuse(f"no shape; give one of {', '.join(SHAPE_KINDS)}")
         if len(given) > 1:
-            raise refuse(f"has more than one shape: {', '.join(given)}; keep one", given[1])
+            raise refuse(f"more than one shape: {', '.join(given)}; keep one", given[1])
         return self
 
 
@@ -102,8 +102,8 @@ class ObstacleSection(ShapeSection):
 class ToolSection(Section):
     """What an arm carries on its flange."""
 
-    tcp: Pose = Field(default_factory=Pose, description="Tool centre point in the flange frame.")
-    mass: Mass = Field(0.0, description="Mass [kg].")
+    tcp: Pose = Field(default=Pose(), description="Tool centre point in the flange frame.")
+    mass: Mass = Field(default=0.0, description="Mass [kg].")
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
     )
@@ -112,15 +112,15 @@ class ToolSection(Section):
 class ToolsSection(Section):
     """The tool of each arm."""
 
-    left: ToolSection | None = Field(None, description="Tool of the left arm.")
-    right: ToolSection | None = Field(None, description="Tool of the right arm.")
+    left: ToolSection | None = Field(default=None, description="Tool of the left arm.")
+    right: ToolSection | None = Field(default=None, description="Tool of the right arm.")
 
 
 class LimitsSection(Section):
     """Caps for the whole cell."""
 
     tool_speed: ToolSpeed | None = Field(
-        None, description="Cap on the speed of every tool centre point [m/s]."
+        default=None, description="Cap on the speed of every tool centre point [m/s]."
     )
 
 
@@ -128,7 +128,7 @@ class PairMemberSection(Section):
     """One of two robots that make the cell together."""
 
     robot: Name = Field(description="Bundled robot's name, or path of a robot file.")
-    base: Pose = Field(default_factory=Pose, description="Its root link in the cell.")
+    base: Pose = Field(default=Pose(), description="Its root link in the cell.")
 
 
 class PairSection(Section):
@@ -138,16 +138,21 @@ class PairSection(Section):
     right: PairMemberSection = Field(description="The robot that is the right arm.")
 
 
+def _robot_schema(schema: dict[str, Any]) -> None:
+    """Describes `robot`, which is validated by hand because a union's errors lose their place."""
+    schema["anyOf"] = [{"type": "string"}, PairSection.model_json_schema()]
+
+
 class CellFile(Section):
     """A cell: a robot at its place, tools, named frames and obstacles."""
 
     dualarm: Literal["cell/1"] = Field(description="Kind and version of the file.")
     robot: Any = Field(
-        description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two robots.",
-        json_schema_extra={"anyOf": [{"type": "string"}, PairSection.model_json_schema()]},
+        description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
+        json_schema_extra=_robot_schema,
     )
-    base: Pose = Field(default_factory=Pose, description="The robot's root link in the world.")
-    tools: ToolsSection = Field(default_factory=ToolsSection, description="Tools by arm.")
+    base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
+    tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")
     frames: dict[Name, FramedPose] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )
@@ -155,6 +160,6 @@ class CellFile(Section):
         default_factory=list, description="Fixed solids that must not be touched."
     )
     clearance: Distance = Field(
-        0.0, description="Least distance between everything that may not touch [m]."
+        default=0.0, description="Least distance between everything that may not touch [m]."
     )
-    limits: LimitsSection = Field(default_factory=LimitsSection, description="Caps for the whole cell.")
+    limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")

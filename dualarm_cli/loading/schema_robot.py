@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
+from pydantic.config import JsonDict
 
 from dualarm_cli.loading import quantities
 from dualarm_cli.loading.fields import Name, Section
 
-RATE = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 
 
 class ArmSection(Section):
@@ -27,20 +28,20 @@ class ArmSection(Section):
 class ArmsSection(Section):
     """The robot's arms: two, or one."""
 
-    left: ArmSection | None = Field(None, description="The left arm.")
-    right: ArmSection | None = Field(None, description="The right arm.")
+    left: ArmSection | None = Field(default=None, description="The left arm.")
+    right: ArmSection | None = Field(default=None, description="The right arm.")
 
 
 class LimitSection(Section):
     """What a joint may do besides position and velocity, which come from the URDF."""
 
     acceleration: Any = Field(
-        None,
-        description=f"Largest acceleration; a plain number is {quantities.ANGULAR_ACCELERATION.unit}.",
+        default=None,
+        description=f"Largest acceleration; a number is in {quantities.ANGULAR_ACCELERATION.unit}.",
         json_schema_extra=RATE,
     )
     jerk: Any = Field(
-        None,
+        default=None,
         description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit}; "
         "without it jerk is not limited.",
         json_schema_extra=RATE,
@@ -57,7 +58,8 @@ class RobotFile(Section):
     name: Name = Field(description="What people call the robot.")
     urdf: Name = Field(description="Path of its URDF, relative to this file.")
     platform: Annotated[list[Name], Field(max_length=2)] = Field(
-        default_factory=list, description="Joints that carry both arms, world side first: none, one or two."
+        default_factory=list,
+        description="Joints that carry both arms, world side first: none, one or two.",
     )
     arms: ArmsSection = Field(description="Its arms: left, right or both.")
     limits: dict[Name, LimitSection] = Field(
@@ -65,5 +67,5 @@ class RobotFile(Section):
     )
     postures: dict[Name, dict[Name, Any]] = Field(
         default_factory=dict,
-        description="Named postures: joint positions [rad, or m where it slides]; joints not named are 0.",
+        description="Named postures: joint positions [rad, or m]; joints not named are 0.",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
+from pydantic.config import JsonDict
 
 from dualarm_cli.loading.fields import (
     Distance,
@@ -17,7 +18,7 @@ from dualarm_cli.loading.fields import (
 )
 from dualarm_cli.loading.schema_cell import LimitsSection
 
-CONFIGURATIONS = {
+CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
     "type": "array",
 }
@@ -27,9 +28,11 @@ _KINDS = ("pick", "place", "move", "coordinate", "path")
 class DwellSection(Section):
     """How long the tool stands still, and for what."""
 
-    gripper: Duration = Field(0.0, description="Time of the gripper [s].")
-    settle: Duration = Field(0.0, description="Time for the arm to come to rest [s].")
-    handshake: Duration = Field(0.0, description="Time for signals of the cell's controller [s].")
+    gripper: Duration = Field(default=0.0, description="Time of the gripper [s].")
+    settle: Duration = Field(default=0.0, description="Time for the arm to come to rest [s].")
+    handshake: Duration = Field(
+        default=0.0, description="Time for signals of the cell's controller [s]."
+    )
 
 
 def _one_number(value: object) -> object:
@@ -42,15 +45,19 @@ Dwell = Annotated[DwellSection, BeforeValidator(_one_number)]
 class TargetSection(FramedPose):
     """Where the tool centre point shall be: a pose, or joint configurations of the arm."""
 
-    at: Name | None = Field(None, description="Named frame that the pose is given in; same as `in`.")
+    at: Name | None = Field(
+        default=None, description="Named frame that the pose is given in; same as `in`."
+    )
     free: Literal["yaw"] | None = Field(
-        None, description="yaw: any turn about the tool's z axis will do."
+        default=None, description="yaw: any turn about the tool's z axis will do."
     )
     symmetry: Annotated[int, Field(ge=1, le=360)] | None = Field(
-        None, description="Turns by a full turn divided by this number are equally good."
+        default=None, description="Turns by a full turn divided by this number are equally good."
     )
     joints: Annotated[list[Any], Field(min_length=1, max_length=1000)] | None = Field(
-        None, description="Joint configurations instead of a pose.", json_schema_extra=CONFIGURATIONS
+        default=None,
+        description="Joint configurations instead of a pose.",
+        json_schema_extra=CONFIGURATIONS,
     )
 
     @model_validator(mode="after")
@@ -60,7 +67,7 @@ class TargetSection(FramedPose):
                 if getattr(self, "in_" if key == "in" else key) is not None:
                     raise refuse(f"'{key}' does not go with 'joints', which say everything", key)
         elif self.xyz is None:
-            raise refuse("has no target; give xyz, with rpy or quat, or joints")
+            raise refuse("no target; give xyz, with rpy or quat, or joints")
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
         return self
@@ -70,28 +77,36 @@ class TaskSection(Section):
     """One thing to be done: a pick and a place, or a bare move."""
 
     id: Name = Field(description="Unique name.")
-    arm: Literal["left", "right", "any"] | None = Field(None, description="The arm that does it.")
+    arm: Literal["left", "right", "any"] | None = Field(
+        default=None, description="The arm that does it."
+    )
     after: list[Name] = Field(
         default_factory=list, description="Tasks to be done before, for order: optimise."
     )
-    pick: TargetSection | None = Field(None, description="Where the part is taken.")
-    place: TargetSection | None = Field(None, description="Where the part is put.")
-    move: TargetSection | None = Field(None, description="Where the tool just goes.")
+    pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
+    place: TargetSection | None = Field(default=None, description="Where the part is put.")
+    move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
     coordinate: dict[str, Any] | None = Field(
-        None, description="Both arms on one part (not available in this version)."
+        default=None, description="Both arms on one part (not available in this version)."
     )
     path: dict[str, Any] | None = Field(
-        None, description="A path of the tool (not available in this version)."
+        default=None, description="A path of the tool (not available in this version)."
     )
-    approach: Distance | None = Field(None, description="Straight approach along the tool's z axis [m].")
-    retract: Distance | None = Field(None, description="Straight retract along the tool's z axis [m].")
-    dwell: Dwell | None = Field(None, description="Time at each target [s], one number or its shares.")
+    approach: Distance | None = Field(
+        default=None, description="Straight approach along the tool's z axis [m]."
+    )
+    retract: Distance | None = Field(
+        default=None, description="Straight retract along the tool's z axis [m]."
+    )
+    dwell: Dwell | None = Field(
+        default=None, description="Time at each target [s], one number or its shares."
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskSection:
         given = [key for key in _KINDS if getattr(self, key) is not None]
         if not given:
-            raise refuse("has nothing to do; give pick and place, or move")
+            raise refuse("nothing to do; give pick and place, or move")
         if len(given) > 1 and given != ["pick", "place"]:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
         if self.arm is None and given[0] not in ("coordinate", "path"):
@@ -102,15 +117,21 @@ class TaskSection(Section):
 class DefaultsSection(Section):
     """What holds for every pick and place that does not say otherwise."""
 
-    approach: Distance = Field(0.0, description="Straight approach along the tool's z axis [m].")
-    retract: Distance = Field(0.0, description="Straight retract along the tool's z axis [m].")
-    dwell: Dwell = Field(default_factory=DwellSection, description="Time at each target [s].")
-    straight: Distance | None = Field(None, description="How much of a line must be straight [m].")
+    approach: Distance = Field(
+        default=0.0, description="Straight approach along the tool's z axis [m]."
+    )
+    retract: Distance = Field(
+        default=0.0, description="Straight retract along the tool's z axis [m]."
+    )
+    dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
+    straight: Distance | None = Field(
+        default=None, description="How much of a line must be straight [m]."
+    )
     dwell_motion: Literal["allowed", "forbidden"] | None = Field(
-        None, description="Whether the platform may turn while tools dwell."
+        default=None, description="Whether the platform may turn while tools dwell."
     )
     line_motion: Literal["allowed", "forbidden"] | None = Field(
-        None, description="Whether the platform may turn during lines."
+        default=None, description="Whether the platform may turn during lines."
     )
 
 
@@ -120,16 +141,23 @@ class TasksFile(Section):
     dualarm: Literal["tasks/1"] = Field(description="Kind and version of the file.")
     cell: Name = Field(description="Path of the cell file, relative to this file.")
     mode: Literal["paired", "free"] = Field(
-        "paired", description="paired: both arms start each stage together; free: each on its own clock."
+        default="paired",
+        description="paired: both arms start each stage together; free: each on its own clock.",
     )
-    order: Literal["given", "optimise"] = Field("given", description="Who chooses the order of the tasks.")
-    start: Name = Field("home", description="Posture in which the motion starts, or free.")
+    order: Literal["given", "optimise"] = Field(
+        default="given", description="Who chooses the order of the tasks."
+    )
+    start: Name = Field(default="home", description="Posture in which the motion starts, or free.")
     return_: bool = Field(
-        False, alias="return", description="Whether the motion ends where it started."
+        default=False, alias="return", description="Whether the motion ends where it started."
     )
-    speed: SpeedFraction = Field(1.0, description="Fraction of full speed for the whole plan.")
-    limits: LimitsSection = Field(default_factory=LimitsSection, description="Caps for these tasks.")
+    speed: SpeedFraction = Field(
+        default=1.0, description="Fraction of full speed for the whole plan."
+    )
+    limits: LimitsSection = Field(default=LimitsSection(), description="Caps for these tasks.")
     defaults: DefaultsSection = Field(
-        default_factory=DefaultsSection, description="What tasks have that do not say otherwise."
+        default=DefaultsSection(), description="What tasks have that do not say otherwise."
     )
-    tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(description="The tasks, in order.")
+    tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
+        description="The tasks, in order."
+    )

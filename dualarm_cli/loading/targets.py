@@ -51,7 +51,9 @@ class TargetReader:
         pose: pin.SE3 = T_world_frame * to_se3(section)
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
 
-    def _configurations(self, values: list[object], loc: Loc, joints: list[UrdfJoint]) -> Target | None:
+    def _configurations(
+        self, values: list[object], loc: Loc, joints: list[UrdfJoint]
+    ) -> Target | None:
         """Returns alternatives to choose from; a flat list is one."""
         if not any(isinstance(value, list) for value in values):
             rows = [self._configuration(values, loc, joints)]

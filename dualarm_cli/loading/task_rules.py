@@ -1,4 +1,4 @@
-"""Rules across tasks: unique ids, precedence without cycles, what this version does not plan yet."""
+"""Rules across tasks: unique ids, precedence without cycles, what cannot be planned yet."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ def permission_notes(model: TasksFile) -> list[str]:
     """Returns notes on what the file permits or demands and the present planner does not use."""
     defaults, notes = model.defaults, []
     if defaults.straight is not None:
-        notes.append("straight: not used; every approach and retract is straight over its whole length")
+        notes.append(
+            "straight: not used; every approach and retract is straight over its whole length"
+        )
     for key in ("dwell_motion", "line_motion"):
         if getattr(defaults, key) == "allowed":
             during = "dwells" if key == "dwell_motion" else "lines"
@@ -67,7 +69,9 @@ def permission_notes(model: TasksFile) -> list[str]:
     return notes
 
 
-def _check_precedence(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
+def _check_precedence(
+    document: Document, tasks: Mapping[int, TaskSection], findings: Findings
+) -> None:
     raw = document.data.get("tasks")
     entries = raw if isinstance(raw, list) else []
     known = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
@@ -87,11 +91,13 @@ def _check_precedence(document: Document, tasks: Mapping[int, TaskSection], find
     ring = _find_ring(before)
     if ring:
         text = " after ".join(quote(name) for name in [*ring, ring[0]])
-        findings.add(document, ("tasks", index_of[ring[0]], "after"), f"tasks wait for each other: {text}")
+        findings.add(
+            document, ("tasks", index_of[ring[0]], "after"), f"tasks wait for each other: {text}"
+        )
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:
-    """Returns one ring of tasks that wait for each other, or nothing; iterative, for long chains."""
+    """Returns one ring of tasks that wait for each other, or nothing; no recursion."""
     done: set[str] = set()
     for start in before:
         path, branches = [start], [iter(before[start])]

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from dualarm_cli.errors import InputError, did_you_mean
+from dualarm_cli.errors import InputError
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
-from dualarm_cli.loading.schema_tasks import DwellSection, TaskSection, TasksFile
+from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Action, Dwell, Job, Place, Stop, Task
@@ -43,13 +43,15 @@ def load_job(path: str | Path) -> Job:
     if model is not None:
         check_settings(document, model, findings)
     loaded = _load_cell(project, document, Path(path), findings)
+    tasks: tuple[Task, ...] = ()
+    if loaded is not None:
+        _check_start(document, loaded[0], findings)
+        defaults = model.defaults if model is not None else DefaultsSection()
+        tasks = _TaskReader(document, defaults, loaded[0], findings).tasks(sections)
+    findings.raise_if_any()
     if model is None or loaded is None:
-        findings.raise_if_any()
         raise InputError(findings.diagnostics)
     cell, notes = loaded
-    _check_start(document, model, cell, findings)
-    tasks = _TaskReader(document, model, cell, findings).tasks(sections)
-    findings.raise_if_any()
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
     return Job(
         cell,
@@ -94,12 +96,13 @@ def _load_cell(
     return None
 
 
-def _check_start(document: Document, model: TasksFile, cell: Cell, findings: Findings) -> None:
+def _check_start(document: Document, cell: Cell, findings: Findings) -> None:
     known = [*cell.robot.postures, FREE_START]
-    if model.start not in known:
+    start = document.data.get("start", "home")
+    if isinstance(start, str) and start not in known:
         message = (
-            f"{cell.robot.name} has no posture {quote(model.start)}{did_you_mean(model.start, known)}; "
-            f"it has {', '.join(cell.robot.postures)}; or 'free'"
+            f"{cell.robot.name} has no posture {quote(start)}"
+            f"{suggest(start, known, 'choose one of')}"
         )
         findings.add(document, ("start",), message)
 
@@ -107,9 +110,11 @@ def _check_start(document: Document, model: TasksFile, cell: Cell, findings: Fin
 class _TaskReader:
     """Turns the tasks of one file into nouns."""
 
-    def __init__(self, document: Document, model: TasksFile, cell: Cell, findings: Findings) -> None:
+    def __init__(
+        self, document: Document, defaults: DefaultsSection, cell: Cell, findings: Findings
+    ) -> None:
         self._document, self._findings = document, findings
-        self._defaults, self._robot = model.defaults, cell.robot
+        self._defaults, self._robot = defaults, cell.robot
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
 
@@ -121,7 +126,9 @@ class _TaskReader:
             if section.arm is None or section.arm == "any":
                 continue
             if section.arm not in self._arms:
-                message = f"{self._robot.name} has no {section.arm} arm; it has {', '.join(self._arms)}"
+                message = (
+                    f"{self._robot.name} has no {section.arm} arm; it has {', '.join(self._arms)}"
+                )
                 self._findings.add(self._document, (*loc, "arm"), message)
                 continue
             stops = self._stops(section, loc, section.arm)
@@ -139,7 +146,9 @@ class _TaskReader:
                 continue
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
-            stops.append(Stop(action, target, *self._surroundings(section, action == "move"), place))
+            stops.append(
+                Stop(action, target, *self._surroundings(section, action == "move"), place)
+            )
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:

@@ -1,4 +1,4 @@
-"""TextSource: an input file read safely, with its lines for messages and its hash for provenance."""
+"""TextSource: an input file read safely, with its lines and its hash."""
 
 from __future__ import annotations
 
@@ -10,18 +10,29 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 
 MAX_FILE_BYTES = 5_000_000
 """Largest input file that is read [bytes]."""
+MAX_LISTED = 12
+"""Most names that a message lists."""
 _SNIPPET_LENGTH = 160
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-# U+0085, U+2028 and U+2029 end a line for some YAML parsers and not for others, and line numbers with it.
+# U+0085, U+2028 and U+2029 end a line for some parsers only; line numbers would differ.
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
 
 
+def suggest(word: str, known: list[str], label: str = "allowed") -> str:
+    """Returns the end of a message about an unknown word: the closest known one, then all."""
+    shown = ", ".join(known[:MAX_LISTED]) or "none"
+    more = f" and {len(known) - MAX_LISTED} more" if len(known) > MAX_LISTED else ""
+    hint = did_you_mean(word, known)
+    joint = f"{hint} {label.capitalize()}" if hint else f"; {label}"
+    return f"{joint}: {shown}{more}"
+
+
 def quote(value: object) -> str:
-    """Returns a value as a message shows it: quoted text, on one line, not too long, without controls."""
+    """Returns a value as a message shows it: on one line, not too long, without controls."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -53,11 +64,13 @@ class TextSource:
         return self.text.split("\n")
 
     def snippet(self, line: int) -> str:
-        """Returns a source line fit for a terminal: tabs and controls replaced one for one, cut off."""
+        """Returns a source line fit for a terminal: controls replaced one for one, cut off."""
         if not 1 <= line <= len(self.lines):
             return ""
         text = self.lines[line - 1][:_SNIPPET_LENGTH]
-        return "".join(c if c.isprintable() else " " if c == "\t" else "\N{MIDDLE DOT}" for c in text)
+        return "".join(
+            c if c.isprintable() else " " if c == "\t" else "\N{MIDDLE DOT}" for c in text
+        )
 
     def diagnostic(self, line: int, column: int, code: str, message: str) -> Diagnostic:
         """Returns a diagnostic at a place of this file, with its snippet."""
@@ -79,21 +92,26 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
         # Without O_NONBLOCK opening a FIFO would wait for a writer for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a file name"
+        reason = error.strerror if isinstance(error, OSError) else "not the name of a file"
         raise _file_error(name, f"cannot be read: {reason}") from None
+    status = os.fstat(descriptor)
+    if stat.S_ISDIR(status.st_mode):
+        os.close(descriptor)
+        raise _file_error(name, "is a directory; name a file in it")
     with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(file.fileno())
-        if stat.S_ISDIR(status.st_mode):
-            raise _file_error(name, "is a directory; name a file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise _file_error(name, "is not a regular file (a pipe or a device); save it to a file first")
+            raise _file_error(
+                name, "is not a regular file (a pipe or a device); save it to a file first"
+            )
         try:
             data = file.read(limit + 1) if status.st_size <= limit else b""
         except OSError as error:
             raise _file_error(name, f"cannot be read: {error.strerror}") from None
     if status.st_size > limit or len(data) > limit:
         size = max(status.st_size, len(data))
-        raise _file_error(name, f"has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are read", "E100")
+        raise _file_error(
+            name, f"has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are read", "E100"
+        )
     return data
 
 

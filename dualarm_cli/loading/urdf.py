@@ -1,4 +1,4 @@
-"""URDF: checked in every point that could mislead a parser, then written anew with the robot's joints only."""
+"""URDF: checked in every point that could mislead a parser or a planner."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dualarm_cli.errors import did_you_mean
-from dualarm_cli.loading.text_source import TextSource, quote
+from dualarm_cli.loading.text_source import TextSource, quote, suggest
 from dualarm_cli.loading.urdf_shapes import check_link
 from dualarm_cli.loading.urdf_tree import Element, UrdfFindings, parse_xml
 
@@ -75,6 +75,10 @@ def read_urdf(source: TextSource) -> Urdf:
     if root.tag != "robot":
         findings.add(root, f"root element must be <robot>, not <{root.tag}>")
         findings.raise_if_any()
+    xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
+    if xacro is not None:
+        findings.add(xacro, f"<{xacro.tag}>: this is a xacro file; expand it to URDF first")
+        findings.raise_if_any()
     links = _by_name(root, "link", findings)
     joints = _by_name(root, "joint", findings)
     if not links:
@@ -97,7 +101,9 @@ def _by_name(root: Element, tag: str, findings: UrdfFindings) -> dict[str, Eleme
         if not name or not name.isprintable() or name != name.strip():
             findings.add(element, f"<{tag}> needs a printable name, not {quote(name)}")
         elif name in found:
-            findings.add(element, f"duplicate {tag} {quote(name)}, first at line {found[name].line}")
+            findings.add(
+                element, f"duplicate {tag} {quote(name)}, first at line {found[name].line}"
+            )
         else:
             found[name] = element
     return found
@@ -107,12 +113,12 @@ def _check_joint(joint: Element, links: dict[str, Element], findings: UrdfFindin
     what = f"joint {quote(joint.name)}"
     kind = joint.get("type")
     if kind not in _TYPES:
-        hint = did_you_mean(kind, list(_TYPES))
-        findings.add(joint, f"{what}: type {quote(kind)} is not known{hint}; allowed: {', '.join(_TYPES)}")
+        hint = suggest(kind, list(_TYPES))
+        findings.add(joint, f"{what}: type {quote(kind)} is not known{hint}")
     for tag in ("parent", "child"):
         child = joint.find(tag)
         if child is None or not child.get("link"):
-            findings.add(child or joint, f"{what}: <{tag} link=\"…\"/> is missing")
+            findings.add(child or joint, f'{what}: <{tag} link="…"/> is missing')
         elif child.get("link") not in links:
             name = child.get("link")
             hint = did_you_mean(name, list(links))
@@ -137,7 +143,8 @@ def _check_tree(
         child = joint.child_name("child", "link")
         if child in parent_joint:
             first = parent_joint[child].name
-            message = f"link {quote(child)} is the child of two joints: {quote(first)} and {quote(joint.name)}"
+            both = f"{quote(first)} and {quote(joint.name)}"
+            message = f"link {quote(child)} is the child of two joints: {both}"
             findings.add(joint, message)
         parent_joint.setdefault(child, joint)
     roots = [name for name in links if name not in parent_joint]
@@ -160,7 +167,7 @@ def _check_tree(
 
 
 def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], list[str]]:
-    """Returns the named joints in document order with their limits, and notes on how they were read.
+    """Returns the named joints in document order with their limits, and notes on them.
 
     Args:
         urdf: a checked URDF.
@@ -186,7 +193,9 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
         if limits is not None:
             found.append(UrdfJoint(joint.name, kind == "prismatic", *limits))
         if kind == "continuous":
-            notes.append(f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad")
+            notes.append(
+                f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
+            )
     findings.raise_if_any()
     return found, notes
 

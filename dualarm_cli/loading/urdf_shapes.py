@@ -6,8 +6,11 @@ from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.urdf_tree import Element, UrdfFindings
 
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_SIZES = {"box": (("size", 3),), "sphere": (("radius", 1),)}
-_SIZES |= {"cylinder": (("radius", 1), ("length", 1)), "capsule": (("radius", 1), ("length", 1))}
+_SIZES: dict[str, tuple[tuple[str, int], ...]] = {
+    "box": (("size", 3),),
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+}
 
 
 def check_link(link: Element, findings: UrdfFindings) -> None:
@@ -70,7 +73,9 @@ def _check_geometry(solid: Element, what: str, findings: UrdfFindings) -> None:
     for attribute, count in _SIZES[shape.tag]:
         values = findings.numbers(shape, attribute, count, what)
         if values is not None and min(values) <= 0.0:
-            findings.add(shape, f"{what}: {shape.tag} {attribute} must be above 0, not {min(values):g}")
+            findings.add(
+                shape, f"{what}: {shape.tag} {attribute} must be above 0, not {min(values):g}"
+            )
 
 
 def _check_mesh(mesh: Element, what: str, findings: UrdfFindings) -> None:

@@ -68,7 +68,9 @@ class UrdfFindings:
 
     def add(self, element: Element, message: str) -> None:
         """Adds one finding at an element."""
-        self.diagnostics.append(self.source.diagnostic(element.line, element.column, "E400", message))
+        self.diagnostics.append(
+            self.source.diagnostic(element.line, element.column, "E400", message)
+        )
 
     def raise_if_any(self) -> None:
         """Raises everything found, by line.
@@ -79,7 +81,9 @@ class UrdfFindings:
         if self.diagnostics:
             raise InputError(sorted(self.diagnostics, key=lambda d: (d.line, d.column)))
 
-    def numbers(self, element: Element, attribute: str, count: int, what: str) -> list[float] | None:
+    def numbers(
+        self, element: Element, attribute: str, count: int, what: str
+    ) -> list[float] | None:
         """Returns the numbers of an attribute, or None after noting what is wrong with them.
 
         Args:
@@ -98,12 +102,17 @@ class UrdfFindings:
         for word in words:
             if not _NUMBER.fullmatch(word) or len(word) > 40:
                 comma = "; write a decimal point" if re.fullmatch(r"[-+]?\d+,\d+", word) else ""
-                self.add(element, f"{what}: {attribute} holds {quote(word)}, which is not a number{comma}")
+                self.add(
+                    element,
+                    f"{what}: {attribute} holds {quote(word)}, which is not a finite number{comma}",
+                )
                 return None
         values = [float(word) + 0.0 for word in words]
         bad = next((v for v in values if not math.isfinite(v) or abs(v) > MAX_MAGNITUDE), None)
         if bad is not None:
-            self.add(element, f"{what}: {attribute} holds {bad:g}; at most {MAX_MAGNITUDE:g} is allowed")
+            self.add(
+                element, f"{what}: {attribute} holds {bad:g}; at most {MAX_MAGNITUDE:g} is allowed"
+            )
             return None
         return values
 
@@ -147,7 +156,9 @@ def parse_xml(source: TextSource) -> Element:
         parser.Parse(source.text, True)
     except expat.ExpatError as error:
         if not source.text.strip():
-            raise InputError([Diagnostic(source.name, 0, 0, "E400", "is empty; a URDF is needed")]) from None
+            raise InputError(
+                [Diagnostic(source.name, 0, 0, "E400", "is empty; a URDF is needed")]
+            ) from None
         reason = expat.ErrorString(error.code)
         diagnostic = source.diagnostic(error.lineno, error.offset + 1, "E400", f"not XML: {reason}")
         raise InputError([diagnostic]) from None

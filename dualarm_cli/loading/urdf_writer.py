@@ -1,4 +1,4 @@
-"""URDF text written anew: only what describes the robot, only its joints moving; or two robots as one."""
+"""URDF text written anew: only the robot's joints moving; or two robots as one."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _LINK_PARTS = ("inertial", "visual", "collision")
 def write_urdf(urdf: Urdf, joints: list[UrdfJoint]) -> str:
     """Returns complete URDF text in which exactly the given joints move.
 
-    Joints that turn without end become revolute with wide limits, axes get length 1, every other joint
-    is fixed at its zero, and extensions of other tools are left out.
+    Joints that turn without end become revolute with wide limits, axes get length 1, every other
+    joint is fixed at its zero, and extensions of other tools are left out.
 
     Args:
         urdf: a checked URDF.
@@ -34,8 +34,8 @@ def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
     """Returns one URDF with two robots on a `world` link, every name prefixed by the arm's name.
 
     Args:
-        members: for each arm name the root element of its clean URDF, its root link, and the pose of
-            that link in the cell.
+        members: for each arm name the root element of its clean URDF, its root link, and the
+            pose of that link in the cell.
     """
     parts = [Element("link", {"name": "world"})]
     for prefix, (root, root_link, base) in members.items():
@@ -70,7 +70,9 @@ def _clean_joint(joint: Element, moving: UrdfJoint | None) -> Element:
     if moving is None:
         return clean
     axis = joint.find("axis")
-    vector = [float(word) for word in axis.get("xyz").split()] if axis is not None else [1.0, 0.0, 0.0]
+    vector = (
+        [float(word) for word in axis.get("xyz").split()] if axis is not None else [1.0, 0.0, 0.0]
+    )
     length = math.hypot(*vector)
     unit = " ".join(repr(v / length + 0.0) for v in vector)
     effort = joint.child_name("limit", "effort") or "0"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -13,23 +12,15 @@ import yaml
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.text_source import TextSource, quote
+from dualarm_cli.loading.yaml_scalars import ScalarError, core_scalar
 
 MAX_DEPTH = 40
 """Deepest nesting."""
 MAX_NODES = 200_000
 """Most keys and values in one file."""
-MAX_NUMBER_LENGTH = 40
-"""Longest spelling of a number."""
-
 Loc = tuple[str | int, ...]
 """Keys and indices from the top of a file to one of its values."""
 
-_INT = re.compile(r"[-+]?(0|[1-9][0-9]*)", re.ASCII)
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
-_NON_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
-_WORDS = {"": None, "~": None, "null": None, "Null": None, "NULL": None}
-_WORDS |= dict.fromkeys(("true", "True", "TRUE"), True)  # type: ignore[arg-type]
-_WORDS |= dict.fromkeys(("false", "False", "FALSE"), False)  # type: ignore[arg-type]
 _CONFLICT = re.compile(r"^(<{7}|>{7}|\|{7})( |$)", re.MULTILINE)
 
 
@@ -73,7 +64,9 @@ class Document:
             node = child
         return (node.key_line, node.key_column) if key else (node.line, node.column)
 
-    def diagnostic(self, loc: Iterable[str | int], code: str, message: str, key: bool = False) -> Diagnostic:
+    def diagnostic(
+        self, loc: Iterable[str | int], code: str, message: str, key: bool = False
+    ) -> Diagnostic:
         """Returns a diagnostic at the place of a value (or of its key)."""
         return self.source.diagnostic(*self.place(loc, key), code, message)
 
@@ -81,8 +74,8 @@ class Document:
 def parse_yaml(source: TextSource) -> Document:
     """Returns the data of a YAML text.
 
-    Numbers are read as YAML 1.2 reads them, so `no` is text and `12:30` is not a number. Aliases, anchors
-    and tags are refused: no input file needs them, and some bring a parser down.
+    Numbers are read as YAML 1.2 reads them, so `no` is text and `12:30` is not a number. Aliases,
+    anchors and tags are refused: no input file needs them, and some bring a parser down.
 
     Args:
         source: the text of one file.
@@ -132,7 +125,7 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
 
 
 class _Builder:
-    """Builds data and places from parser events with a stack of its own, so that depth costs nothing."""
+    """Builds data and places from parser events with a stack of its own."""
 
     def __init__(self, source: TextSource) -> None:
         self.source = source
@@ -159,7 +152,9 @@ class _Builder:
         elif kind is yaml.MappingEndEvent or kind is yaml.SequenceEndEvent:
             self._stack.pop()
         elif kind is yaml.AliasEvent:
-            raise self._fatal(event, "E105", f"alias '*{event.anchor}' is not allowed; repeat the value")
+            raise self._fatal(
+                event, "E105", f"alias '*{event.anchor}' is not allowed; repeat the value"
+            )
         elif kind is yaml.DocumentStartEvent:
             self._documents += 1
             if self._documents > 1:
@@ -168,9 +163,13 @@ class _Builder:
     def _check(self, event: Any) -> None:
         self._count += 1
         if self._count > MAX_NODES:
-            raise self._fatal(event, "E100", f"more than {MAX_NODES} keys and values; split the file")
+            raise self._fatal(
+                event, "E100", f"more than {MAX_NODES} keys and values; split the file"
+            )
         if event.anchor is not None:
-            message = f"anchor '&{event.anchor}' is not allowed; repeat the value where it is needed"
+            message = (
+                f"anchor '&{event.anchor}' is not allowed; repeat the value where it is needed"
+            )
             raise self._fatal(event, "E105", message)
         if event.tag is not None and event.tag != "!":
             raise self._fatal(event, "E105", f"tag {quote(event.tag)} is not allowed; remove it")
@@ -182,7 +181,9 @@ class _Builder:
 
     def _say(self, event: Any, code: str, message: str) -> None:
         mark = event.start_mark
-        self.diagnostics.append(self.source.diagnostic(mark.line + 1, mark.column + 1, code, message))
+        self.diagnostics.append(
+            self.source.diagnostic(mark.line + 1, mark.column + 1, code, message)
+        )
 
     def _open(self, event: Any, container: Any) -> None:
         if len(self._stack) >= MAX_DEPTH:
@@ -208,23 +209,13 @@ class _Builder:
             top.key = (event.value, (mark.line + 1, mark.column + 1))
 
     def _value(self, event: Any) -> Any:
-        text = event.value
         if not event.implicit[0]:
-            return text
-        if text in _WORDS:
-            return _WORDS[text]
-        if not (text[0] in "+-." or text[0].isdigit()):
-            return text
-        if len(text) > MAX_NUMBER_LENGTH and _FLOAT.fullmatch(text):
-            message = f"number of {len(text)} characters; at most {MAX_NUMBER_LENGTH} are read"
-            self._say(event, "E104", message)
+            return event.value
+        try:
+            return core_scalar(event.value)
+        except ScalarError as error:
+            self._say(event, "E104", str(error))
             return 0
-        if _INT.fullmatch(text):
-            return int(text)
-        if _NON_FINITE.fullmatch(text) or _FLOAT.fullmatch(text) and not math.isfinite(float(text)):
-            self._say(event, "E104", f"non-finite number {quote(text)} is not allowed")
-            return 0
-        return float(text) if _FLOAT.fullmatch(text) else text
 
     def _add(self, event: Any, value: Any) -> Node:
         """Puts a value where it belongs and returns its place."""

@@ -60,7 +60,7 @@ def stage_problem(
         shoulder.append(arm.geometry.shoulder)
         upper.append(arm.geometry.upper)
         fore.append(arm.geometry.fore)
-        wrist.append(_turn(_wrist_before_approach(stop), angle))
+        wrist.append(in_axis_frame(_wrist_before_approach(stop), angle))
         elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
     points = np.array(shoulder)
     return PlatformProblem.broadcast(
@@ -85,7 +85,7 @@ def _wrist_before_approach(stop: StopProblem) -> FloatArray:
     return wrist
 
 
-def _turn(point: FloatArray, angle: float) -> FloatArray:
+def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
     """Returns a point of the carried frame in the platform's fixed axis frame."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = point

@@ -76,13 +76,7 @@ def choose_stages(model: CellModel, job: Job, platform: str, redundancy: str) ->
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
     """
-    robot = job.cell.robot
-    limits = robot.limits.scaled(job.speed)
-    clock = _Clock(
-        _rest_to_rest(limits.select(robot.platform)) if robot.platform else None,
-        {arm.name: _rest_to_rest(limits.select(arm.joints)) for arm in robot.arms},
-        {arm.name: limits.select(arm.joints) for arm in robot.arms},
-    )
+    robot, clock = job.cell.robot, _clock(job)
     position = np.array(robot.postures["home" if job.start == "free" else job.start])
     plans: list[StagePlan] = []
     for work in job.stages():
@@ -96,6 +90,34 @@ def choose_stages(model: CellModel, job: Job, platform: str, redundancy: str) ->
         time = _transfer_times(model, clock, position, first)
         plans.append(StagePlan(position, first, first, {}, "return", max(time.values())))
     return plans
+
+
+def stop_problems(
+    model: CellModel, job: Job, position: FloatArray, work: Mapping[str, tuple[Task, Stop]]
+) -> dict[str, StopProblem]:
+    """Returns each arm's stop as seen with the platform where it is.
+
+    Args:
+        model: the job's cell.
+        job: for its limits.
+        position: all joints before the stage [rad], shape (n,).
+        work: the stage's targets by arm.
+    """
+    clock = _clock(job)
+    return {
+        name: _stop_problem(model, clock, position, position, name, stop)
+        for name, (_, stop) in work.items()
+    }
+
+
+def _clock(job: Job) -> _Clock:
+    robot = job.cell.robot
+    limits = robot.limits.scaled(job.speed)
+    return _Clock(
+        _rest_to_rest(limits.select(robot.platform)) if robot.platform else None,
+        {arm.name: _rest_to_rest(limits.select(arm.joints)) for arm in robot.arms},
+        {arm.name: limits.select(arm.joints) for arm in robot.arms},
+    )
 
 
 def _rest_to_rest(limits: JointLimits) -> RestToRest:

@@ -51,8 +51,8 @@ def solve_linearised(problem: PlatformProblem) -> PlatformSolution:
 
 def _stationary(B: FloatArray, C: FloatArray) -> FloatArray:
     """Returns both stationary points of A + B cos + C sin, in the order of Eq. 15, shape (n, 2)."""
-    first = np.arctan2(C, B)
-    return np.column_stack([first, first + np.pi])
+    second = np.arctan2(C, B)
+    return np.column_stack([second + np.pi, second])
 
 
 def _amplitudes(coefficients: FloatArray) -> list[tuple[FloatArray, FloatArray]]:

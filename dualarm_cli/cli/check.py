@@ -1,0 +1,104 @@
+"""`dualarm check`: cell, robot and task files validated, every error at once, nothing planned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.output import JsonOption, QuietOption, print_json
+
+if TYPE_CHECKING:
+    from dualarm_cli.errors import Diagnostic
+    from dualarm_cli.model.cell import Cell
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.model.robot import Robot
+
+
+def check(
+    files: Annotated[
+        list[Path], typer.Argument(help="Task, cell or robot files.", show_default=False)
+    ],
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Validate cell, robot or task files, all errors at once, without planning."""
+    from dualarm_cli.loading.diagnostics import render
+
+    results = [_check_one(str(file)) for file in files]
+    diagnostics = list(dict.fromkeys(d for result in results for d in result["diagnostics"]))
+    if json_output:
+        print_json(_document(results))
+    else:
+        if diagnostics:
+            typer.echo(render(diagnostics))
+        for result in results:
+            if not result["diagnostics"] and not quiet:
+                typer.echo(f"{_shown(result['file'])}: good: {result['kind']}, {result['summary']}")
+    if diagnostics:
+        raise typer.Exit(2)
+
+
+def _check_one(file: str) -> dict[str, Any]:
+    """Returns what became of one file."""
+    from dualarm_cli.errors import InputError
+    from dualarm_cli.loading.checking import load_file
+
+    try:
+        kind, summary = _describe(load_file(file))
+    except InputError as error:
+        return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
+    return {"file": file, "kind": kind, "summary": summary, "diagnostics": []}
+
+
+def _describe(noun: Robot | Cell | Job) -> tuple[str, str]:
+    """Returns the kind of a file and what is in it."""
+    from dualarm_cli.model.cell import Cell
+    from dualarm_cli.model.job import Job
+
+    if isinstance(noun, Job):
+        targets = sum(len(task.stops) for task in noun.tasks)
+        counts = [(len(noun.tasks), "task"), (targets, "target"), (len(noun.stages()), "stage")]
+        return "tasks", ", ".join(_count(*count) for count in counts)
+    if isinstance(noun, Cell):
+        counts = [(len(noun.frames), "frame"), (len(noun.obstacles), "obstacle")]
+        return "cell", ", ".join([noun.robot.name, *(_count(*count) for count in counts)])
+    counts = [(len(noun.arms), "arm"), (len(noun.joints), "joint"), (len(noun.postures), "posture")]
+    return "robot", ", ".join([noun.name, *(_count(*count) for count in counts)])
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _shown(file: str) -> str:
+    """Returns a file's name fit for a terminal."""
+    return "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in file)
+
+
+def _document(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Returns the outcome of all files as one JSON document."""
+    return {
+        "format": "dualarm.check/1",
+        "passed": not any(result["diagnostics"] for result in results),
+        "files": [
+            {
+                "file": _shown(result["file"]),
+                "kind": result["kind"],
+                "summary": result["summary"],
+                "diagnostics": [_entry(diagnostic) for diagnostic in result["diagnostics"]],
+            }
+            for result in results
+        ],
+    }
+
+
+def _entry(diagnostic: Diagnostic) -> dict[str, Any]:
+    return {
+        "file": _shown(diagnostic.file),
+        "line": diagnostic.line,
+        "column": diagnostic.column,
+        "code": diagnostic.code,
+        "message": diagnostic.message,
+    }

@@ -1,0 +1,175 @@
+"""`dualarm platform`: one move's platform angles by every method, a table and a figure."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.geometry.arrays import FloatArray
+    from dualarm_cli.platform_angle import PlatformProblem
+    from dualarm_cli.platform_angle.table import Row
+
+
+def platform_command(
+    tasks: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Task file whose move is taken; without it the options describe a planar robot.",
+            show_default=False,
+        ),
+    ] = None,
+    stage: Annotated[int, typer.Option("--stage", help="Stage of the task file, from 1.")] = 1,
+    radius: Annotated[str, typer.Option(help="Shoulders' distance from the axis.")] = "50 mm",
+    alpha: Annotated[str, typer.Option(help="Second shoulder's azimuth from the first.")] = "120 deg",
+    links: Annotated[str, typer.Option(help="Upper arm and forearm.")] = "70 mm, 70 mm",
+    angle: Annotated[str, typer.Option(help="Platform angle before the move.")] = "-30 deg",
+    start: Annotated[
+        str, typer.Option(help="Both wrists before: x, y; x, y.")
+    ] = "120 mm, 0; 0, 120 mm",
+    goal: Annotated[
+        str, typer.Option(help="Both wrists after: x, y; x, y.")
+    ] = "80 mm, 10 mm; 50 mm, 100 mm",
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    json_output: JsonOption = False,
+) -> None:
+    """Show one move's platform angles by every method.
+
+    Without a task file the defaults are Table 1 of Bottin, Rosati, Boschetti (2021), and the rows of `linearised`
+    are the paper's Table 2.
+    """
+    from dualarm_cli.platform_angle import PLATFORM_SOLVERS
+    from dualarm_cli.platform_angle.table import candidate_rows
+
+    if tasks is None:
+        problem, before = _planar(radius, alpha, links, angle, start, goal)
+    else:
+        problem, before = _stage(tasks, stage)
+    rows = [
+        row
+        for solver in ("linearised", "exact", "fixed")
+        for row in candidate_rows(solver, PLATFORM_SOLVERS[solver].solve(problem))
+    ]
+    if plot is not None:
+        from dualarm_cli.reporting.platform_figure import draw_move
+
+        draw_move(problem, rows, before, plot)
+        print_message(f"written: {plot}")
+    if json_output:
+        print_json(_document(problem, rows))
+    else:
+        stdout_console().print(_table(rows))
+
+
+def _planar(
+    radius: str, alpha: str, links: str, angle: str, start: str, goal: str
+) -> tuple[PlatformProblem, FloatArray]:
+    """Returns the move of a planar robot and its wrists before."""
+    import numpy as np
+
+    from dualarm_cli.loading.quantities import ANGLE, LENGTH
+    from dualarm_cli.platform_angle import PlatformProblem
+
+    a1, a2 = _numbers("--links", links, LENGTH, (2,))
+    points = [_numbers(name, text, LENGTH, (2, 2)) for name, text in
+              (("--start", start), ("--goal", goal))]
+    try:
+        problem = PlatformProblem.planar(
+            radius=float(_numbers("--radius", radius, LENGTH, (1,))[0]),
+            alpha=float(_numbers("--alpha", alpha, ANGLE, (1,))[0]),
+            links=(float(a1), float(a2)),
+            angle_0=float(_numbers("--angle", angle, ANGLE, (1,))[0]),
+            start=points[0],
+            goal=points[1],
+        )
+    except ValueError as error:
+        raise UsageError(f"this robot cannot make the move: {error}") from None
+    return problem, np.column_stack([points[0], np.zeros(2)])
+
+
+def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Returns the quantities in `text`, separated by commas and semicolons, in SI units."""
+    import numpy as np
+
+    words = [word.strip() for word in text.replace(";", ",").split(",")]
+    if len(words) != math.prod(shape):
+        raise UsageError(f"{option} '{text}': needs {math.prod(shape)} values, got {len(words)}")
+    from dualarm_cli.loading.quantities import parse_quantity
+
+    try:
+        values = [parse_quantity(word, quantity) for word in words]
+    except ValueError as error:
+        raise UsageError(f"{option} '{text}': {error}") from None
+    return np.array(values).reshape(shape)
+
+
+def _stage(tasks: Path, stage: int) -> tuple[PlatformProblem, FloatArray]:
+    """Returns the move into one stage of a task file, planned so far, and its wrists before."""
+    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.planning.platform_moves import stage_move
+
+    return stage_move(load_job(tasks), stage)
+
+
+def _table(rows: list[Row]) -> Any:
+    from rich.table import Table
+
+    table = Table()
+    table.add_column("method")
+    table.add_column("N", justify="right")
+    table.add_column("candidate")
+    for name in ("φf − φ0 °", "φf °", "Δq4,1 °", "Δq4,2 °", "|Δ2| − |Δ1| °"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    number, method = 0, ""
+    for row in rows:
+        number = number + 1 if row.method == method else 1
+        if row.method != method and method:
+            table.add_section()
+        method = row.method
+        table.add_row(
+            method,
+            str(number),
+            row.kind.name.lower().replace("_", " "),
+            _degrees(row.turn),
+            _degrees(row.angle),
+            *(_degrees(value) for value in row.delta),
+            _degrees(row.difference),
+            "chosen" if row.chosen else "unreachable" if row.difference is None else "",
+        )
+    return table
+
+
+def _degrees(value: float | None) -> str:
+    """Returns an angle in degrees with the paper's two decimals; a dash for none."""
+    # Adding zero turns -0.00 into 0.00.
+    return "–" if value is None else f"{round(math.degrees(value), 2) + 0.0:.2f}"
+
+
+def _document(problem: PlatformProblem, rows: list[Row]) -> dict[str, Any]:
+    return {
+        "format": "dualarm.platform/1",
+        "angle_0": float(problem.angle_0[0]),
+        "elbow_0": [float(q) for q in problem.elbow_0[0]],
+        "candidates": [
+            {
+                "method": row.method,
+                "kind": row.kind.name.lower(),
+                "angle": row.angle,
+                "turn": row.turn,
+                "elbow_displacement": list(row.delta),
+                "difference": row.difference,
+                "chosen": row.chosen,
+            }
+            for row in rows
+        ],
+    }

@@ -1,0 +1,1 @@
+"""Schedules to files and back."""

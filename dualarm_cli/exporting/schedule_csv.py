@@ -1,0 +1,45 @@
+"""`schedule.csv`: the motion sampled for people, spreadsheets and simple controllers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.model.schedule import Schedule
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""First characters that make a spreadsheet run a cell."""
+
+
+def to_csv(schedule: Schedule, rate: float) -> bytes:
+    """Returns the CSV: time, then position, velocity, acceleration of each joint; rad, s.
+
+    Uniform samples at `rate` and the exact times of all events and of the end. Numbers are written so that
+    reading them gives the same double.
+
+    Args:
+        schedule: what to sample.
+        rate: samples per second [1/s].
+    """
+    trajectory = schedule.trajectory
+    start, end = trajectory.time[0], trajectory.time[-1]
+    uniform = start + np.arange(int((end - start) * rate) + 1) / rate
+    exact = np.array([*(event.time for event in schedule.events), end])
+    # A sample next to an exact time would differ from it by rounding alone.
+    near = np.abs(uniform[:, None] - exact).min(axis=1) < 1e-9 if len(uniform) < 100_000 else None
+    time = np.unique(np.concatenate([uniform if near is None else uniform[~near], exact]))
+    time = time[time <= end]
+    rates = np.stack(trajectory.at(time), axis=2)
+    table = np.column_stack([time, rates.reshape(len(time), -1)])
+    names = [_safe(name) for name in trajectory.joints]
+    header = ["time"] + [
+        f"{name}_{what}" for name in names for what in ("position", "velocity", "acceleration")
+    ]
+    rows = [",".join(header)]
+    rows += [",".join(map(repr, row)) for row in table.tolist()]
+    return ("\n".join(rows) + "\n").encode()
+
+
+def _safe(name: str) -> str:
+    """Returns a joint's name that no spreadsheet takes for a formula and no comma splits."""
+    text = name.replace(",", "_").replace('"', "_").replace("\n", "_")
+    return f"'{text}" if text.startswith(FORMULA) else text

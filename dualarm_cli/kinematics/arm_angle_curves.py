@@ -1,0 +1,146 @@
+"""Joints as closed-form functions of the arm angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.arm_angle_plane import ArmPlane
+from dualarm_cli.kinematics.srs_canonical import SrsCanonical
+from dualarm_cli.kinematics.srs_limits import wrap
+
+TURNING = (0, 2, 4, 6)
+"""Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
+BENDING = (1, 5)
+"""Joints that are an arc cosine of the arm angle: 2 and 6."""
+NEAR_SINGULAR = 1e-4
+"""Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
+SINGULAR = 1e-12
+"""Sine of a middle joint below which its triple counts as singular: its first joint is then 0."""
+
+
+@dataclass(frozen=True)
+class ArmAngleCurves:
+    """Joints of the branch with theta2, theta4, theta6 >= 0 over the arm angle.
+
+    Every row of coefficients (A, B, C) stands for A sin psi + B cos psi + C. Joints 1, 3, 5 and 7 are
+    atan2(turning[i, 0], turning[i, 1]), signs and zero offsets included; theta2 and theta6 are the
+    arc cosines of `bending`; joint 4 does not depend on psi. [Shimizu2008] has the same form.
+    """
+
+    plane: ArmPlane
+    """What the coefficients were made of."""
+    canonical: SrsCanonical
+    """Signs and offsets."""
+    turning: FloatArray
+    """Shape (4, 2, 3, ...)."""
+    bending: FloatArray
+    """Shape (2, 3, ...)."""
+
+    @classmethod
+    def of(cls, canonical: SrsCanonical, plane: ArmPlane) -> ArmAngleCurves:
+        """Returns the curves of targets (...)."""
+        (x, y, z), (rx, ry, rz), (tx, ty, tz) = plane.u, plane.r, plane.t
+        ca, sa, cf, sf = plane.cos_a, plane.sin_a, plane.cos_f, plane.sin_f
+        (k0u, k1u, k2u), (k0r, k1r, k2r), (k0t, k1t, k2t) = plane.R_plane
+        shape = np.broadcast_shapes(ca.shape, k0u.shape)
+        turning, bending = np.empty((4, 2, 3, *shape)), np.empty((2, 3, *shape))
+        # Entries of Z Y Z: (c1 s2, s1 s2, c2) is the last column, (-s2 c3, s2 s3, c2) the last row.
+        _set(turning[0, 0], sa * ty, sa * ry, ca * y)
+        _set(turning[0, 1], sa * tx, sa * rx, ca * x)
+        _set(bending[0], sa * tz, sa * rz, ca * z)
+        _set(turning[1, 0], rz, -tz, 0.0)
+        _set(turning[1, 1], ca * tz, ca * rz, -sa * z)
+        _set(turning[2, 0], k2r, -k2t, 0.0)
+        _set(turning[2, 1], -cf * k2t, -cf * k2r, -sf * k2u)
+        _set(bending[1], -sf * k2t, -sf * k2r, cf * k2u)
+        _set(turning[3, 0], -sf * k1t, -sf * k1r, cf * k1u)
+        _set(turning[3, 1], sf * k0t, sf * k0r, -cf * k0u)
+        for i, joint in enumerate(TURNING):
+            sign, offset = canonical.sign[joint], canonical.offset[joint]
+            if offset != 0.0:
+                c, s = np.cos(offset), np.sin(offset)
+                num, den = turning[i].copy()
+                turning[i, 0], turning[i, 1] = num * c - den * s, num * s + den * c
+            if sign < 0:
+                turning[i, 0] *= -1.0
+        return cls(plane, canonical, turning, bending)
+
+    def angles(self, sin: FloatArray, cos: FloatArray) -> list[FloatArray]:
+        """Returns joints 1 to 7 [rad], each (...), of the branch with theta2, theta6 >= 0.
+
+        Joints 1, 3, 5, 7 in (-pi, pi]; for 2, 4, 6 the canonical theta in [0, pi].
+
+        Args:
+            sin: sine of the arm angle, broadcast against the targets.
+            cos: its cosine.
+        """
+        sin, cos = np.asarray(sin), np.asarray(cos)
+        q = []
+        sines = []
+        for i in range(4):
+            num = _at(self.turning[i, 0], sin, cos)
+            den = _at(self.turning[i, 1], sin, cos)
+            angle = np.asarray(np.arctan2(num, den))
+            np.copyto(angle, np.pi, where=angle <= -np.pi)
+            q.append(angle)
+            if i in (0, 2):
+                sines.append(np.asarray(np.sqrt(num * num + den * den)))
+        # The arc cosine by its tangent: as exact at 0 and pi as elsewhere.
+        middle = [
+            np.asarray(np.arctan2(sines[j], _at(self.bending[j], sin, cos))) for j in range(2)
+        ]
+        for j in range(2):
+            near = sines[j] < NEAR_SINGULAR
+            if near.any():
+                self._resolve(j, near, sin, cos, q, middle)
+        bend = np.broadcast_to(self.plane.bend, q[0].shape)
+        return [q[0], middle[0], q[1], bend, q[2], middle[1], q[3]]
+
+    def _resolve(
+        self,
+        triple: int,
+        near: np.ndarray,
+        sin: FloatArray,
+        cos: FloatArray,
+        q: list[FloatArray],
+        middle: list[FloatArray],
+    ) -> None:
+        """Overwrites a triple's outer joints where its middle joint is all but 0 or pi.
+
+        The outer joints are each ill-determined there, their sum (or difference) is not: the last one is
+        computed from the first, which is set to 0 where nothing determines it.
+        """
+        sin = np.broadcast_to(sin, near.shape)[near]
+        cos = np.broadcast_to(cos, near.shape)[near]
+        M = self.plane.select(near).triples(sin, cos)[triple]
+        first, last = 2 * triple, 2 * triple + 1
+        sign, offset = self.canonical.sign, self.canonical.offset
+        s2 = np.hypot(M[0, 2], M[1, 2])
+        joint = q[first][near]
+        joint[s2 < SINGULAR] = 0.0
+        theta = sign[TURNING[first]] * joint + offset[TURNING[first]]
+        s, c = np.sin(theta), np.cos(theta)
+        # Y Z = Z(-theta) M has (s, c) of its last angle in its second row.
+        angle = np.arctan2(c * M[1, 0] - s * M[0, 0], c * M[1, 1] - s * M[0, 1])
+        # Signed: theta2 may come out an ulp below zero where the first joint was set.
+        bent = np.arctan2(c * M[0, 2] + s * M[1, 2], M[2, 2])
+        q[first][near] = joint
+        q[last][near] = wrap(sign[TURNING[last]] * (angle - offset[TURNING[last]]))
+        middle[triple][near] = bent
+
+
+def _set(
+    row: FloatArray, a: FloatArray | float, b: FloatArray | float, c: FloatArray | float
+) -> None:
+    row[0], row[1], row[2] = a, b, c
+
+
+def _at(row: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
+    """Returns A sin + B cos + C."""
+    value = row[0] * sin
+    value = value + row[1] * cos
+    value += row[2]
+    return value

@@ -1,0 +1,90 @@
+"""Any SRS arm as one canonical chain Z Y Z Y Z Y Z, by signs and zero offsets of its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+
+ZERO = 1e-12
+"""Offsets below this are rounding of the robot description and count as none [rad]."""
+LEANING = 1e-9
+"""An outer axis this close to a right angle with its link keeps the sign it has."""
+
+
+@dataclass(frozen=True)
+class SrsCanonical:
+    """Joints theta = sign q + offset, with which the flange rotation is B Z Y Z Y Z Y Z C.
+
+    Z(theta1) Y(theta2) Z(theta3) orients the upper arm, Y(theta4) bends the elbow, and the last
+    triple is the wrist; each link lies along the z axis before it, so that theta4 = 0 is the
+    stretched arm, theta2 = 0 the upper arm along axis 1 and theta6 = 0 axis 7 along the forearm.
+    Our own derivation: Rot(e1, q1) Rot(e2, q2) Rot(e3, q3) with e1 ⊥ e2 ⊥ e3 equals
+    B Z(q1) Y(q2 + b) Z(q3) Y(-b) B^T with B = [e2 × e1, e2, e1] and
+    e3 = cos b e1 + sin b e2 × e1; the angle from one Y axis to the next is an offset of the Z between.
+    """
+
+    sign: FloatArray
+    """+1 or -1 per joint, shape (7,); joints 2, 4 and 6 always have +1."""
+    offset: FloatArray
+    """Angle of the canonical joint at q = 0 [rad], shape (7,); joints 1 and 7 have none."""
+    B: FloatArray
+    """Base frame of the canonical chain, its z along axis 1, shape (3, 3)."""
+    C: FloatArray
+    """Flange in the last canonical frame, shape (3, 3)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("sign", "offset", "B", "C"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def of(cls, geometry: SrsGeometry) -> SrsCanonical:
+        """Returns the canonical form of an SRS geometry.
+
+        Args:
+            geometry: of an SRS arm; deviations are absorbed link by link, so that all frames stay
+                orthonormal.
+        """
+        n = geometry.axes
+        upper = _unit(geometry.elbow - geometry.shoulder)
+        fore = _unit(geometry.wrist - geometry.elbow)
+        sign = np.ones(7)
+        # Outer axes point along their link rather than against it: theta2 and theta6 are then
+        # measured from the nearer of the two singular positions.
+        sign[0] = -1.0 if n[0] @ upper < -LEANING else 1.0
+        sign[2] = np.sign(n[2] @ upper) or 1.0
+        sign[4] = np.sign(n[4] @ fore) or 1.0
+        sign[6] = -1.0 if n[6] @ fore < -LEANING else 1.0
+        e1, e2 = sign[0] * n[0], _unit(n[1] - (n[1] @ n[0]) * n[0])
+        B = np.column_stack([np.cross(e2, e1), e2, e1])
+        offset = np.zeros(7)
+        frame, offset[1] = _swing(B, upper)
+        frame, offset[2] = _twist(frame, n[3])
+        frame, offset[3] = _swing(frame, fore)
+        frame, offset[4] = _twist(frame, n[5])
+        frame, offset[5] = _swing(frame, sign[6] * n[6])
+        offset[np.abs(offset) < ZERO] = 0.0
+        return cls(sign, offset, B, frame.T @ geometry.R_flange)
+
+
+def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the frame turned about its y until z points along a direction, and the angle."""
+    angle = float(np.arctan2(direction @ frame[:, 0], direction @ frame[:, 2]))
+    c, s = np.cos(angle), np.sin(angle)
+    return frame @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), angle
+
+
+def _twist(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the frame turned about its z until y points along a direction, and the angle."""
+    angle = float(np.arctan2(-(direction @ frame[:, 0]), direction @ frame[:, 1]))
+    c, s = np.cos(angle), np.sin(angle)
+    return frame @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), angle
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    unit: FloatArray = v / np.linalg.norm(v)
+    return unit

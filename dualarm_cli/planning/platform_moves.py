@@ -1,0 +1,50 @@
+"""One move out of a job, as the platform solvers see it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.errors import UnsupportedError, UsageError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.platform_candidates import in_axis_frame, stage_problem
+from dualarm_cli.planning.stages import choose_stages, stop_problems
+from dualarm_cli.platform_angle import PlatformProblem
+
+
+def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
+    """Returns the move into one stage, after the stages before it, and both wrists before it.
+
+    The stages before are planned with the default solvers. The wrists are where the transfer ends: at the start
+    of the approach.
+
+    Args:
+        job: cell and tasks.
+        stage: number of the stage, from 1.
+
+    Returns:
+        The problem of one move, and wrist centres in the platform's axis frame [m], shape (2, 3).
+
+    Raises:
+        UsageError: there is no such stage, or only one arm works in it.
+        UnsupportedError: the robot has no platform of one revolute joint or not two arms.
+    """
+    model = CellModel.from_cell(job.cell)
+    if not model.platform.is_turntable or len(model.arms) != 2:
+        raise UnsupportedError(
+            f"{job.cell.robot.name} is not two arms on one turning platform: no angle to choose"
+        )
+    work = job.stages()
+    if not 1 <= stage <= len(work):
+        raise UsageError(f"--stage {stage}: the tasks have stages 1 to {len(work)}")
+    if len(work[stage - 1]) != 2:
+        raise UsageError(f"--stage {stage}: only one arm works in it; choose a stage with both")
+    position = choose_stages(model, job, "exact", "arm_angle")[stage - 1].start
+    stops = stop_problems(model, job, position, work[stage - 1])
+    angle = float(position[model.platform_columns][0])
+    before = [
+        in_axis_frame(arm.wrist_center(*arm.forward(stops[name].start)), angle)
+        for name, arm in ((name, model.arms[name].kinematics) for name in stops)
+    ]
+    return stage_problem(model, position, stops), np.array(before)

@@ -1,0 +1,169 @@
+"""Checks of the joint motion alone: numbers, agreement, limits, rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+
+
+def check_finite(trajectory: Trajectory) -> Check:
+    """Checks that every number is finite."""
+    arrays = {
+        "time": trajectory.time,
+        "position": trajectory.position,
+        "velocity": trajectory.velocity,
+        "acceleration": trajectory.acceleration,
+    }
+    bad = {name: int((~np.isfinite(values)).sum()) for name, values in arrays.items()}
+    count = sum(bad.values())
+    where = ", ".join(f"{n} in {name}" for name, n in bad.items() if n)
+    return judge("finite", count, 0, "", f"{where} not finite" if count else "every number")
+
+
+def check_time(trajectory: Trajectory) -> Check:
+    """Checks that time starts at 0 and never runs backwards."""
+    time = trajectory.time
+    step = np.diff(time)
+    backwards = float(max(0.0, -step.min())) if step.size else 0.0
+    worst = max(abs(float(time[0])), backwards)
+    where = f"starts at {time[0]:g} s"
+    if backwards > 0:
+        where = f"runs backwards at knot {int(np.argmin(step)) + 1}"
+    return judge("time", worst, tol.SAME_TIME, "s", where)
+
+
+def check_agreement(trajectory: Trajectory) -> list[Check]:
+    """Checks that position, velocity and acceleration agree for constant jerk between knots."""
+    q, v, a = trajectory.position, trajectory.velocity, trajectory.acceleration
+    dt = np.diff(trajectory.time)[:, None]
+    by_velocity = v[:-1] + dt * (a[:-1] + a[1:]) / 2.0
+    by_position = q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0)
+    return [
+        _judge_knots(
+            "position_agreement", np.abs(q[1:] - by_position), tol.POSITION_AGREEMENT, "rad", trajectory
+        ),
+        _judge_knots(
+            "velocity_agreement", np.abs(v[1:] - by_velocity), tol.VELOCITY_AGREEMENT, "rad/s", trajectory
+        ),
+    ]
+
+
+def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
+    """Checks position, velocity, acceleration and jerk of the whole motion, not of knots alone.
+
+    Position is a cubic and velocity a parabola between knots: their extrema are found in closed form.
+
+    Args:
+        trajectory: the motion.
+        limits: of its joints, in its order; infinite where none is stated.
+    """
+    low, high = position_extrema(trajectory)
+    beyond = np.maximum(limits.lower - low, high - limits.upper)
+    speed = velocity_extrema(trajectory)
+    strength = np.abs(trajectory.acceleration).max(axis=0)
+    step = np.diff(trajectory.time)[:, None]
+    change = np.abs(np.diff(trajectory.acceleration, axis=0))
+    slack = tol.JUMP_SLACK * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
+    with np.errstate(invalid="ignore"):
+        # Without a jerk limit any change goes, also at one instant (0 times infinity).
+        allowed = np.where(np.isfinite(limits.jerk), limits.jerk * step, np.inf) + slack
+        excess = (change / allowed).max(axis=0) if len(step) else np.zeros(len(limits.joints))
+    return [
+        _judge_joints("position", beyond, tol.POSITION_SLACK, "rad", limits.upper, limits),
+        _judge_share("velocity", speed / limits.velocity, limits.velocity, limits),
+        _judge_share("acceleration", strength / limits.acceleration, limits.acceleration, limits),
+        _judge_share("jerk", excess, limits.jerk, limits),
+    ]
+
+
+def check_rest(trajectory: Trajectory) -> Check:
+    """Checks that the motion starts and ends at rest."""
+    ends = [0, -1]
+    rates = np.abs(np.stack([trajectory.velocity[ends], trajectory.acceleration[ends]]))
+    _, end, joint = np.unravel_index(int(np.argmax(rates)), rates.shape)
+    where = f"{trajectory.joints[joint]} at the {('start', 'end')[end]}"
+    return judge("rest", float(rates.max()), tol.AT_REST, "rad/s, rad/s²", where)
+
+
+def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Returns each joint's lowest and highest position over the whole motion [rad], each (n,)."""
+    low, high = trajectory.position.min(axis=0), trajectory.position.max(axis=0)
+    dt = np.diff(trajectory.time)[:, None]
+    q, v, a = trajectory.position[:-1], trajectory.velocity[:-1], trajectory.acceleration[:-1]
+    j = trajectory.jerk()
+    # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
+    root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
+    large = -(a + np.where(a < 0, -root, root))
+    for numerator, denominator in ((large, j), (2.0 * v, large)):
+        t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0)
+        t = np.where((t > 0) & (t < dt), t, 0.0)
+        at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
+        if len(at):
+            low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
+    return low, high
+
+
+def velocity_extrema(trajectory: Trajectory) -> FloatArray:
+    """Returns each joint's largest speed over the whole motion [rad/s], shape (n,)."""
+    fastest: FloatArray = np.abs(trajectory.velocity).max(axis=0)
+    a, j = trajectory.acceleration[:-1], trajectory.jerk()
+    turns = a * trajectory.acceleration[1:] < 0
+    inside = trajectory.velocity[:-1] - np.divide(
+        a * a, 2.0 * j, out=np.zeros_like(a), where=turns & (j != 0)
+    )
+    if len(inside):
+        fastest = np.maximum(fastest, np.abs(np.where(turns, inside, 0.0)).max(axis=0))
+    return fastest
+
+
+def judge(name: str, measured: float, allowed: float, unit: str, where: str) -> Check:
+    """Returns a check that passes if `measured` is at most `allowed`; a NaN fails."""
+    passed = bool(measured <= allowed)
+    value = float(measured) if np.isfinite(measured) else None
+    return Check(name, "passed" if passed else "failed", value, float(allowed), unit, where)
+
+
+def not_checked(name: str, why: str) -> Check:
+    """Returns a check that was not made, with the reason."""
+    return Check(name, "not checked", None, None, "", why)
+
+
+def _judge_knots(
+    name: str, error: FloatArray, allowed: float, unit: str, trajectory: Trajectory
+) -> Check:
+    if error.size == 0:
+        return judge(name, 0.0, allowed, unit, "one knot")
+    knot, joint = np.unravel_index(int(np.argmax(error)), error.shape)
+    where = f"{trajectory.joints[joint]} at {trajectory.time[knot + 1]:.6f} s"
+    return judge(name, float(error.max()), allowed, unit, where)
+
+
+def _judge_joints(
+    name: str, excess: FloatArray, allowed: float, unit: str, stated: FloatArray, limits: JointLimits
+) -> Check:
+    if not np.isfinite(stated).any():
+        return not_checked(name, "the schedule states no such limit")
+    joint = int(np.argmax(excess))
+    return judge(name, max(0.0, float(excess[joint])), allowed, unit, _named(joint, limits))
+
+
+def _judge_share(name: str, share: FloatArray, stated: FloatArray, limits: JointLimits) -> Check:
+    """Judges the largest share of a limit that is used; unlimited joints use none."""
+    if not np.isfinite(stated).any():
+        return not_checked(name, "no joint has such a limit")
+    joint = int(np.argmax(share))
+    unit = "share of the limit"
+    where = f"{_named(joint, limits)}, limit {stated[joint]:g}"
+    unlimited = [limits.joints[k] for k in np.flatnonzero(~np.isfinite(stated))]
+    if unlimited:
+        where += f"; without such a limit: {', '.join(unlimited)}"
+    return judge(name, float(share[joint]), 1.0 + tol.RATE_SLACK, unit, where)
+
+
+def _named(joint: int, limits: JointLimits) -> str:
+    return limits.joints[joint]

@@ -1,0 +1,31 @@
+"""What counts as kept: every tolerance of the verifier in one table."""
+
+from __future__ import annotations
+
+POSITION_AGREEMENT = 1e-8
+"""Difference of a knot's position from the integral of the knot before [rad]."""
+VELOCITY_AGREEMENT = 1e-7
+"""Difference of a knot's velocity from the integral of the knot before [rad/s]."""
+POSITION_SLACK = 1e-9
+"""How far a joint may be beyond its position limit by rounding [rad]."""
+RATE_SLACK = 1e-9
+"""Share by which a velocity or acceleration may exceed its limit by rounding."""
+JUMP_SLACK = 1e-6
+"""Share of the acceleration limit by which an acceleration may change beyond jerk times time: knots may be a
+nanosecond apart, where a quotient of differences means nothing."""
+AT_REST = 1e-9
+"""Speed [rad/s] and acceleration [rad/s²] that count as none."""
+SAME_JOINTS = 1e-9
+"""Difference of two postures that count as one [rad]."""
+SAME_TIME = 1e-9
+"""Difference of two instants that count as one [s]."""
+POSE_DISTANCE = 1e-6
+"""Distance of a tool from where it is commanded to be [m]."""
+POSE_ANGLE = 1e-6
+"""Angle of a tool from how it is commanded to be [rad]."""
+LINE_DISTANCE = 1e-4
+"""How far a tool may leave a straight line [m]."""
+LINE_ANGLE = 1e-4
+"""How far a tool may turn on a straight line [rad]."""
+TOOL_SPEED_SLACK = 1e-4
+"""Share by which a measured tool speed may exceed its cap."""

@@ -1,0 +1,215 @@
+"""Checks of the tools in the world: poses, dwells, lines, speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job, JointTarget, Stop
+from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+
+PER_INTERVAL = 4
+"""Instants looked at between two knots."""
+DWELL_SAMPLES = 5
+"""Instants looked at in a dwell, besides its knots."""
+SPEED_STEP = 1e-3
+"""Spacing of the instants at which tool speeds are measured [s]."""
+SPEED_HALF = 1e-5
+"""Half-width of the central difference that measures them [s]."""
+
+
+@dataclass
+class _Worst:
+    """The worst of many measurements and where it was."""
+
+    value: float = 0.0
+    where: str = "everywhere"
+
+    def add(self, value: float, where: str) -> None:
+        if not value <= self.value:
+            self.value, self.where = value, where
+
+
+def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
+    """Checks that every tool is where its events say, for as long as they say."""
+    distance, angle, knot = _Worst(), _Worst(), _Worst()
+    still_distance, still_angle = _Worst(), _Worst()
+    knots = schedule.trajectory.time
+    for event in schedule.events:
+        where = f"{event.task} ({event.action}) at {event.time:.6f} s"
+        knot.add(float(np.abs(knots - event.time).min()), where)
+        _measure(schedule, model, event, np.array([event.time]), (distance, angle), where)
+        if event.dwell > 0:
+            end = event.time + event.dwell
+            inside = knots[(knots > event.time) & (knots < end)]
+            times = np.concatenate([np.linspace(event.time, end, DWELL_SAMPLES), inside])
+            _measure(schedule, model, event, times, (still_distance, still_angle), where)
+    return [
+        judge("events_at_knots", knot.value, tol.SAME_TIME, "s", knot.where),
+        judge("tool_position_at_events", distance.value, tol.POSE_DISTANCE, "m", distance.where),
+        judge("tool_angle_at_events", angle.value, tol.POSE_ANGLE, "rad", angle.where),
+        judge("tool_still_in_dwells", still_distance.value, tol.POSE_DISTANCE, "m",
+              still_distance.where),
+        judge("tool_steady_in_dwells", still_angle.value, tol.POSE_ANGLE, "rad",
+              still_angle.where),
+    ]
+
+
+def _measure(
+    schedule: Schedule,
+    model: ToolModel,
+    event: Event,
+    times: FloatArray,
+    worst: tuple[_Worst, _Worst],
+    where: str,
+) -> None:
+    """Adds the tool's distance and angle from an event's pose at some times."""
+    R, p = model.poses(event.arm, schedule.trajectory.at(times)[0])
+    worst[0].add(float(np.linalg.norm(p - event.pose.translation, axis=1).max()), where)
+    worst[1].add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
+
+
+def check_targets(schedule: Schedule, job: Job) -> Check:
+    """Checks that every event's pose is one that the job's target allows."""
+    worst = _Worst()
+    stops = {(t.arm, t.id, s.action): s for t in job.tasks for s in t.stops}
+    for event in schedule.events:
+        stop = stops.get((event.arm, event.task, event.action))
+        if stop is None:
+            continue  # check_order names it
+        where = f"{event.task} ({event.action}), asked for at {stop.place}"
+        worst.add(_target_error(schedule, job, event, stop), where)
+    return judge("events_at_targets", worst.value, tol.POSE_DISTANCE, "m, rad", worst.where)
+
+
+def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> float:
+    """Returns how far an event is from its target within the target's freedoms [m, rad]."""
+    if isinstance(stop.target, JointTarget):
+        names = job.cell.robot.arm(event.arm).joints
+        columns = [schedule.trajectory.joints.index(name) for name in names]
+        q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
+        return float(np.abs(stop.target.configurations - q).max(axis=1).min())
+    error = stop.target.pose.actInv(event.pose)
+    off = float(np.linalg.norm(error.translation))
+    if stop.target.free_yaw:
+        tilt = np.arctan2(np.hypot(error.rotation[0, 2], error.rotation[1, 2]),
+                          error.rotation[2, 2])
+        return max(off, float(tilt))
+    turns = np.arange(stop.target.symmetry) * (2.0 * np.pi / stop.target.symmetry)
+    angles = [
+        float(rotation_angle(error.rotation @ pin.utils.rotate("z", -turn))) for turn in turns
+    ]
+    return max(off, min(angles))
+
+
+def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+    """Checks that tools approach and retract straight along their z axis, as far as asked."""
+    beside, turned, length = _Worst(), _Worst(), _Worst()
+    events = {(e.arm, e.task, e.action): e for e in schedule.events}
+    stops = {(t.arm, t.id, s.action): s for t in (job.tasks if job else ()) for s in t.stops}
+    lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
+    for segment in lines:
+        key = (segment.arm, segment.task, segment.action)
+        where = f"{segment.kind} of {segment.task} ({segment.action}) at {segment.start:.3f} s"
+        if key not in events:
+            beside.add(np.inf, f"{where}: no event says where it leads")
+            continue
+        _measure_line(schedule, model, segment, events[key], stops.get(key),
+                      (beside, turned, length), where)
+    missing = _missing_lines(lines, stops)
+    if missing:
+        length.add(np.inf, missing)
+    return [
+        judge("lines_straight", beside.value, tol.LINE_DISTANCE, "m", beside.where),
+        judge("lines_steady", turned.value, tol.LINE_ANGLE, "rad", turned.where),
+        judge("line_lengths", length.value, tol.LINE_DISTANCE, "m", length.where),
+    ]
+
+
+def _measure_line(
+    schedule: Schedule,
+    model: ToolModel,
+    segment: Segment,
+    event: Event,
+    stop: Stop | None,
+    worst: tuple[_Worst, _Worst, _Worst],
+    where: str,
+) -> None:
+    times = _dense(schedule.trajectory.time, segment.start, segment.end)
+    R, p = model.poses(segment.arm, schedule.trajectory.at(times)[0])
+    # In the target's own frame the line is the negative z axis.
+    local = (p - event.pose.translation) @ event.pose.rotation
+    worst[0].add(float(np.hypot(local[:, 0], local[:, 1]).max()), where)
+    worst[1].add(float(rotation_angle(event.pose.rotation.T @ R).max()), where)
+    depth = -local[:, 2] if segment.kind == "retract" else -local[::-1, 2]
+    asked = float(depth[-1])
+    if stop is not None:
+        asked = stop.retract if segment.kind == "retract" else stop.approach
+    backwards = float(max(0.0, -np.diff(depth).min(initial=0.0)))
+    ends = max(abs(float(depth[0])), abs(float(depth[-1]) - asked))
+    worst[2].add(max(ends, backwards), where)
+
+
+def _missing_lines(
+    lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
+) -> str:
+    """Returns which line that the job asks for is not in the schedule, or an empty string."""
+    there = {(s.arm, s.task, s.action, s.kind) for s in lines}
+    for (arm, task, action), stop in stops.items():
+        for kind, length in (("approach", stop.approach), ("retract", stop.retract)):
+            if length > 0 and (arm, task, action, kind) not in there:
+                return f"{kind} of {task} ({action}) is missing"
+    return ""
+
+
+def _dense(knots: FloatArray, start: float, end: float) -> FloatArray:
+    """Returns the knots between two instants, the ends, and instants between all of them."""
+    inside = knots[(knots > start + tol.SAME_TIME) & (knots < end - tol.SAME_TIME)]
+    edges = np.unique(np.concatenate([[start], inside, [end]]))
+    share = np.arange(PER_INTERVAL) / PER_INTERVAL
+    times = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
+    return np.append(times, end)
+
+
+def check_platform_still(schedule: Schedule) -> Check:
+    """Checks that the platform stands during every line and dwell."""
+    robot, trajectory = schedule.robot, schedule.trajectory
+    if not robot.platform:
+        return not_checked("platform_still", "the robot has no platform")
+    columns = [trajectory.joints.index(name) for name in robot.platform]
+    worst = _Worst()
+    for segment in schedule.segments:
+        if segment.kind in ("approach", "dwell", "retract"):
+            times = _dense(trajectory.time, segment.start, segment.end)
+            q, v, _ = (rate[:, columns] for rate in trajectory.at(times))
+            moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
+            worst.add(moved, f"{segment.kind} of {segment.task} at {segment.start:.3f} s")
+    return judge("platform_still", worst.value, tol.SAME_JOINTS, "rad, rad/s", worst.where)
+
+
+def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) -> Check:
+    """Checks the cap on the speed of every tool centre point in the world, at 1 kHz."""
+    if cap is None:
+        return not_checked("tool_speed", "no cap is set")
+    worst = _Worst()
+    trajectory = schedule.trajectory
+    times = np.arange(trajectory.time[0], trajectory.time[-1], SPEED_STEP)
+    before, after = (trajectory.at(times + d)[0] for d in (-SPEED_HALF, SPEED_HALF))
+    # At the ends of the motion the window is cut short.
+    width = np.clip(times + SPEED_HALF, 0, trajectory.time[-1]) - np.clip(
+        times - SPEED_HALF, trajectory.time[0], None
+    )
+    for arm in schedule.robot.arms:
+        moved = model.poses(arm, after)[1] - model.poses(arm, before)[1]
+        speed = np.linalg.norm(moved, axis=1) / width
+        k = int(np.argmax(speed)) if len(speed) else 0
+        if len(speed):
+            worst.add(float(speed[k]), f"{arm} tool at {times[k]:.3f} s")
+    return judge("tool_speed", worst.value, cap * (1.0 + tol.TOOL_SPEED_SLACK), "m/s", worst.where)

@@ -1,0 +1,160 @@
+"""What holds for every bundled robot."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.loading.bundled import bundled_robots
+from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.model.robot import Arm, Robot
+
+ROBOTS = ["bottin_planar", "iiwa14", "iiwa7", "openarm", "sda10f"]
+
+SQRT3 = 3.0**0.5
+# Shoulder, elbow, wrist centre at q = 0 [m]: for the planar robot 50, 120 and 190 mm from the platform's
+# axis, the right arm turned by 120 deg; for the iiwas the sums of the links' lengths.
+CENTRES = {
+    ("bottin_planar", "left"): [(0.05, 0, 0), (0.12, 0, 0), (0.19, 0, 0)],
+    ("bottin_planar", "right"): [
+        (-0.5 * reach, SQRT3 / 2 * reach, 0.0) for reach in (0.05, 0.12, 0.19)
+    ],
+    ("iiwa14", "left"): [(0, 0, 0.36), (0, 0, 0.78), (0, 0, 1.18)],
+    ("iiwa7", "left"): [(0, 0, 0.34), (0, 0, 0.74), (0, 0, 1.14)],
+    ("openarm", "left"): [(0, 0.1535, 0.698), (0, 0.1535, 0.478), (0, 0.1535, 0.262)],
+    ("openarm", "right"): [(0, -0.1535, 0.698), (0, -0.1535, 0.478), (0, -0.1535, 0.262)],
+    ("sda10f", "left"): [(0.1, 0.265, 1.2), (0.1, 0.625, 1.2), (0.1, 0.985, 1.2)],
+    ("sda10f", "right"): [(0.1, -0.265, 1.2), (0.1, -0.625, 1.2), (0.1, -0.985, 1.2)],
+}
+
+
+def _arms(robot: Robot) -> dict[str, Arm]:
+    return {arm.name: arm for arm in robot.arms}
+
+
+def _axes(model: pin.Model, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns axes and a point on each at q = 0, both of shape (7, 3)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    ids = [model.getJointId(name) for name in joints]
+    # A joint's column of the world Jacobian has its axis in the angular rows.
+    axes = np.array([data.J[3:, model.idx_vs[i]] for i in ids])
+    return axes, np.array([data.oMi[i].translation for i in ids])
+
+
+def test_the_bundled_robots_are_these() -> None:
+    """A robot added to the folder has to be added to these tests."""
+    assert bundled_robots() == ROBOTS
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_pinocchio_reads_the_urdf_with_one_position_per_moving_joint(
+    name: str, pin_model: Callable[[str], pin.Model], urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """No joint is continuous, floating or a mimic; none is lost."""
+    joints = [j for j in urdf_tree(name).iter("joint") if j.get("type") != "fixed"]
+    model = pin_model(name)
+    assert {joint.get("type") for joint in joints} == {"revolute"}
+    assert [joint.get("name") for joint in joints] == list(model.names)[1:]
+    assert model.nq == model.nv == len(joints)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_loader_takes_every_joint_and_limit_of_the_urdf(
+    name: str, pin_model: Callable[[str], pin.Model]
+) -> None:
+    """Nothing is fixed, widened or reordered on the way; every joint has assumed rates."""
+    loaded = load_robot(name)
+    limits, model = loaded.robot.limits, pin_model(name)
+    assert loaded.notes == ()
+    assert list(loaded.robot.joints) == list(model.names)[1:]
+    np.testing.assert_array_equal(limits.lower, model.lowerPositionLimit)
+    np.testing.assert_array_equal(limits.upper, model.upperPositionLimit)
+    np.testing.assert_array_equal(limits.velocity, model.velocityLimit)
+    assert np.isfinite(limits.acceleration).all()
+    assert set(limits.source) == {"assumed"}
+    # Every robot file assumes a jerk of ten times the acceleration per second.
+    np.testing.assert_allclose(limits.jerk, 10.0 * limits.acceleration, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_posture_is_well_inside_the_limits(name: str) -> None:
+    """A job that starts in a posture needs room: at least 9 deg in every joint."""
+    robot = load_robot(name).robot
+    assert "home" in robot.postures
+    for posture, q in robot.postures.items():
+        room = np.minimum(q - robot.limits.lower, robot.limits.upper - q)
+        assert room.min() > np.radians(9.0), posture
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_home_is_not_named_by_accident(name: str) -> None:
+    """The loader invents a home of zeros where the file has none; every bundled file has one."""
+    assert np.abs(load_robot(name).robot.postures["home"]).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_arm_is_singular_at_home(name: str) -> None:
+    """Smallest singular value of the Jacobian, lengths over the arm's reach, far from 0."""
+    robot = load_robot(name).robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    q = np.array(robot.postures["home"])
+    for arm in robot.arms:
+        frame = model.getFrameId(arm.flange)
+        centres = np.array(CENTRES[name, arm.name], dtype=float)
+        reach = np.linalg.norm(np.diff(centres, axis=0), axis=1).sum()
+        jacobian = pin.computeFrameJacobian(model, data, q, frame)[:, robot.columns(arm.joints)]
+        jacobian[:3] /= reach
+        assert np.linalg.svd(jacobian, compute_uv=False).min() > 0.2, arm.name
+
+
+@pytest.mark.parametrize(("name", "side"), CENTRES)
+def test_axes_meet_in_shoulder_elbow_and_wrist(
+    name: str, side: str, pin_model: Callable[[str], pin.Model]
+) -> None:
+    """Axes 1-3, 3-5 and 5-7 pass through the published centres, consecutive ones at right angles."""
+    arm = _arms(load_robot(name).robot)[side]
+    assert arm.kind == "srs"
+    axes, points = _axes(pin_model(name), arm.joints)
+    for first, centre in zip((0, 2, 4), np.array(CENTRES[name, side], dtype=float), strict=True):
+        across = np.cross(axes[first : first + 3], centre - points[first : first + 3])
+        assert np.linalg.norm(across, axis=1).max() < 1e-12
+    assert np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max() < 1e-12
+
+
+def test_every_arm_has_its_centres_listed_here() -> None:
+    """The check of the centres leaves no arm out."""
+    arms = {(name, arm.name) for name in ROBOTS for arm in load_robot(name).robot.arms}
+    assert arms == set(CENTRES)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_mesh_is_needed(name: str, urdf_path: Callable[[str], Path]) -> None:
+    """Primitive geometry only, so that one file is the whole robot."""
+    text = urdf_path(name).read_text(encoding="utf-8")
+    assert "mesh" not in text
+    assert "package://" not in text
+    assert [path.name for path in sorted(urdf_path(name).parent.iterdir())] == sorted(
+        [f"{name}.urdf", "robot.yaml"]
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_inertias_are_those_of_possible_bodies(
+    name: str, urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """Positive mass, and no principal moment above the sum of the other two."""
+    for inertial in urdf_tree(name).iter("inertial"):
+        mass, inertia = inertial.find("mass"), inertial.find("inertia")
+        assert mass is not None
+        assert inertia is not None
+        moments = sorted(float(inertia.attrib[key]) for key in ("ixx", "iyy", "izz"))
+        assert float(mass.attrib["value"]) > 0.0
+        assert 0.0 < moments[2] <= moments[0] + moments[1]
+        assert [inertia.get(key) for key in ("ixy", "ixz", "iyz")] == ["0", "0", "0"]

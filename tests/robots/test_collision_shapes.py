@@ -1,0 +1,204 @@
+"""Collision geometry of the bundled robots: the naming convention of robots/README.md, and coverage."""
+
+from __future__ import annotations
+
+import itertools
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.loading.bundled import bundled_robots
+from dualarm_cli.loading.robots import load_robot
+
+Segment = tuple[np.ndarray, np.ndarray, float]
+"""Both ends of a capsule's axis in the link's frame [m] and its radius [m]."""
+
+# World extents [m] of the SDA10F's links at q = 0, measured on the collision meshes of
+# ros-industrial/motoman and printed to the millimetre; the arm is the left one.
+EXTENTS = {
+    "torso_link_b1": [(-0.122, -0.129, 0.880), (0.222, 0.129, 1.339)],
+    "left_link_s": [(0.013, 0.090, 1.095), (0.186, 0.351, 1.285)],
+    "left_link_l": [(0.009, 0.174, 1.134), (0.192, 0.481, 1.300)],
+    "left_link_e": [(0.032, 0.444, 1.132), (0.168, 0.691, 1.285)],
+    "left_link_u": [(0.029, 0.555, 1.120), (0.170, 0.864, 1.255)],
+    "left_link_r": [(0.041, 0.830, 1.127), (0.158, 1.040, 1.257)],
+    "left_link_b": [(0.043, 0.928, 1.146), (0.157, 1.140, 1.273)],
+}
+
+
+def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
+    assert element is not None
+    return np.array([float(word) for word in element.attrib[key].split()])
+
+
+def _shape(solid: ET.Element) -> ET.Element:
+    geometry = solid.find("geometry")
+    assert geometry is not None
+    assert len(geometry) == 1
+    return geometry[0]
+
+
+def _capsule(link: ET.Element) -> Segment | None:
+    """Returns the capsule that a link's collision elements spell, None where it has none."""
+    solids = {solid.attrib["name"]: solid for solid in link.iter("collision")}
+    middle = solids.get(f"{link.get('name')}_capsule")
+    if middle is None:
+        return None
+    centre, shape = _numbers(middle.find("origin"), "xyz"), _shape(middle)
+    radius = float(shape.attrib["radius"])
+    if shape.tag == "sphere":
+        return centre, centre, radius
+    axis = pin.rpy.rpyToMatrix(*_numbers(middle.find("origin"), "rpy"))[:, 2]
+    half = 0.5 * float(shape.attrib["length"]) * axis
+    return centre - half, centre + half, radius
+
+
+def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Returns each point's distance from a segment, shape (n,)."""
+    along = end - start
+    share = np.clip((points - start) @ along / max(along @ along, 1e-300), 0.0, 1.0)
+    return np.linalg.norm(points - start - share[:, None] * along, axis=1)
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_each_link_is_one_capsule_or_one_box_and_spelled_as_the_readme_says(
+    name: str, urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """`L_box`; or `L_capsule` alone as a sphere; or the cylinder `L_capsule` with `_a`, `_b` on its ends."""
+    for link in urdf_tree(name).iter("link"):
+        label = link.attrib["name"]
+        solids = {solid.attrib["name"]: solid for solid in link.iter("collision")}
+        tags = {key.removeprefix(label): _shape(solid).tag for key, solid in solids.items()}
+        assert tags in (
+            {},
+            {"_box": "box"},
+            {"_capsule": "sphere"},
+            {"_capsule": "cylinder", "_capsule_a": "sphere", "_capsule_b": "sphere"},
+        ), label
+        if len(tags) == 3:
+            capsule = _capsule(link)
+            assert capsule is not None
+            ends = [_numbers(solids[f"{label}_capsule_{x}"].find("origin"), "xyz") for x in "ab"]
+            gaps = [
+                np.linalg.norm(np.subtract(ends, order)) for order in (capsule[:2], capsule[1::-1])
+            ]
+            assert min(gaps) < 1e-8, label
+            radii = {float(_shape(solid).attrib["radius"]) for solid in solids.values()}
+            assert radii == {capsule[2]}
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_what_is_seen_is_what_collides(name: str, urdf_tree: Callable[[str], ET.Element]) -> None:
+    """Visual and collision elements are the same."""
+    for link in urdf_tree(name).iter("link"):
+        seen, hit = (
+            [b"".join(ET.tostring(part) for part in solid) for solid in link.iter(tag)]
+            for tag in ("visual", "collision")
+        )
+        assert seen == hit
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_capsules_leave_no_gap_along_an_arm(
+    name: str, urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """Every point of the line shoulder, elbow, wrist, flange lies inside a capsule of the arm at home."""
+    robot = load_robot(name).robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array(robot.postures["home"]))
+    capsules = {link.attrib["name"]: _capsule(link) for link in urdf_tree(name).iter("link")}
+    for arm in robot.arms:
+        placed = []
+        for joint in arm.joints:
+            T = data.oMi[model.getJointId(joint)]
+            child = next(
+                j.find("child") for j in urdf_tree(name).iter("joint") if j.get("name") == joint
+            )
+            assert child is not None
+            capsule = capsules[child.attrib["link"]]
+            if capsule is not None:
+                placed.append((T.act(capsule[0]), T.act(capsule[1]), capsule[2]))
+        points = _backbone(model, data, arm.joints, arm.flange)
+        outside = np.min([_distance(points, a, b) - radius for a, b, radius in placed], axis=0)
+        assert outside.max() <= 1e-9, (arm.name, points[outside.argmax()])
+
+
+def _backbone(model: pin.Model, data: pin.Data, joints: tuple[str, ...], flange: str) -> np.ndarray:
+    """Returns points 2 mm or less apart from shoulder over elbow and wrist to flange, shape (n, 3)."""
+
+    def meet(first: str, second: str) -> np.ndarray:
+        """Returns where the axes of two joints cross."""
+        lines = []
+        for name in (first, second):
+            i = model.getJointId(name)
+            column = model.joints[i].createData()
+            model.joints[i].calc(column, np.zeros(model.nq), np.zeros(model.nv))
+            lines.append(
+                (data.oMi[i].translation, data.oMi[i].rotation @ np.array(column.S)[3:].ravel())
+            )
+        (p, u), (r, v) = lines
+        share = np.linalg.lstsq(np.column_stack([u, -v]), r - p, rcond=None)[0]
+        return p + share[0] * u
+
+    corners = [meet(joints[i], joints[i + 1]) for i in (0, 3, 5)]
+    corners.append(data.oMf[model.getFrameId(flange)].translation)
+    steps = np.linspace(0.0, 1.0, 401)[:, None]
+    return np.concatenate([a + steps * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
+
+
+@pytest.mark.parametrize("link", EXTENTS)
+def test_sda10f_capsules_contain_what_was_measured(
+    link: str, pin_model: Callable[[str], pin.Model], urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """A capsule that contains a link reaches at least as far in all six directions, to the millimetre."""
+    model = pin_model("sda10f")
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.zeros(model.nq))
+    element = next(x for x in urdf_tree("sda10f").iter("link") if x.get("name") == link)
+    capsule = _capsule(element)
+    assert capsule is not None
+    T = data.oMf[model.getFrameId(link)]
+    ends = np.array([T.act(capsule[0]), T.act(capsule[1])])
+    low, high = np.array(EXTENTS[link])
+    assert (ends.min(axis=0) - capsule[2] <= low + 1e-3).all()
+    assert (ends.max(axis=0) + capsule[2] >= high - 1e-3).all()
+
+
+def test_sda10f_base_box_is_the_measured_pedestal(urdf_tree: Callable[[str], ET.Element]) -> None:
+    """0.50 x 0.50 x 0.894 m standing on the floor, reaching 0.343 m behind the platform's axis."""
+    solid = next(urdf_tree("sda10f").iter("collision"))
+    centre, size = _numbers(solid.find("origin"), "xyz"), _numbers(_shape(solid), "size")
+    np.testing.assert_allclose(centre - size / 2, [-0.343, -0.25, 0.0], atol=1e-12)
+    np.testing.assert_allclose(centre + size / 2, [0.157, 0.25, 0.894], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_no_arm_is_near_the_other_or_the_body_at_home(
+    name: str, urdf_path: Callable[[str], Path]
+) -> None:
+    """50 mm or more between the arms, and between each arm from its elbow on and what carries it."""
+    robot = load_robot(name).robot
+    model = pin.buildModelFromUrdf(str(urdf_path(name)))
+    shapes = pin.buildGeomFromUrdf(model, str(urdf_path(name)), pin.GeometryType.COLLISION)
+    body = [0, *(model.getJointId(joint) for joint in robot.platform)]
+    arms = [[model.getJointId(joint) for joint in arm.joints] for arm in robot.arms]
+    for arm in arms:
+        _add_pairs(shapes, arm[3:], body)
+    for left, right in itertools.combinations(arms, 2):
+        _add_pairs(shapes, left, right)
+    data, found = model.createData(), pin.GeometryData(shapes)
+    pin.computeDistances(model, data, shapes, found, np.array(robot.postures["home"]))
+    assert min(result.min_distance for result in found.distanceResults) >= 0.05
+
+
+def _add_pairs(shapes: pin.GeometryModel, first: list[int], second: list[int]) -> None:
+    """Adds every pair of a shape on one of the first joints and a shape on one of the second."""
+    for i, a in enumerate(shapes.geometryObjects):
+        for j, b in enumerate(shapes.geometryObjects):
+            if a.parentJoint in first and b.parentJoint in second:
+                shapes.addCollisionPair(pin.CollisionPair(i, j))
