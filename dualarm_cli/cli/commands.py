@@ -7,10 +7,12 @@ from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
 from dualarm_cli.cli.solvers import solvers_command
+from dualarm_cli.cli.verify import verify_command
 
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)
 app.add_typer(robot_app)
+app.command("verify")(verify_command)
 app.command("solvers")(solvers_command)
 
 __all__ = ["app"]

@@ -100,5 +100,5 @@ def _print(report: dict[str, Any], folder: Path) -> None:
     console = stdout_console()
     console.print(stage_table(report))
     for line in summary_lines(report):
-        console.print(line, markup=False)
+        console.print(line, markup=False, soft_wrap=True)
     console.print(f"written: {folder}", markup=False)

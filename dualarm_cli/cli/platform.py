@@ -143,10 +143,16 @@ def _table(rows: list[Row]) -> Any:
             _degrees(row.turn),
             _degrees(row.angle),
             *(_degrees(value) for value in row.delta),
-            _degrees(row.difference),
+            _printed_difference(row),
             "chosen" if row.chosen else "unreachable" if row.difference is None else "",
         )
     return table
+
+
+def _printed_difference(row: Row) -> str:
+    """Returns the difference of the two printed displacements, as the paper's table has it."""
+    one, two = (None if value is None else round(math.degrees(value), 2) for value in row.delta)
+    return "–" if one is None or two is None else f"{abs(two) - abs(one) + 0.0:.2f}"
 
 
 def _degrees(value: float | None) -> str:

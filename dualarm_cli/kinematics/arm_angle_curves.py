@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.arm_angle_plane import ArmPlane
 from dualarm_cli.kinematics.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs_limits import wrap
@@ -58,6 +58,7 @@ class ArmAngleCurves:
         _set(bending[1], -sf * k2t, -sf * k2r, cf * k2u)
         _set(turning[3, 0], -sf * k1t, -sf * k1r, cf * k1u)
         _set(turning[3, 1], sf * k0t, sf * k0r, -cf * k0u)
+        _settle(canonical, plane, turning)
         for i, joint in enumerate(TURNING):
             sign, offset = canonical.sign[joint], canonical.offset[joint]
             if offset != 0.0:
@@ -102,7 +103,7 @@ class ArmAngleCurves:
     def _resolve(
         self,
         triple: int,
-        near: np.ndarray,
+        near: BoolArray,
         sin: FloatArray,
         cos: FloatArray,
         q: list[FloatArray],
@@ -130,6 +131,43 @@ class ArmAngleCurves:
         q[first][near] = joint
         q[last][near] = wrap(sign[TURNING[last]] * (angle - offset[TURNING[last]]))
         middle[triple][near] = bent
+
+
+def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> None:
+    """Overwrites the curves of triples that are singular at every arm angle: a stretched arm.
+
+    Their outer joints turn about one line: the first is 0 and the last has all of the turn.
+    """
+    x, y, _ = plane.u
+    (k0u, k1u, _), (k0r, k1r, k2r), (k0t, k1t, k2t) = plane.R_plane
+    ca, sa, cf, sf = plane.cos_a, plane.sin_a, plane.cos_f, plane.sin_f
+    shoulder = sa + np.hypot(x, y) < SINGULAR
+    wrist = sf + np.hypot(k2r, k2t) < SINGULAR
+    # The second row of Z(-theta) M, as functions of psi, for the theta of a first joint at 0.
+    if shoulder.any():
+        _, ry, _ = plane.r
+        _, ty, _ = plane.t
+        rows = [[-ca * ty, -ca * ry, sa * y], [ry, -ty, 0.0 * y]]
+        _overwrite(turning[0:2], shoulder, rows, 0.0)
+    if wrist.any():
+        s, c = np.sin(canonical.offset[4]), np.cos(canonical.offset[4])
+        rows = [
+            [c * kr + s * cf * kt, -c * kt + s * cf * kr, s * sf * ku]
+            for ku, kr, kt in ((k0u, k0r, k0t), (k1u, k1r, k1t))
+        ]
+        _overwrite(turning[2:4], wrist, rows, canonical.offset[4])
+
+
+def _overwrite(
+    turning: FloatArray, chosen: BoolArray, rows: list[list[FloatArray]], theta: float
+) -> None:
+    """Writes a constant first joint and the given rows of the last one where chosen."""
+    # Short, so that the sine of the middle joint, which is their length, stays next to nothing.
+    first = SINGULAR**2 * np.array([np.sin(theta), np.cos(theta)])
+    for k in range(2):
+        for j in range(3):
+            turning[0, k, j] = np.where(chosen, first[k] if j == 2 else 0.0, turning[0, k, j])
+            turning[1, k, j] = np.where(chosen, rows[k][j], turning[1, k, j])
 
 
 def _set(

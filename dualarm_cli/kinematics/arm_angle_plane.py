@@ -11,6 +11,9 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 
 REACH_SLACK = 1e-11
 """How far a wrist centre may be out of reach by rounding [m]."""
+STRETCHED = 1e-14
+"""A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square root
+of the gap, would otherwise be 1e-8 rad of noise."""
 ON_AXIS = 1e-12
 """Below this sine of its angle to the first axis a direction counts as lying on it."""
 
@@ -63,7 +66,8 @@ class ArmPlane:
         distance = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         reach, core = upper + fore, abs(upper - fore)
         reachable = (distance <= reach + REACH_SLACK) & (distance >= core - REACH_SLACK)
-        d = np.clip(distance, core, reach)
+        d = np.where(distance < core + STRETCHED, core, distance)
+        d = np.where(d > reach - STRETCHED, reach, d)
         product = 2.0 * upper * fore
         cos_bend = np.clip((d * d - upper * upper - fore * fore) / product, -1.0, 1.0)
         sin_bend = np.sqrt((reach - d) * (reach + d) * (d - core) * (d + core)) / product

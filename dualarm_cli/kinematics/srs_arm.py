@@ -253,7 +253,7 @@ class SrsArm:
         tiny = d < REACH_SLACK
         u = np.where(tiny, np.array([0.0, 0.0, 1.0])[:, None], w / np.where(tiny, 1.0, d))
         r, t = reference_directions(u)
-        # h = -sign(theta4) y × u, hence h·r = ∓ y·t... of the right-handed (u, r, t).
+        # For a positive bend y = -u × h = r sin psi - t cos psi.
         y = fore[1] * np.where(s[3] < 0.0, -1.0, 1.0)
         psi = np.arctan2((y * r).sum(axis=0), -(y * t).sum(axis=0))
         return srs_limits.wrap(psi).reshape(q.shape[:-1])

@@ -26,7 +26,7 @@ class ScalarError(ValueError):
 def core_scalar(text: str) -> str | int | float | bool | None:
     """Returns what an unquoted scalar means.
 
-    Octal, hexadecimal, sexagesimal and date spellings and numbers with leading zeros stay text, so that
+    Octal, hexadecimal, sexagesimal and date spellings and leading zeros stay text, so that
     whoever wants a number there can say what to write instead.
 
     Args:

@@ -12,6 +12,12 @@ PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry
     "platform",
     [
         Solver(
+            name="fixed",
+            solve=solve_fixed,
+            summary="The platform does not turn.",
+            reference="baseline",
+        ),
+        Solver(
             name="exact",
             solve=solve_exact,
             summary="Exactly equal elbow displacements: zeros of a quartic, stationary points else.",
@@ -22,12 +28,6 @@ PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry
             solve=solve_linearised,
             summary="Elbow displacements equal to first order of the arccosine.",
             reference="[Bottin2021] Eq. 14 and 15",
-        ),
-        Solver(
-            name="fixed",
-            solve=solve_fixed,
-            summary="The platform does not turn.",
-            reference="baseline",
         ),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rich.markup import escape
@@ -37,7 +38,7 @@ def stage_table(report: dict[str, Any]) -> Table:
             *(f"{stage['arm_times'].get(arm, 0.0):.3f}" for arm in arms),
             stage["bottleneck"] or "–",
             stage["platform_solver"],
-            "–" if angle is None else f"{angle * 180 / 3.141592653589793:.2f}",
+            "–" if angle is None else f"{round(math.degrees(angle), 2) + 0.0:.2f}",
         )
     return table
 

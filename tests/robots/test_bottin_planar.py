@@ -16,8 +16,8 @@ R0, ALPHA, LINK, PHI0 = 0.050, math.radians(120), 0.070, math.radians(-30)
 START = {"left": (0.120, 0.0), "right": (0.0, 0.120)}
 TARGET = {"left": (0.080, 0.010), "right": (0.050, 0.100)}
 
-# [Bottin2021], Table 2: platform's turn, displacement of the elbows of arm 1 (ours: left) and arm 2 [deg].
-# Rows 6 and 7 are out of arm 2's reach, row 7's sum with the start is the largest angle.
+# [Bottin2021], Table 2 [deg]: platform's turn, displacement of the elbows of arm 1 (ours: left) and
+# arm 2. Rows 6 and 7 are out of arm 2's reach.
 TABLE_2 = {
     1: (-113.63, 59.14, -58.17),
     2: (-40.43, 4.62, 5.24),
@@ -44,8 +44,8 @@ def _interior(side: str, phi: float, target: tuple[float, float]) -> float:
 def _joints(side: str, phi: float, target: tuple[float, float]) -> tuple[float, float]:
     """Returns joints 1 and 4 that put the wrist on a point, elbow outward.
 
-    Both links are equal: the triangle is isosceles, so link 1 leaves the line to the wrist by half of
-    joint 4. Joint 1 counts from the radius through the shoulder.
+    Both links are equal: the triangle is isosceles, so link 1 leaves the line to the wrist by half
+    of joint 4. Joint 1 counts from the radius through the shoulder.
     """
     bend = math.pi - _interior(side, phi, target)
     q4 = bend if side == "left" else -bend
@@ -78,7 +78,7 @@ def _posture(model: pin.Model, phi: float, points: dict[str, tuple[float, float]
 
 @pytest.mark.parametrize("phi", [0.0, PHI0, 2.5, -6.0])
 def test_shoulders_follow_equation_1(planar: tuple[pin.Model, pin.Data], phi: float) -> None:
-    """Left is the paper's arm 1 at azimuth phi, right its arm 2 at phi + 120 deg, both 50 mm out."""
+    """Left is the paper's arm 1 at azimuth phi, right its arm 2 at phi + 120 deg, 50 mm out."""
     model, data = planar
     pin.forwardKinematics(model, data, _configuration(model, {"platform_joint": phi}))
     for side in ("left", "right"):
@@ -87,7 +87,7 @@ def test_shoulders_follow_equation_1(planar: tuple[pin.Model, pin.Data], phi: fl
 
 
 def test_home_is_the_papers_initial_configuration(planar: tuple[pin.Model, pin.Data]) -> None:
-    """Platform at -30 deg, wrists at (120, 0) and (0, 120) mm within 1e-12 m, tools straight down."""
+    """Platform at -30 deg, wrists at (120, 0) and (0, 120) mm within 1e-12 m, tools down."""
     model, data = planar
     home = np.array(load_robot("bottin_planar").robot.postures["home"])
     np.testing.assert_allclose(home, _posture(model, PHI0, START), atol=1e-12)
@@ -129,9 +129,10 @@ def test_moves_of_table_2_give_its_elbow_displacements(
         p = data.oMf[model.getFrameId(f"{side}_flange")].translation
         np.testing.assert_allclose(p, [*TARGET[side], 0.0], rtol=0, atol=1e-12)
         column = model.idx_qs[model.getJointId(f"{side}_4")]
-        # The paper's q4 is the angle between the links: it grows as the joint bends less.
-        got = math.degrees(abs(start[column]) - abs(end[column]))
-        # phi and displacement are printed to 0.01 deg; the elbow turns up to 1.3 times as far as phi.
+        # The paper's signs are those of a mirrored pair: the angle between the links grows with its
+        # arm 1's elbow and shrinks with its arm 2's, as our joints count with the sign turned.
+        got = math.degrees(start[column] - end[column])
+        # Turn and displacement are printed to 0.01 deg, and the elbow turns somewhat faster.
         assert got == pytest.approx(displacement, abs=0.012)
 
 

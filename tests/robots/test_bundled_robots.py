@@ -17,8 +17,8 @@ from dualarm_cli.model.robot import Arm, Robot
 ROBOTS = ["bottin_planar", "iiwa14", "iiwa7", "openarm", "sda10f"]
 
 SQRT3 = 3.0**0.5
-# Shoulder, elbow, wrist centre at q = 0 [m]: for the planar robot 50, 120 and 190 mm from the platform's
-# axis, the right arm turned by 120 deg; for the iiwas the sums of the links' lengths.
+# Shoulder, elbow, wrist centre at q = 0 [m]: for the planar robot 50, 120 and 190 mm from the
+# platform's axis, the right arm turned by 120 deg; for the iiwas the sums of the links' lengths.
 CENTRES = {
     ("bottin_planar", "left"): [(0.05, 0, 0), (0.12, 0, 0), (0.19, 0, 0)],
     ("bottin_planar", "right"): [
@@ -118,7 +118,7 @@ def test_no_arm_is_singular_at_home(name: str) -> None:
 def test_axes_meet_in_shoulder_elbow_and_wrist(
     name: str, side: str, pin_model: Callable[[str], pin.Model]
 ) -> None:
-    """Axes 1-3, 3-5 and 5-7 pass through the published centres, consecutive ones at right angles."""
+    """Axes 1-3, 3-5, 5-7 pass through the published centres, consecutive ones at right angles."""
     arm = _arms(load_robot(name).robot)[side]
     assert arm.kind == "srs"
     axes, points = _axes(pin_model(name), arm.joints)

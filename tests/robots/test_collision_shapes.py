@@ -1,4 +1,4 @@
-"""Collision geometry of the bundled robots: the naming convention of robots/README.md, and coverage."""
+"""Collision geometry of the bundled robots: the naming of robots/README.md, and coverage."""
 
 from __future__ import annotations
 
@@ -61,14 +61,15 @@ def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
     """Returns each point's distance from a segment, shape (n,)."""
     along = end - start
     share = np.clip((points - start) @ along / max(along @ along, 1e-300), 0.0, 1.0)
-    return np.linalg.norm(points - start - share[:, None] * along, axis=1)
+    distance: np.ndarray = np.linalg.norm(points - start - share[:, None] * along, axis=1)
+    return distance
 
 
 @pytest.mark.parametrize("name", bundled_robots())
 def test_each_link_is_one_capsule_or_one_box_and_spelled_as_the_readme_says(
     name: str, urdf_tree: Callable[[str], ET.Element]
 ) -> None:
-    """`L_box`; or `L_capsule` alone as a sphere; or the cylinder `L_capsule` with `_a`, `_b` on its ends."""
+    """`L_box`; or a sphere `L_capsule`; or a cylinder `L_capsule` with `_a`, `_b` on its ends."""
     for link in urdf_tree(name).iter("link"):
         label = link.attrib["name"]
         solids = {solid.attrib["name"]: solid for solid in link.iter("collision")}
@@ -106,7 +107,7 @@ def test_what_is_seen_is_what_collides(name: str, urdf_tree: Callable[[str], ET.
 def test_capsules_leave_no_gap_along_an_arm(
     name: str, urdf_tree: Callable[[str], ET.Element]
 ) -> None:
-    """Every point of the line shoulder, elbow, wrist, flange lies inside a capsule of the arm at home."""
+    """The line shoulder, elbow, wrist, flange lies inside the arm's capsules at home."""
     robot = load_robot(name).robot
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
@@ -129,7 +130,7 @@ def test_capsules_leave_no_gap_along_an_arm(
 
 
 def _backbone(model: pin.Model, data: pin.Data, joints: tuple[str, ...], flange: str) -> np.ndarray:
-    """Returns points 2 mm or less apart from shoulder over elbow and wrist to flange, shape (n, 3)."""
+    """Returns points 2 mm or less apart along shoulder, elbow, wrist, flange, shape (n, 3)."""
 
     def meet(first: str, second: str) -> np.ndarray:
         """Returns where the axes of two joints cross."""
@@ -143,19 +144,20 @@ def _backbone(model: pin.Model, data: pin.Data, joints: tuple[str, ...], flange:
             )
         (p, u), (r, v) = lines
         share = np.linalg.lstsq(np.column_stack([u, -v]), r - p, rcond=None)[0]
-        return p + share[0] * u
+        crossing: np.ndarray = p + share[0] * u
+        return crossing
 
     corners = [meet(joints[i], joints[i + 1]) for i in (0, 3, 5)]
     corners.append(data.oMf[model.getFrameId(flange)].translation)
     steps = np.linspace(0.0, 1.0, 401)[:, None]
-    return np.concatenate([a + steps * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
+    return np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(corners)])
 
 
 @pytest.mark.parametrize("link", EXTENTS)
 def test_sda10f_capsules_contain_what_was_measured(
     link: str, pin_model: Callable[[str], pin.Model], urdf_tree: Callable[[str], ET.Element]
 ) -> None:
-    """A capsule that contains a link reaches at least as far in all six directions, to the millimetre."""
+    """A capsule that contains a link reaches at least as far in all six directions, to 1 mm."""
     model = pin_model("sda10f")
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.zeros(model.nq))
@@ -181,7 +183,7 @@ def test_sda10f_base_box_is_the_measured_pedestal(urdf_tree: Callable[[str], ET.
 def test_no_arm_is_near_the_other_or_the_body_at_home(
     name: str, urdf_path: Callable[[str], Path]
 ) -> None:
-    """50 mm or more between the arms, and between each arm from its elbow on and what carries it."""
+    """50 mm or more between the arms, and from each arm beyond its elbow to what carries it."""
     robot = load_robot(name).robot
     model = pin.buildModelFromUrdf(str(urdf_path(name)))
     shapes = pin.buildGeomFromUrdf(model, str(urdf_path(name)), pin.GeometryType.COLLISION)

@@ -1,4 +1,4 @@
-"""The Yaskawa Motoman SDA10F against published numbers (ros-industrial/motoman, see robots/README.md)."""
+"""The Yaskawa Motoman SDA10F against published numbers (sources: robots/README.md)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from dualarm_cli.loading.robots import load_robot
 
 Row = tuple[float, list[float], list[float], list[float], list[float], list[float]]
 
-# b1 [rad], both arms' S L E U R B T [rad]; left position [m] and quaternion xyzw, right ones; of tool0 in
-# the world, expanded from the published description with another program, printed to six decimals.
+# b1 [rad], both arms' S L E U R B T [rad]; tool0 in the world: left position [m] and quaternion
+# xyzw, then the right ones. Expanded from the published description with another program and
+# printed to six decimals.
 H = 0.707107
 FK: list[Row] = [
     (0.0, [0, 0, 0, 0, 0, 0, 0], [0.1, 1.14, 1.2], [0, H, H, 0], [0.1, -1.14, 1.2], [H, 0, 0, H]),
@@ -129,7 +130,7 @@ def test_rest_and_zero_are_the_published_postures() -> None:
 
 
 def test_masses_add_up_to_the_estimates(pin_model: Callable[[str], pin.Model]) -> None:
-    """68 kg base, 52 kg torso and 42 kg per arm: what moves is 136 kg, the pedestal stands still."""
+    """68 kg base, 52 kg torso and 42 kg per arm: 136 kg move, the pedestal stands still."""
     model = pin_model("sda10f")
     assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(136.0 + 68.0)
     assert model.inertias[1].mass == pytest.approx(52.0)

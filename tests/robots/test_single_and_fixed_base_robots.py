@@ -54,7 +54,7 @@ def test_iiwa_stands_upright_at_zero(name: str, pin_model: Callable[[str], pin.M
 def test_iiwa_joints_2_4_6_turn_about_y_minus_y_y(
     name: str, pin_model: Callable[[str], pin.Model]
 ) -> None:
-    """Signs of KUKA's axes: bending joint 2 forward by 90 deg lays the arm along +x; joint 4 counts back."""
+    """Signs of KUKA's axes: joint 2 leans the arm along +x, joint 4 counts the other way."""
     model = pin_model(name)
     data = model.createData()
     height = 0.36 if name == "iiwa14" else 0.34
@@ -78,7 +78,7 @@ def test_iiwa_home_points_the_tool_down(name: str, pin_model: Callable[[str], pi
 
 
 def test_openarm_limits_are_the_published_ones_and_joints_1_and_2_mirrored() -> None:
-    """The left arm's first two ranges are the right arm's with the sign turned, the others the same."""
+    """The left arm's first two ranges are the right arm's with the sign turned."""
     robot = load_robot("openarm").robot
     right = np.array(OPENARM_RIGHT)
     left = right.copy()
@@ -92,7 +92,7 @@ def test_openarm_limits_are_the_published_ones_and_joints_1_and_2_mirrored() -> 
 def test_openarm_arms_hang_at_zero_and_rise_sideways_and_forward(
     pin_model: Callable[[str], pin.Model],
 ) -> None:
-    """Joint 2 lifts each arm away from the body within its range, joint 4 lifts the forearm forward."""
+    """Joint 2 lifts each arm away from the body, joint 4 lifts the forearm forward."""
     model = pin_model("openarm")
     data = model.createData()
     for side, outward in (("left", 1.0), ("right", -1.0)):
@@ -105,7 +105,7 @@ def test_openarm_arms_hang_at_zero_and_rise_sideways_and_forward(
         wide = max((model.lowerPositionLimit[second], model.upperPositionLimit[second]), key=abs)
         q[second] = np.copysign(np.pi / 2, wide)
         pin.forwardKinematics(model, data, q)
-        # Level: shoulder (0.1535) + upper arm and forearm (0.436) sideways, at the shoulder's height.
+        # Upper arm and forearm (0.220 + 0.216) sideways from the shoulder, at its height.
         level = [0.0, outward * (0.1535 + 0.436), 0.698]
         np.testing.assert_allclose(data.oMi[wrist].translation, level, atol=1e-12)
         q[second] = 0.0

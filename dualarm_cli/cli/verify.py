@@ -1,0 +1,91 @@
+"""`dualarm verify`: the independent judge of any schedule in our format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stdout_console
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.schedule import Schedule
+    from dualarm_cli.model.verification import Check, Verification
+
+
+def verify_command(
+    schedule: Annotated[
+        Path, typer.Argument(help="Folder of a plan, or a schedule file.", show_default=False)
+    ],
+    tasks: Annotated[
+        Path | None,
+        typer.Option(
+            "--tasks",
+            help="Task file that the schedule is for: its limits, targets and order are then what counts.",
+            show_default=False,
+        ),
+    ] = None,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Judge a schedule, also one edited by hand or made elsewhere."""
+    from dataclasses import replace
+
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.reporting.report import verification_document
+    from dualarm_cli.verification import verify
+
+    found = read_schedule(schedule)
+    judged = verify(found, load_job(tasks) if tasks else None)
+    judged = replace(judged, checks=(*judged.checks, *_file_checks(schedule, found)))
+    if json_output:
+        document = verification_document(judged) or {}
+        print_json({"format": "dualarm.verification/1", **document})
+    elif not quiet:
+        console = stdout_console()
+        console.print(_table(judged))
+        console.print(f"verification: {'passed' if judged.passed else 'FAILED'}")
+    if not judged.passed:
+        raise typer.Exit(1)
+
+
+def _file_checks(path: Path, schedule: Schedule) -> list[Check]:
+    """Checks what only the file says: its length and the files it was written with."""
+    from dualarm_cli.exporting.schedule_reader import torn_files
+    from dualarm_cli.model.verification import Check
+
+    checks = []
+    stated = schedule.extra.get("duration")
+    if isinstance(stated, int | float):
+        off = abs(float(stated) - schedule.duration)
+        verdict: Any = "passed" if off <= 1e-9 else "failed"
+        where = f"stated {stated:g} s, trajectory {schedule.duration:g} s"
+        checks.append(Check("duration", verdict, off, 1e-9, "s", where))
+    if "files" in schedule.extra:
+        torn = torn_files(path, schedule)
+        verdict = "failed" if torn else "passed"
+        where = "; ".join(torn) or "as written"
+        checks.append(Check("files", verdict, float(len(torn)), 0.0, "", where))
+    return checks
+
+
+def _table(judged: Verification) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table()
+    for name in ("check", "verdict", "measured", "allowed", "unit", "where or why"):
+        table.add_column(name, justify="right" if name in ("measured", "allowed") else "left")
+    colour = {"passed": "green", "failed": "bold red", "not checked": "yellow"}
+    for check in judged.checks:
+        table.add_row(
+            check.name,
+            f"[{colour[check.verdict]}]{check.verdict}[/]",
+            "–" if check.measured is None else f"{check.measured:.3g}",
+            "–" if check.allowed is None else f"{check.allowed:.3g}",
+            check.unit,
+            escape(check.detail),
+        )
+    return table

@@ -1,0 +1,317 @@
+"""Reads `schedule.json` back; defects of the motion are left for the verifier to find."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.exporting.schedule_json import FORMAT
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import (
+    Event,
+    Provenance,
+    Schedule,
+    ScheduleArm,
+    ScheduleRobot,
+    Segment,
+    Stage,
+)
+from dualarm_cli.model.trajectory import Trajectory
+
+LARGEST_FILE = 500_000_000
+"""Largest schedule that is read [bytes]."""
+SEGMENT_KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return")
+UNIT_TOLERANCE = 1e-6
+"""How far a quaternion may be from unit length."""
+
+
+def read_schedule(path: Path) -> Schedule:
+    """Returns the schedule in a file, or in the folder's `schedule.json`.
+
+    NaN in a trajectory, unsorted times and broken limits are read as they are: they are findings, not crashes.
+    Stated facts that the noun derives itself (`duration`, `files`) are kept in `extra`.
+
+    Raises:
+        InputError: no such file, not JSON, or a member that cannot be understood, with its path.
+    """
+    file = path / "schedule.json" if path.is_dir() else path
+    reader = _Reader(str(file))
+    document = reader.document(file)
+    if document.get("format") != FORMAT:
+        reader.fail("format", f"is {document.get('format')!r}, not '{FORMAT}'")
+    robot = reader.member(document, "robot", dict)
+    joints = tuple(reader.names(robot, "joints", "robot.joints"))
+    if len(set(joints)) != len(joints) or not joints:
+        reader.fail("robot.joints", "must name every joint once")
+    trajectory = reader.trajectory(document, joints)
+    return Schedule(
+        robot=reader.robot(robot, joints, file.parent),
+        trajectory=trajectory,
+        stages=tuple(reader.each(document, "stages", reader.stage)),
+        segments=tuple(reader.each(document, "segments", reader.segment)),
+        events=tuple(reader.each(document, "events", reader.event)),
+        provenance=_provenance(document.get("provenance")),
+        lower_bound=reader.number(document, "lower_bound", "lower_bound", None),
+        notes=tuple(str(note) for note in document.get("notes") or ()),
+        extra={key: document[key] for key in ("duration", "files") if key in document},
+    )
+
+
+def torn_files(path: Path, schedule: Schedule) -> list[str]:
+    """Returns the files beside a schedule that are not those it was written with.
+
+    Args:
+        path: the schedule's file or folder.
+        schedule: as read from there.
+    """
+    folder = path if path.is_dir() else path.parent
+    stated = schedule.extra.get("files")
+    torn = []
+    for name, digest in (stated.items() if isinstance(stated, dict) else ()):
+        file = folder / Path(str(name)).name
+        if not file.is_file():
+            torn.append(f"{name} is missing")
+        elif hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+            torn.append(f"{name} was changed")
+    return torn
+
+
+def _provenance(value: object) -> Provenance:
+    """Returns where a schedule says it comes from; unknown where it does not say."""
+    known = value if isinstance(value, dict) else {}
+    inputs, settings = known.get("inputs"), known.get("settings")
+    seed = known.get("seed")
+    return Provenance(
+        version=str(known.get("version", "unknown")),
+        inputs=inputs if isinstance(inputs, dict) else {},
+        settings=settings if isinstance(settings, dict) else {},
+        seed=seed if isinstance(seed, int) else 0,
+    )
+
+
+class _Reader:
+    """Reads members of one document and names the path of what it cannot understand."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+
+    def fail(self, where: str, what: str, line: int = 0) -> NoReturn:
+        raise InputError([Diagnostic(self._file, line, 0, "E310", f"{where}: {what}")])
+
+    def document(self, file: Path) -> dict[str, Any]:
+        try:
+            if not file.is_file():
+                self.fail("schedule", "there is no such file")
+            if file.stat().st_size > LARGEST_FILE:
+                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
+            document = json.loads(file.read_bytes())
+        except OSError as error:
+            self.fail("schedule", f"cannot be read: {error.strerror}")
+        except json.JSONDecodeError as error:
+            self.fail("schedule", f"is not JSON: {error.msg}", error.lineno)
+        except (UnicodeDecodeError, RecursionError, ValueError):
+            self.fail("schedule", "is not JSON in UTF-8, or is nested too deep")
+        if not isinstance(document, dict):
+            self.fail("schedule", "must be an object")
+        return document
+
+    def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:
+        value = parent.get(key)
+        if not isinstance(value, kind):
+            self.fail(path or key, "is missing" if key not in parent else f"must be a {_word(kind)}")
+        return value
+
+    def text(self, parent: dict[str, Any], key: str, path: str, default: str = "") -> str:
+        value = parent.get(key, default)
+        if not isinstance(value, str):
+            self.fail(path, "must be text")
+        return value
+
+    def names(self, parent: dict[str, Any], key: str, path: str) -> list[str]:
+        value = parent.get(key)
+        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+            self.fail(path, "must be a list of names")
+        return value
+
+    def number(
+        self, parent: dict[str, Any], key: str, path: str, default: float | None
+    ) -> float | None:
+        value = parent.get(key, default)
+        if value is None:
+            return default
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            self.fail(path, f"must be a finite number, not {value!r}")
+        return float(value)
+
+    def instant(self, parent: dict[str, Any], key: str, path: str) -> float:
+        value = self.number(parent, key, path, None)
+        if value is None:
+            self.fail(path, "is missing")
+        return value
+
+    def array(self, value: object, path: str, shape: tuple[int, ...]) -> FloatArray:
+        """Returns numbers of a shape; NaN and infinities pass, anything else does not."""
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            self.fail(path, "must be numbers, in rows of equal length")
+        if array.shape != shape:
+            self.fail(path, f"must have shape {shape}, not {array.shape}")
+        return array
+
+    def trajectory(self, document: dict[str, Any], joints: tuple[str, ...]) -> Trajectory:
+        part = self.member(document, "trajectory", dict)
+        time = self.member(part, "time", list, "trajectory.time")
+        if not time:
+            self.fail("trajectory.time", "is empty")
+        shape = (len(time), len(joints))
+        rates = (
+            self.array(part.get(name), f"trajectory.{name}", shape)
+            for name in ("position", "velocity", "acceleration")
+        )
+        return Trajectory(joints, self.array(time, "trajectory.time", shape[:1]), *rates)
+
+    def pose(self, value: object, path: str) -> pin.SE3:
+        if not isinstance(value, dict):
+            self.fail(path, "must have xyz and quat_xyzw")
+        xyz = self.array(value.get("xyz"), f"{path}.xyz", (3,))
+        quat = self.array(value.get("quat_xyzw"), f"{path}.quat_xyzw", (4,))
+        if not (np.isfinite(xyz).all() and np.isfinite(quat).all()):
+            self.fail(path, "must be finite")
+        norm = float(np.linalg.norm(quat))
+        if abs(norm - 1.0) > UNIT_TOLERANCE:
+            self.fail(f"{path}.quat_xyzw", f"must be of unit length, not {norm:g}")
+        return pin.SE3(pin.Quaternion(quat / norm).toRotationMatrix(), xyz)
+
+    def robot(self, part: dict[str, Any], joints: tuple[str, ...], folder: Path) -> ScheduleRobot:
+        arms = self.member(part, "arms", dict, "robot.arms")
+        platform = part.get("platform", [])
+        if not isinstance(platform, list) or not set(platform) <= set(joints):
+            self.fail("robot.platform", "must name joints of robot.joints")
+        return ScheduleRobot(
+            name=self.text(part, "name", "robot.name", "unnamed"),
+            urdf=self.urdf(self.text(part, "urdf", "robot.urdf"), folder),
+            base=self.pose(part.get("base"), "robot.base"),
+            arms={name: self.arm(arm, f"robot.arms.{name}", joints) for name, arm in arms.items()},
+            limits=self.limits(part.get("limits") or {}, joints),
+            platform=tuple(platform),
+            tool_speed=self.number(part, "tool_speed", "robot.tool_speed", None),
+        )
+
+    def urdf(self, name: str, folder: Path) -> str:
+        """Reads the URDF beside the schedule; never from outside its folder."""
+        file = (folder / name).resolve()
+        if not name or not file.is_relative_to(folder.resolve()):
+            self.fail("robot.urdf", f"'{name}' must lie in the schedule's own folder")
+        try:
+            return file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            self.fail("robot.urdf", f"'{name}' cannot be read beside the schedule")
+
+    def arm(self, value: object, path: str, joints: tuple[str, ...]) -> ScheduleArm:
+        if not isinstance(value, dict):
+            self.fail(path, "must be an object")
+        own = value.get("joints", [])
+        if not isinstance(own, list) or not set(own) <= set(joints):
+            self.fail(f"{path}.joints", "must name joints of robot.joints")
+        return ScheduleArm(
+            self.text(value, "flange", f"{path}.flange"),
+            self.pose(value.get("tcp"), f"{path}.tcp"),
+            tuple(own),
+        )
+
+    def limits(self, part: object, joints: tuple[str, ...]) -> JointLimits:
+        """Returns the stated limits; infinite and `unstated` where there are none."""
+        if not isinstance(part, dict):
+            self.fail("robot.limits", "must be an object by joint")
+        open_ended = {"lower": -math.inf, "upper": math.inf}
+        columns: dict[str, list[float]] = {}
+        for what in ("lower", "upper", "velocity", "acceleration", "jerk"):
+            columns[what] = []
+            for joint in joints:
+                row = part.get(joint) or {}
+                path = f"robot.limits.{joint}.{what}"
+                if not isinstance(row, dict):
+                    self.fail(f"robot.limits.{joint}", "must be an object")
+                value = self.number(row, what, path, open_ended.get(what, math.inf))
+                columns[what].append(math.inf if value is None else value)
+        source = tuple(str((part.get(joint) or {}).get("source", "unstated")) for joint in joints)
+        try:
+            return JointLimits(joints, *(np.array(c) for c in columns.values()), source)
+        except ValueError as error:
+            self.fail("robot.limits", str(error))
+
+    def each(self, document: dict[str, Any], key: str, read: Any) -> list[Any]:
+        rows = document.get(key) or []
+        if not isinstance(rows, list):
+            self.fail(key, "must be a list")
+        found = []
+        for k, row in enumerate(rows):
+            if not isinstance(row, dict):
+                self.fail(f"{key}[{k}]", "must be an object")
+            found.append(read(row, f"{key}[{k}]"))
+        return found
+
+    def event(self, row: dict[str, Any], path: str) -> Event:
+        return Event(
+            time=self.instant(row, "time", f"{path}.time"),
+            arm=self.text(row, "arm", f"{path}.arm"),
+            task=self.text(row, "task", f"{path}.task"),
+            action=self.text(row, "action", f"{path}.action"),
+            frame=self.text(row, "frame", f"{path}.frame"),
+            pose=self.pose(row, path),
+            dwell=self.number(row, "dwell", f"{path}.dwell", 0.0) or 0.0,
+        )
+
+    def segment(self, row: dict[str, Any], path: str) -> Segment:
+        kind: Any = self.text(row, "kind", f"{path}.kind")
+        if kind not in SEGMENT_KINDS:
+            self.fail(f"{path}.kind", f"'{kind}' is not one of {', '.join(SEGMENT_KINDS)}")
+        dwell = row.get("dwell")
+        shares = None
+        if isinstance(dwell, dict):
+            shares = Dwell(
+                *(
+                    self.number(dwell, name, f"{path}.dwell.{name}", 0.0) or 0.0
+                    for name in ("gripper", "settle", "handshake")
+                )
+            )
+        return Segment(
+            arm=self.text(row, "arm", f"{path}.arm"),
+            kind=kind,
+            task=self.text(row, "task", f"{path}.task"),
+            action=self.text(row, "action", f"{path}.action"),
+            start=self.instant(row, "start", f"{path}.start"),
+            end=self.instant(row, "end", f"{path}.end"),
+            dwell=shares,
+        )
+
+    def stage(self, row: dict[str, Any], path: str) -> Stage:
+        times = row.get("arm_times") or {}
+        if not isinstance(times, dict):
+            self.fail(f"{path}.arm_times", "must be an object by arm")
+        return Stage(
+            start=self.instant(row, "start", f"{path}.start"),
+            end=self.instant(row, "end", f"{path}.end"),
+            tasks=tuple(self.names(row, "tasks", f"{path}.tasks")),
+            platform_solver=self.text(row, "platform_solver", f"{path}.platform_solver"),
+            platform_angle=self.number(row, "platform_angle", f"{path}.platform_angle", None),
+            platform_time=self.number(row, "platform_time", f"{path}.platform_time", 0.0) or 0.0,
+            arm_times={
+                arm: self.number(times, arm, f"{path}.arm_times.{arm}", 0.0) or 0.0 for arm in times
+            },
+            bottleneck=self.text(row, "bottleneck", f"{path}.bottleneck"),
+        )
+
+
+def _word(kind: type) -> str:
+    return {"dict": "object", "list": "list"}.get(kind.__name__, kind.__name__)
