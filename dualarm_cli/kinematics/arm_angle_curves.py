@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.arm_angle_plane import ArmPlane
 from dualarm_cli.kinematics.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs_limits import wrap
@@ -15,6 +15,9 @@ TURNING = (0, 2, 4, 6)
 """Joints that are an arc tangent of the arm angle: 1, 3, 5 and 7."""
 BENDING = (1, 5)
 """Joints that are an arc cosine of the arm angle: 2 and 6."""
+FLIPPED_BY = (2, 2, 6, 4, 5, 1, 1)
+"""For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn, or
+change its sign; two of them cancel."""
 NEAR_SINGULAR = 1e-4
 """Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
 SINGULAR = 1e-12
@@ -68,6 +71,27 @@ class ArmAngleCurves:
             if sign < 0:
                 turning[i, 0] *= -1.0
         return cls(plane, canonical, turning, bending)
+
+    def pairs(self, sin: FloatArray, cos: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Returns both values of joints 1 to 7 in (-pi, pi] [rad]: of branches that do not flip it, and do.
+
+        `flips` says which of the two a branch has.
+
+        Args:
+            sin: sine of the arm angle, broadcast against the targets.
+            cos: its cosine.
+        """
+        pairs = []
+        for joint, theta in enumerate(self.angles(sin, cos)):
+            if joint in TURNING:
+                pairs.append((theta, theta - np.where(theta > 0.0, np.pi, -np.pi)))
+            else:
+                offset = self.canonical.offset[joint]
+                both = (theta, -theta)
+                pairs.append(
+                    both if offset == 0.0 else (wrap(theta - offset), wrap(-theta - offset))
+                )
+        return pairs
 
     def angles(self, sin: FloatArray, cos: FloatArray) -> list[FloatArray]:
         """Returns joints 1 to 7 [rad], each (...), of the branch with theta2, theta6 >= 0.
@@ -131,6 +155,18 @@ class ArmAngleCurves:
         q[first][near] = joint
         q[last][near] = wrap(sign[TURNING[last]] * (angle - offset[TURNING[last]]))
         middle[triple][near] = bent
+
+
+def flips(joint: int, branch: IntArray) -> BoolArray:
+    """Returns whether branches (...) take the second of a joint's two values, shape (...).
+
+    Args:
+        joint: counted from 0.
+        branch: 0 to 7, shape (...).
+    """
+    bits = branch & FLIPPED_BY[joint]
+    odd: BoolArray = ((bits >> 2) ^ (bits >> 1) ^ bits) & 1 == 1
+    return odd
 
 
 def _settle(canonical: SrsCanonical, plane: ArmPlane, turning: FloatArray) -> None:

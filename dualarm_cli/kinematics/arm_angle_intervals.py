@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.arm_angle_curves import BENDING, TURNING, ArmAngleCurves
+from dualarm_cli.kinematics.arm_angle_curves import BENDING, TURNING, ArmAngleCurves, flips
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs_limits import LIMIT_SLACK, TURN, some_turn_within, wrap
 
@@ -17,6 +17,8 @@ CROSSING = 1e-7
 """A joint this close to the end of a range of exactly one turn is there [rad]."""
 SINGULAR_BORDER = 1e-9
 """Sine of a middle joint below which its outer joints jump by half a turn."""
+CONSTANT = 1e-20
+"""Amplitude below which a cosine does not depend on the arm angle."""
 
 
 @dataclass(frozen=True)
@@ -141,33 +143,69 @@ def _roots(row: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _feasible(arm: SrsArm, curves: ArmAngleCurves, psi: FloatArray) -> BoolArray:
     """Returns whether branches (8, ...) are within reach and limits at arm angles (...)."""
-    inside = _by_flip(
-        arm, curves, psi, lambda q, joint: some_turn_within(q, arm.lower[joint], arm.upper[joint])
-    )
-    reachable = np.broadcast_to(curves.plane.reachable, psi.shape)
-    return np.stack([_all(inside, branch) & reachable for branch in range(8)])
+    pairs = curves.pairs(np.sin(psi), np.cos(psi))
+    inside = [
+        [some_turn_within(q, arm.lower[joint], arm.upper[joint]) for q in pair]
+        for joint, pair in enumerate(pairs)
+    ]
+    return _per_branch(inside) & curves.plane.reachable
 
 
 def _broken(arm: SrsArm, curves: ArmAngleCurves, psi: FloatArray) -> BoolArray:
     """Returns whether branches (8, ...) cannot be followed through arm angles (...)."""
-
-    def at_both_limits(q: FloatArray, joint: int) -> BoolArray:
-        low, high = arm.lower[joint], arm.upper[joint]
-        if not TURN - LIMIT_SLACK <= high - low <= TURN + LIMIT_SLACK:
-            return np.zeros(q.shape, dtype=np.bool_)
-        return np.abs(wrap(q - low)) < CROSSING
-
-    clear = _by_flip(arm, curves, psi, lambda q, joint: ~at_both_limits(q, joint))
-    through = np.zeros(psi.shape, dtype=np.bool_)
     sin, cos = np.sin(psi), np.cos(psi)
+    clear = []
+    for joint, pair in enumerate(curves.pairs(sin, cos)):
+        low, span = arm.lower[joint], arm.upper[joint] - arm.lower[joint]
+        one_turn = abs(span - TURN) <= LIMIT_SLACK
+        clear.append(
+            [
+                np.abs(wrap(q - low)) >= CROSSING if one_turn else np.ones(q.shape, dtype=np.bool_)
+                for q in pair
+            ]
+        )
+    through = np.zeros(psi.shape, dtype=np.bool_)
     for j in range(2):
-        a, b, c = curves.bending[j]
-        cosine = np.abs(a * sin + b * cos + c)
-        # A triple that is singular at every arm angle has no jump: its first joint stays at 0.
-        varies = np.hypot(a, b) > SINGULAR_BORDER
-        through |= varies & (cosine >= 1.0 - 0.5 * SINGULAR_BORDER**2)
-    return np.stack([~_all(clear, branch) | through for branch in range(8)])
+        num, den = (a * sin + b * cos + c for a, b, c in curves.turning[2 * j])
+        # Where it is singular at every arm angle nothing jumps: the first joint stays at 0.
+        varies = np.hypot(*curves.bending[j, :2]) > CONSTANT
+        through |= varies & (np.hypot(num, den) < SINGULAR_BORDER)
+    return ~_per_branch(clear) | through
 
 
-def _by_flip(arm, curves, psi, test):  # type: ignore[no-untyped-def]
-    """Placeholder."""
+def _per_branch(holds: list[list[BoolArray]]) -> BoolArray:
+    """Returns for each branch (8, ...) whether both-valued conditions on all joints hold."""
+    return np.stack(
+        [
+            np.logical_and.reduce(
+                [pair[int(flips(joint, np.asarray(branch)))] for joint, pair in enumerate(holds)]
+            )
+            for branch in range(8)
+        ]
+    )
+
+
+def _intervals(
+    begin: FloatArray, following: FloatArray, starts: BoolArray, ends: BoolArray, whole: BoolArray
+) -> ArmAngleIntervals:
+    """Returns starts and ends of arcs, (m, ...) and (8, m, ...), paired and packed."""
+    count = starts.sum(axis=1)
+    width = max(1, int(count.max(initial=0)))
+    start = np.sort(np.where(starts, begin, np.inf), axis=1)[:, :width]
+    end = np.sort(np.where(ends, following, np.inf), axis=1)[:, :width]
+    # The interval that runs over +-pi is listed last by its start and first by its end.
+    over = (count > 0) & (end[:, 0] <= start[:, 0])
+    rolled = np.concatenate([end[:, 1:], np.full_like(end[:, :1], np.inf)], axis=1)
+    final = np.maximum(count - 1, 0)[:, None]
+    np.put_along_axis(rolled, final, end[:, :1] + TURN, axis=1)
+    end = np.where(over[:, None], rolled, end)
+    start[:, 0] = np.where(whole, -np.pi, start[:, 0])
+    end[:, 0] = np.where(whole, np.pi, end[:, 0])
+    count = np.where(whole, 1, count)
+    spare = np.arange(width).reshape(-1, *(1,) * (count.ndim - 1)) >= count[:, None]
+    start[spare], end[spare] = np.nan, np.nan
+    return ArmAngleIntervals(
+        np.moveaxis(start, (0, 1), (-2, -1)),
+        np.moveaxis(end, (0, 1), (-2, -1)),
+        np.moveaxis(count, 0, -1),
+    )

@@ -102,14 +102,11 @@ class ArmPlane:
         Args:
             chosen: mask of a shape that this broadcasts to.
         """
-        shape = chosen.shape
+        angles = (self.cos_a, self.sin_a, self.cos_f, self.sin_f, self.bend, self.reachable)
         return ArmPlane(
-            *(np.broadcast_to(v, (3, *shape))[:, chosen] for v in (self.u, self.r, self.t)),
-            *(
-                np.broadcast_to(v, shape)[chosen]
-                for v in (self.cos_a, self.sin_a, self.cos_f, self.sin_f, self.bend, self.reachable)
-            ),
-            np.broadcast_to(self.R, (3, 3, *shape))[:, :, chosen],
+            *(_chosen(v, 1, chosen) for v in (self.u, self.r, self.t)),
+            *(_chosen(v, 0, chosen) for v in angles),
+            _chosen(self.R, 2, chosen),
         )
 
     def triples(self, sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,6 +127,14 @@ class ArmPlane:
             self.R, (3, 3, *fore.shape[2:])
         ))
         return shoulder, wrist
+
+
+def _chosen(values: FloatArray, leading: int, chosen: BoolArray) -> FloatArray:
+    """Returns the chosen elements of values with a number of component axes in front."""
+    head, tail = values.shape[:leading], values.shape[leading:]
+    padded = values.reshape(*head, *(1,) * (chosen.ndim - len(tail)), *tail)
+    selected: FloatArray = np.broadcast_to(padded, (*head, *chosen.shape))[..., chosen]
+    return selected
 
 
 def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:

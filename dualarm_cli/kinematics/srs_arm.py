@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics import srs_limits
-from dualarm_cli.kinematics.arm_angle_curves import ArmAngleCurves
+from dualarm_cli.kinematics.arm_angle_curves import ArmAngleCurves, flips
 from dualarm_cli.kinematics.arm_angle_plane import REACH_SLACK, ArmPlane, reference_directions
 from dualarm_cli.kinematics.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs_geometry import SrsGeometry
@@ -180,21 +180,13 @@ class SrsArm:
             psi: arm angles [rad], broadcast against (...).
         """
         curves = self.curves(R, p)
-        t1, t2, t3, t4, t5, t6, t7 = curves.angles(np.sin(psi), np.cos(psi))
-        q = np.empty((2, 2, 2, 7, *t1.shape))
-        offset = self.canonical.offset
-        t1, t3, t5, t7 = ((angle, _opposite(angle)) for angle in (t1, t3, t5, t7))
-        for bit in (0, 1):
-            q[:, bit, :, 0] = t1[bit]
-            q[:, bit, :, 1] = _bent(t2, 1 - 2 * bit, offset[1])
-            q[bit, :, :, 3] = _bent(t4, 1 - 2 * bit, offset[3])
-            q[:, :, bit, 5] = _bent(t6, 1 - 2 * bit, offset[5])
-            q[:, :, bit, 6] = t7[bit]
-            for elbow in (0, 1):
-                q[elbow, bit, :, 2] = t3[bit ^ elbow]
-                q[elbow, :, bit, 4] = t5[bit ^ elbow]
-        q = q.reshape(8, 7, *t1[0].shape)
-        reachable = np.broadcast_to(curves.plane.reachable, t1[0].shape)
+        pairs = curves.pairs(np.sin(psi), np.cos(psi))
+        shape = pairs[0][0].shape
+        q = np.empty((8, 7, *shape))
+        for joint, pair in enumerate(pairs):
+            for branch, flip in enumerate(flips(joint, np.arange(8))):
+                q[branch, joint] = pair[int(flip)]
+        reachable = np.broadcast_to(curves.plane.reachable, shape)
         if not reachable.all():
             q[:, :, ~reachable] = 0.0
         return SrsSolutions(np.moveaxis(q, (0, 1), (-2, -1)), reachable)
@@ -211,21 +203,12 @@ class SrsArm:
             branch: branch of each element, broadcast against (...).
         """
         curves = self.curves(R, p)
-        t1, t2, t3, t4, t5, t6, t7 = curves.angles(np.sin(psi), np.cos(psi))
+        pairs = curves.pairs(np.sin(psi), np.cos(psi))
         branch = np.asarray(branch)
-        elbow, shoulder, wrist = (branch & 4) != 0, (branch & 2) != 0, (branch & 1) != 0
-        shape = np.broadcast_shapes(t1.shape, branch.shape)
+        shape = np.broadcast_shapes(pairs[0][0].shape, branch.shape)
         q = np.empty((7, *shape))
-        offset = self.canonical.offset
-        for i, flip, angle in (
-            (0, shoulder, t1),
-            (2, shoulder ^ elbow, t3),
-            (4, elbow ^ wrist, t5),
-            (6, wrist, t7),
-        ):
-            q[i] = np.where(flip, _opposite(angle), angle)
-        for i, flip, angle in ((1, shoulder, t2), (3, elbow, t4), (5, wrist, t6)):
-            q[i] = _bent(angle, np.where(flip, -1.0, 1.0), offset[i])
+        for joint, (plain, flipped) in enumerate(pairs):
+            q[joint] = np.where(flips(joint, branch), flipped, plain)
         reachable = np.broadcast_to(curves.plane.reachable, shape)
         if not reachable.all():
             q[:, ~reachable] = 0.0
@@ -277,12 +260,3 @@ def _turn_bend(
     x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
     return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
 
-
-def _opposite(angle: FloatArray) -> FloatArray:
-    """Returns angles half a turn away, in (-pi, pi]."""
-    return angle - np.where(angle > 0.0, np.pi, -np.pi)
-
-
-def _bent(theta: FloatArray, sign: FloatArray | float, offset: float) -> FloatArray:
-    """Returns the joint in (-pi, pi] of a canonical angle with a sign."""
-    return sign * theta if offset == 0.0 else srs_limits.wrap(sign * theta - offset)

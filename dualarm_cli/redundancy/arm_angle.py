@@ -58,8 +58,8 @@ def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
 
     The time of the transfer is the closed form of its slowest joint (or of the platform, where that
     is slower). The eight branches are taken over a grid of arm angles and yaws at the target; the quickest
-    are followed along their lines with several changes of the arm angle; the best is refined locally. No
-    optimality over the continuum is claimed.
+    are followed along their lines with several changes of the arm angle; the best is refined locally where
+    the problem asks for it. No optimality over the continuum is claimed.
     """
     coarse = _target_candidates(problem)
     if isinstance(coarse, NoPosture):
@@ -90,7 +90,6 @@ def line_path(
     away = line == "retract"
     length = problem.retract if away else problem.approach
     psi_end = posture.psi_retract if away else posture.psi_approach
-    one = np.array([0])
     candidate = _Candidates(
         np.array([posture.target]),
         np.array([posture.yaw]),
@@ -99,9 +98,7 @@ def line_path(
         np.array([psi_end]),
         np.array([psi_end]),
     )
-    q, _ = _follow(problem, candidate, candidate.psi_approach, length, samples)
-    # Both ends are the posture's own numbers: the same pose was solved for them.
-    q = q[one[0]]
+    q = _follow(problem, candidate, candidate.psi_approach, np.array([length]), samples)[0][0]
     return (q if away else q[::-1]), np.linspace(0.0, length, samples)
 
 
@@ -185,7 +182,11 @@ def _best_pair(candidates: _Candidates, value: _Evaluation, n: int) -> _Candidat
 
 
 def _follow(
-    problem: StopProblem, candidates: _Candidates, psi_end: FloatArray, length: float, samples: int
+    problem: StopProblem,
+    candidates: _Candidates,
+    psi_end: FloatArray,
+    length: FloatArray,
+    samples: int,
 ) -> tuple[FloatArray, BoolArray]:
     """Returns joints from the target outward along a line, (n, samples, 7), and feasibility (n,).
 
@@ -193,33 +194,25 @@ def _follow(
     """
     R, p, z = _flange(problem, candidates.target, candidates.yaw)
     share = np.linspace(0.0, 1.0, samples)
-    points = p[:, None, :] - z[:, None, :] * (share * length)[None, :, None]
+    points = p[:, None, :] - z[:, None, :] * (share * length[:, None])[:, :, None]
     psi = candidates.psi_target[:, None] + (psi_end - candidates.psi_target)[:, None] * share
-    q, reachable = problem.arm.solve_branch(
-        R[:, None], points, psi, candidates.branch[:, None]
-    )
+    q, reachable = problem.arm.solve_branch(R[:, None], points, psi, candidates.branch[:, None])
     reference = problem.start
     if problem.configurations is not None:
         reference = problem.configurations[candidates.target]
     first = problem.arm.nearest_turns(q[:, 0], reference)
-    q = np.unwrap(q, axis=1)
-    q = q + (first - q[:, 0])[:, None, :]
-    jumps = np.abs(np.diff(q, axis=1)).max(axis=(1, 2), initial=0.0) > LARGEST_STEP
+    turn = 2.0 * np.pi
+    steps = np.diff(q, axis=1)
+    steps -= turn * np.round(steps / turn)
+    q = np.concatenate([first[:, None], first[:, None] + np.cumsum(steps, axis=1)], axis=1)
+    jumps = np.abs(steps).max(axis=(1, 2), initial=0.0) > LARGEST_STEP
     ok = reachable.all(axis=1) & problem.arm.within_limits(q).all(axis=1) & ~jumps
     return q, ok
 
 
 def _evaluate(problem: StopProblem, candidates: _Candidates) -> _Evaluation:
     """Returns times and postures of the candidates."""
-    q_in, time_in, ok_in = _line(problem, candidates, candidates.psi_approach, problem.approach)
-    same = problem.approach == problem.retract and np.array_equal(
-        candidates.psi_approach, candidates.psi_retract
-    )
-    q_out, time_out, ok_out = (
-        (q_in, time_in, ok_in)
-        if same
-        else _line(problem, candidates, candidates.psi_retract, problem.retract)
-    )
+    q_in, time_in, ok_in, q_out, time_out, ok_out = _both_lines(problem, candidates)
     displacement = q_in[:, -1] - problem.start
     transfer = np.maximum(problem.waiting, problem.transfer_time(displacement))
     travel = TRAVEL_WEIGHT * np.abs(displacement).sum(axis=1)
@@ -232,24 +225,44 @@ def _evaluate(problem: StopProblem, candidates: _Candidates) -> _Evaluation:
     )
 
 
+def _both_lines(
+    problem: StopProblem, candidates: _Candidates
+) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray, BoolArray]:
+    """Returns joints, time and feasibility of approach and retract: in one pass for speed."""
+    n = len(candidates.branch)
+    same = problem.approach == problem.retract and np.array_equal(
+        candidates.psi_approach, candidates.psi_retract
+    )
+    if same:
+        length = np.full(n, problem.approach)
+        line = _line(problem, candidates, candidates.psi_approach, length)
+        return (*line, *line)
+    twice = candidates.take(np.tile(np.arange(n), 2))
+    psi_end = np.concatenate([candidates.psi_approach, candidates.psi_retract])
+    length = np.repeat([problem.approach, problem.retract], n)
+    q, time, ok = _line(problem, twice, psi_end, length)
+    return q[:n], time[:n], ok[:n], q[n:], time[n:], ok[n:]
+
+
 def _line(
-    problem: StopProblem, candidates: _Candidates, psi_end: FloatArray, length: float
+    problem: StopProblem, candidates: _Candidates, psi_end: FloatArray, length: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns joints, time and feasibility of one line per candidate; a single sample if none."""
-    if length == 0.0:
-        q, ok = _follow(problem, candidates, candidates.psi_target, 0.0, 1)
-        return q, np.zeros(len(q)), ok
-    q, ok = _follow(problem, candidates, psi_end, length, LINE_SAMPLES)
-    time = np.full(len(q), np.inf)
-    if ok.any():
-        time[ok] = problem.line_time(q[ok], np.linspace(0.0, length, LINE_SAMPLES))
+    """Returns joints, time and feasibility of one line per candidate; no time for no length."""
+    # Where there is no line the arm angle has nothing to vary along.
+    psi_end = np.where(length > 0, psi_end, candidates.psi_target)
+    samples = LINE_SAMPLES if length.any() else 1
+    q, ok = _follow(problem, candidates, psi_end, length, samples)
+    time = np.zeros(len(q))
+    timed = ok & (length > 0)
+    if timed.any():
+        time[timed] = problem.line_time(q[timed], np.linspace(0.0, 1.0, samples))
     return q, time, ok
 
 
 def _refine(problem: StopProblem, best: _Candidates) -> StopPosture:
     """Returns the best posture after rounds of ever narrower variation around the best so far."""
     value = _evaluate(problem, best)
-    if problem.configurations is None:
+    if problem.configurations is None and problem.refine:
         for k in range(REFINEMENTS):
             cloud = _vary(best, REFINEMENT_WIDTH * 0.5**k, problem.free_yaw)
             values = _evaluate(problem, cloud)

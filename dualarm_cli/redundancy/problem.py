@@ -46,6 +46,8 @@ class StopProblem:
     """Closed-form rest-to-rest time [s], shape (...), of joint displacements [rad], (..., 7)."""
     line_time: Callable[[FloatArray, FloatArray], FloatArray]
     """Estimated time [s], shape (n,), of lines q (n, s, 7) [rad] over their length (s,) [m]."""
+    refine: bool = True
+    """Whether the best posture is refined between the grid's arm angles; without, it is found faster."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
