@@ -132,7 +132,7 @@ class ArmPlane:
 def _chosen(values: FloatArray, leading: int, chosen: BoolArray) -> FloatArray:
     """Returns the chosen elements of values with a number of component axes in front."""
     head, tail = values.shape[:leading], values.shape[leading:]
-    padded = values.reshape(*head, *(1,) * (chosen.ndim - len(tail)), *tail)
+    padded = values.reshape((*head, *(1,) * (chosen.ndim - len(tail)), *tail))
     selected: FloatArray = np.broadcast_to(padded, (*head, *chosen.shape))[..., chosen]
     return selected
 

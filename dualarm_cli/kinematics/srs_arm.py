@@ -102,12 +102,8 @@ class SrsArm:
         """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., 7)."""
         q = np.asarray(q, dtype=np.float64)
         shape = q.shape[:-1]
-        s, c = self._sin_cos(q)
-        upper = _turn_bend(None, s[0], c[0], s[1], c[1])
-        fore = _turn_bend(upper, s[2], c[2], s[3], c[3])
-        x, y, z = _turn_bend(fore, s[4], c[4], s[5], c[5])
-        columns = np.stack([c[6] * x + s[6] * y, c[6] * y - s[6] * x, z], axis=1)
-        w = self.geometry.upper * upper[2] + self.geometry.fore * fore[2]
+        columns, upper, fore, _ = self.canonical.chain(q)
+        w = self.geometry.upper * upper + self.geometry.fore * fore
         rotation, wrist, origin = self._to_canonical
         R = rotation.T @ columns.reshape(9, -1)
         p = self.canonical.B @ (w.reshape(3, -1) + origin[:, None] - wrist @ R)
@@ -227,36 +223,12 @@ class SrsArm:
         It follows from the elbow's axis, so that the stretched and the folded arm have one too.
         """
         q = np.asarray(q, dtype=np.float64)
-        s, c = self._sin_cos(q)
-        upper = _turn_bend(None, s[0], c[0], s[1], c[1])
-        # Joint 4's own axis does not depend on joint 4: y of the frame before it.
-        fore = _turn_bend(upper, s[2], c[2], s[3], c[3])
-        w = self.geometry.upper * upper[2] + self.geometry.fore * fore[2]
+        _, upper, fore, normal = self.canonical.chain(q)
+        w = self.geometry.upper * upper + self.geometry.fore * fore
         d = np.sqrt((w * w).sum(axis=0))
         tiny = d < REACH_SLACK
         u = np.where(tiny, np.array([0.0, 0.0, 1.0])[:, None], w / np.where(tiny, 1.0, d))
         r, t = reference_directions(u)
-        # For a positive bend y = -u × h = r sin psi - t cos psi.
-        y = fore[1] * np.where(s[3] < 0.0, -1.0, 1.0)
-        psi = np.arctan2((y * r).sum(axis=0), -(y * t).sum(axis=0))
+        # For a positive bend the elbow's axis is -u × h = r sin psi - t cos psi.
+        psi = np.arctan2((normal * r).sum(axis=0), -(normal * t).sum(axis=0))
         return srs_limits.wrap(psi).reshape(q.shape[:-1])
-
-    def _sin_cos(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns sines and cosines of the canonical joints, (7, n) each."""
-        sign, offset = self.canonical.sign[:, None], self.canonical.offset[:, None]
-        theta = sign * q.reshape(-1, 7).T + offset
-        return np.sin(theta), np.cos(theta)
-
-
-def _turn_bend(
-    frame: tuple[FloatArray, FloatArray, FloatArray] | None,
-    s_turn: FloatArray,
-    c_turn: FloatArray,
-    s_bend: FloatArray,
-    c_bend: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns the columns of frame · Z(turn) · Y(bend), (3, n) each; no frame is the identity."""
-    x, y, z = frame if frame is not None else (v[:, None] for v in np.eye(3))
-    x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
-    return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
-

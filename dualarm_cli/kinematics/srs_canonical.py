@@ -70,6 +70,40 @@ class SrsCanonical:
         offset[np.abs(offset) < ZERO] = 0.0
         return cls(sign, offset, B, frame.T @ geometry.R_flange)
 
+    def chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Returns flange columns (3, 3, n), directions of upper arm and forearm, and elbow normal.
+
+        Everything is in the canonical base frame; the flange is column by column: [:, j] is column j.
+        The normal is joint 4's axis, turned over where theta4 < 0, shape (3, n) like the directions.
+
+        Args:
+            q: joints [rad], shape (..., 7), n of them.
+        """
+        theta = self.sign[:, None] * q.reshape(-1, 7).T + self.offset[:, None]
+        s, c = np.sin(theta), np.cos(theta)
+        frame = tuple(np.eye(3)[:, :, None])
+        frame = _turn_bend(frame, s[0], c[0], s[1], c[1])
+        upper = frame[2]
+        # Bending does not move the axis it is about: y of the frame is joint 4's axis.
+        frame = _turn_bend(frame, s[2], c[2], s[3], c[3])
+        normal, fore = frame[1] * np.where(s[3] < 0.0, -1.0, 1.0), frame[2]
+        x, y, z = _turn_bend(frame, s[4], c[4], s[5], c[5])
+        columns = np.stack([c[6] * x + s[6] * y, c[6] * y - s[6] * x, z], axis=1)
+        return columns, upper, fore, normal
+
+
+def _turn_bend(
+    frame: tuple[FloatArray, ...],
+    s_turn: FloatArray,
+    c_turn: FloatArray,
+    s_bend: FloatArray,
+    c_bend: FloatArray,
+) -> tuple[FloatArray, ...]:
+    """Returns the columns of frame · Z(turn) · Y(bend), (3, n) each."""
+    x, y, z = frame
+    x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
+    return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
+
 
 def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
     """Returns the frame turned about its y until z points along a direction, and the angle."""

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from dualarm_cli.loading.text_source import quote, suggest
+from dualarm_cli.loading.text_source import quote
 
 _NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"({_NUMBER})\s*([A-WYZa-wyz%][A-Za-z0-9/^%]*)?", re.ASCII)
@@ -68,7 +68,7 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
         known = [name for name in dimension.units if name]
         raise QuantityError(
             f"unit {quote(unit)} in {quote(value)} is not one of {dimension.name}"
-            f"{suggest(unit, known)}"
+            f"; allowed: {', '.join(known)}"
         )
     result = number * dimension.units[unit]
     if not math.isfinite(result) or abs(result) > dimension.limit:

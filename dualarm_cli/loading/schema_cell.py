@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import core_schema
 
 from dualarm_cli.loading.fields import (
     Distance,
@@ -117,7 +118,7 @@ class ToolsSection(Section):
 
 
 class LimitsSection(Section):
-    """Caps for the whole cell."""
+    """Caps on motion, besides those of the joints."""
 
     tool_speed: ToolSpeed | None = Field(
         default=None, description="Cap on the speed of every tool centre point [m/s]."
@@ -138,18 +139,22 @@ class PairSection(Section):
     right: PairMemberSection = Field(description="The robot that is the right arm.")
 
 
-def _robot_schema(schema: dict[str, Any]) -> None:
-    """Describes `robot`, which is validated by hand because a union's errors lose their place."""
-    schema["anyOf"] = [{"type": "string"}, PairSection.model_json_schema()]
+class RobotReference:
+    """Field annotation: text or a pair, validated by hand, since errors in a union lose their place."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema of a name, a path or two robots."""
+        return {"anyOf": [{"type": "string"}, handler(PairSection.__pydantic_core_schema__)]}
 
 
 class CellFile(Section):
     """A cell: a robot at its place, tools, named frames and obstacles."""
 
     dualarm: Literal["cell/1"] = Field(description="Kind and version of the file.")
-    robot: Any = Field(
+    robot: Annotated[Any, RobotReference()] = Field(
         description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
-        json_schema_extra=_robot_schema,
     )
     base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
     tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
@@ -14,7 +16,7 @@ from dualarm_cli.platform_angle.problem import (
     cosine_coefficients,
 )
 
-CHUNK = 8192
+CHUNK = 4096
 """Moves solved at a time: their arrays stay in the processor's cache."""
 NEARLY_REAL = 1e-3
 """Imaginary part up to which a zero of the squared equation may stand for a real one: where its two branches
@@ -23,9 +25,19 @@ NEWTON_STEPS = 3
 """Steps on the unsquared equation from each zero of the squared one."""
 ROOT_TOLERANCE = 1e-10
 """Largest difference of displacements at a root [rad]."""
+FALSE_ROOT = 0.05
+"""Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
+STIFF = 1e-7
+"""Sine of an elbow angle below which an arm counts as stretched or folded."""
 SAME_ROOT = 1e-8
 """Roots nearer than this are one [rad]."""
+FALLBACKS = 4
+"""Stationary points and reach boundaries kept for a move without a reachable root, best balanced first."""
 ROOT_KINDS = np.repeat(np.array([Kind.ROOT_SAME, Kind.ROOT_OPPOSITE], dtype=np.int64), 4)
+FALLBACK_KINDS = np.repeat(
+    np.array([Kind.STATIONARY_SAME, Kind.STATIONARY_OPPOSITE, Kind.BOUNDARY], dtype=np.int64),
+    [6, 6, 8],
+)
 
 
 def solve_exact(problem: PlatformProblem) -> PlatformSolution:
@@ -41,39 +53,62 @@ def solve_exact(problem: PlatformProblem) -> PlatformSolution:
     just stretched or folded, best balanced first. Our own derivation.
     """
     n = len(problem.angle_0)
-    roots = [_roots(problem.rows(slice(k, k + CHUNK))) for k in range(0, n, CHUNK)]
-    angle = np.vstack([part[0] for part in roots]) if roots else np.zeros((0, 8))
-    valid = np.vstack([part[1] for part in roots]) if roots else np.zeros((0, 8), dtype=np.bool_)
-    solution = build_solution(problem, angle, ROOT_KINDS, valid)
-    missing = np.flatnonzero(~solution.reachable.any(axis=1))
-    if missing.size == 0:
-        return solution
-    more_angle, more_kind, more_valid = _fallbacks(problem.rows(missing))
-    width = more_angle.shape[1]
-    wide_angle, wide_valid = np.zeros((n, width)), np.zeros((n, width), dtype=np.bool_)
-    wide_angle[missing], wide_valid[missing] = more_angle, more_valid
-    return build_solution(
-        problem,
-        np.hstack([angle, wide_angle]),
-        np.concatenate([ROOT_KINDS, more_kind]),
-        np.hstack([valid, wide_valid]),
-        balanced_first=True,
+    chunks = [_solve_chunk(problem.rows(slice(k, k + CHUNK))) for k in range(0, max(n, 1), CHUNK)]
+    if len(chunks) == 1:
+        return chunks[0]
+    width = max(chunk.angle.shape[1] for chunk in chunks)
+    joined = (
+        np.concatenate([_widened(getattr(chunk, name), width) for chunk in chunks])
+        for name in ("angle", "kind", "valid", "reachable", "delta")
     )
+    degenerate = np.concatenate([chunk.degenerate for chunk in chunks])
+    return PlatformSolution(problem, *joined, degenerate, balanced_first=True)
 
 
-def _roots(problem: PlatformProblem) -> tuple[FloatArray, BoolArray]:
-    """Returns the roots for s = +1 (four columns) and s = -1 (four columns), and which are true."""
+def _widened(values: FloatArray, width: int) -> FloatArray:
+    """Returns values with columns of zeros added up to a width."""
+    wide = np.zeros((len(values), width, *values.shape[2:]), dtype=values.dtype)
+    wide[:, : values.shape[1]] = values
+    return wide
+
+
+def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
+    """Returns the candidates of a few thousand moves."""
     coefficients = cosine_coefficients(problem)
+    roots = build_solution(problem, *_roots(problem, coefficients), balanced_first=True)
+    u, swing = coefficients[..., 0], np.hypot(coefficients[..., 1], coefficients[..., 2])
+    # An arm that no platform angle brings within reach makes every search for one idle.
+    in_reach = (np.abs(u) - swing <= 1.0).all(axis=1)
+    missing = np.flatnonzero(~roots.reachable.any(axis=1) & in_reach)
+    if missing.size == 0:
+        return roots
+    rest = build_solution(
+        problem.rows(missing), *_fallbacks(coefficients[missing]), balanced_first=True
+    )
+    best = rest.order[:, :FALLBACKS]
+    wide = {}
+    for name in ("angle", "kind", "valid", "reachable", "delta"):
+        values = getattr(roots, name)
+        more = np.zeros((len(values), FALLBACKS, *values.shape[2:]), dtype=values.dtype)
+        found = getattr(rest, name)
+        index = best.reshape(best.shape + (1,) * (found.ndim - 2))
+        more[missing] = np.take_along_axis(found, index, axis=1)
+        wide[name] = np.concatenate([values, more], axis=1)
+    return replace(roots, **wide)
+
+
+def _roots(
+    problem: PlatformProblem, coefficients: FloatArray
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Returns the zeros for s = +1 (four columns) and s = -1, their kinds, and which are roots."""
     angles, valid = [], []
     for sign in (1.0, -1.0):
         target = problem.elbow_0[:, 0] - sign * problem.elbow_0[:, 1]
         angle, imaginary = second_order_zeros(_squared(coefficients, target))
-        angle, true = _polish(coefficients, angle, sign, target)
-        true &= imaginary <= NEARLY_REAL
-        angle, true = _distinct(angle, true)
+        angle, true = _polish(coefficients, angle, imaginary <= NEARLY_REAL, sign, target)
         angles.append(angle)
-        valid.append(true)
-    return np.hstack(angles), np.hstack(valid)
+        valid.append(_distinct(angle, true))
+    return np.hstack(angles), ROOT_KINDS, np.hstack(valid)
 
 
 def _squared(coefficients: FloatArray, target: FloatArray) -> FloatArray:
@@ -100,41 +135,56 @@ def _squared(coefficients: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def _polish(
-    coefficients: FloatArray, angle: FloatArray, sign: float, target: FloatArray
+    coefficients: FloatArray, angle: FloatArray, real: BoolArray, sign: float, target: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns angles after Newton steps on q4_1 - s q4_2 = K, and whether they solve it."""
-    u, v, w = (coefficients[..., i][:, :, None] for i in range(3))
+    """Returns angles after Newton steps on q4_1 - s q4_2 = K, and whether they solve it.
+
+    Only zeros that are real and nearly solve it are worked on: most do not.
+    """
+    solved = np.zeros(angle.shape, dtype=np.bool_)
+    row, column = np.nonzero(real)
+    phi = angle[row, column]
+    arms = coefficients[row]
     for step in range(NEWTON_STEPS + 1):
-        c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-        x = u + v * c + w * s
-        inside = np.abs(x) <= 1.0 + 1e-12
-        x = np.clip(x, -1.0, 1.0)
-        q = np.arccos(x)
-        difference = q[:, 0] - sign * q[:, 1] - target[:, None]
+        c, s = np.cos(phi), np.sin(phi)
+        difference, change = -target[row], np.zeros(len(row))
+        inside, stiff = np.ones(len(row), dtype=np.bool_), np.zeros(len(row), dtype=np.bool_)
+        for arm, weight in ((0, 1.0), (1, -sign)):
+            u, v, w = arms[:, arm].T
+            x = u + v * c + w * s
+            inside &= np.abs(x) <= 1.0 + 1e-12
+            x = np.clip(x, -1.0, 1.0)
+            difference += weight * np.arccos(x)
+            sine = np.sqrt((1.0 - x) * (1.0 + x))
+            stiff |= sine <= STIFF
+            change += weight * (v * s - w * c) / np.maximum(sine, STIFF)
         if step == NEWTON_STEPS:
             break
-        sine = np.sqrt((1.0 - x) * (1.0 + x))
-        slope = (v * s - w * c) / np.where(sine > 0, sine, 1.0)
-        change = slope[:, 0] - sign * slope[:, 1]
-        move = -difference / np.where(np.abs(change) > 1e-9, change, np.inf)
-        # A step that is not small would leave the zero it is meant to polish.
-        angle = np.where((np.abs(move) < 0.05) & (sine > 1e-7).all(axis=1), angle + move, angle)
-    return angle, (np.abs(difference) <= ROOT_TOLERANCE) & inside.all(axis=1)
+        keep = np.flatnonzero(np.abs(difference) < FALSE_ROOT)
+        row, column, phi, arms = row[keep], column[keep], phi[keep], arms[keep]
+        change, stiff = change[keep], stiff[keep]
+        move = -difference[keep] / np.where(np.abs(change) > 1e-9, change, np.inf)
+        # A step that is not small would leave the zero it is meant to polish; where an arm is stretched
+        # the slope is infinite and the zero stays as it is.
+        phi = np.where((np.abs(move) < FALSE_ROOT) & ~stiff, phi + move, phi)
+    angle = angle.copy()
+    angle[row, column] = phi
+    solved[row, column] = (np.abs(difference) <= ROOT_TOLERANCE) & inside
+    return angle, solved
 
 
-def _distinct(angle: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Returns the same with all but the first of equal roots taken out."""
+def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:
+    """Returns which roots are valid and not equal to one before them."""
     valid = valid.copy()
     for k in range(1, angle.shape[1]):
         for i in range(k):
             turn = np.mod(angle[:, k] - angle[:, i] + np.pi, 2.0 * np.pi) - np.pi
             valid[:, k] &= ~(valid[:, i] & (np.abs(turn) < SAME_ROOT))
-    return angle, valid
+    return valid
 
 
-def _fallbacks(problem: PlatformProblem) -> tuple[FloatArray, IntArray, BoolArray]:
+def _fallbacks(coefficients: FloatArray) -> tuple[FloatArray, IntArray, BoolArray]:
     """Returns stationary points of both signs and reach boundaries: angles, kinds, validity."""
-    coefficients = cosine_coefficients(problem)
     zeros, imaginary = zeros_by_companion(_stationary_polynomial(coefficients))
     real = imaginary <= NEARLY_REAL
     u, v, w = (coefficients[..., i][:, :, None] for i in range(3))
@@ -142,8 +192,7 @@ def _fallbacks(problem: PlatformProblem) -> tuple[FloatArray, IntArray, BoolArra
     x = u + v * c + w * s
     slope = (w * c - v * s) * np.sqrt(np.clip(1.0 - x[:, ::-1] ** 2, 0.0, None))
     same = slope[:, 0] * slope[:, 1] >= 0
-    angles, kinds, valid = [zeros, zeros], [], [real & same, real & ~same]
-    kinds += [Kind.STATIONARY_SAME] * zeros.shape[1] + [Kind.STATIONARY_OPPOSITE] * zeros.shape[1]
+    angles, valid = [zeros, zeros], [real & same, real & ~same]
     for arm in (0, 1):
         for limit in (1.0, -1.0):
             u_i, v_i, w_i = coefficients[:, arm].T
@@ -151,8 +200,7 @@ def _fallbacks(problem: PlatformProblem) -> tuple[FloatArray, IntArray, BoolArra
             boundary, exists = first_order_zeros(u_i - limit * (1.0 - 1e-12), v_i, w_i)
             angles.append(boundary)
             valid.append(exists)
-            kinds += [Kind.BOUNDARY] * 2
-    return np.hstack(angles), np.array(kinds, dtype=np.int64), np.hstack(valid)
+    return np.hstack(angles), FALLBACK_KINDS, np.hstack(valid)
 
 
 def _stationary_polynomial(coefficients: FloatArray) -> FloatArray:

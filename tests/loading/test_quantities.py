@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import math
 
 import pytest
@@ -55,8 +56,7 @@ def test_units_become_si(value: object, dimension: Dimension, expected: float) -
         (
             "30 mmm",
             q.LENGTH,
-            "unit 'mmm' in '30 mmm' is not one of length, did you mean 'mm'? "
-            "Allowed: m, mm, cm, um, in",
+            "unit 'mmm' in '30 mmm' is not one of length; allowed: m, mm, cm, um, in",
         ),
         ("1,5", q.LENGTH, "'1,5' is not a number; write a decimal point: 1.5"),
         ("1,5 mm", q.LENGTH, "'1,5 mm' is not a number; write a decimal point: 1.5 mm"),
@@ -95,10 +95,8 @@ def test_negative_zero_becomes_zero() -> None:
 @given(st.text(max_size=40))
 def test_any_text_is_a_number_or_refused(text: str) -> None:
     """No text gets anything but a finite number or a QuantityError."""
-    try:
+    with contextlib.suppress(QuantityError):
         assert math.isfinite(parse_quantity(text, q.ANGLE))
-    except QuantityError:
-        pass
 
 
 @given(st.floats(-999, 999).filter(lambda x: x == 0 or abs(x) > 1e-90))

@@ -48,7 +48,8 @@ def test_what_is_no_regular_file_is_refused_without_waiting(project: Path) -> No
     (project / "loop").symlink_to("loop")
     expected = {
         "pipe": "pipe: E500 is not a regular file (a pipe or a device); save it to a file first",
-        "/dev/zero": "/dev/zero: E500 is not a regular file (a pipe or a device); save it to a file first",
+        "/dev/zero": "/dev/zero: E500 is not a regular file (a pipe or a device); "
+        "save it to a file first",
         ".": ".: E500 is a directory; name a file in it",
         "none.yaml": "none.yaml: E500 cannot be read: No such file or directory",
         "loop": "loop: E500 cannot be read: Too many levels of symbolic links",

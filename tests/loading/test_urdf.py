@@ -1,3 +1,4 @@
+# ruff: noqa: E501 (tables of exact messages, one a line)
 from __future__ import annotations
 
 import struct
@@ -93,9 +94,9 @@ def test_each_mistake_is_reported_at_its_line(
     found = messages(lambda: load_robot(Path("robot.yaml")))
     if expected is None:
         assert found == [
-            "tiny.urdf:8:1: E400 2 root links: 'base', 'lb'; join them by joints",
+            "tiny.urdf:6:1: E400 2 root links: 'base', 'lb'; join them by joints",
             "tiny.urdf:13:1: E400 link 'la' is the child of two joints: 'l1' and 'l2'",
-        ] or found[-1].endswith("is the child of two joints: 'l1' and 'l2'")
+        ]
         return
     assert found == [f"tiny.urdf:{expected}"]
 

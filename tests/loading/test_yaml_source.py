@@ -77,7 +77,7 @@ def test_keys_are_always_text() -> None:
         ("? [a]\n: 1", "f:1:3: E101 a key must be text, not a list or a mapping"),
         ("[" * 100_000, "f:1:41: E100 nesting deeper than 40"),
         (
-            # mapping, key and list are nodes 1 to 3; node 200,001 is item 199,998, at 5 + 2 * 199,997
+            # Nodes 1 to 3: mapping, key, list; node 200,001 is item 199,998, at 5 + 2 * 199,997.
             "a: [" + "1," * 200_000 + "]",
             "f:1:399999: E100 more than 200000 keys and values; split the file",
         ),
@@ -86,7 +86,7 @@ def test_keys_are_always_text() -> None:
 def test_yaml_that_is_refused_says_where_and_why(
     text: str, message: str, messages: Callable[..., list[str]]
 ) -> None:
-    """Aliases, tags, tabs, several documents, conflict markers and bombs have a place and a reason."""
+    """Aliases, tags, tabs, several documents, conflict markers and bombs."""
     assert messages(lambda: parse(text)) == [message]
 
 
