@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.robot import Robot
 
 
-def check(
+def check_command(
     files: Annotated[
         list[Path], typer.Argument(help="Task, cell or robot files.", show_default=False)
     ],
@@ -32,12 +33,18 @@ def check(
         print_json(_document(results))
     else:
         if diagnostics:
-            typer.echo(render(diagnostics))
+            _echo(render(diagnostics))
         for result in results:
             if not result["diagnostics"] and not quiet:
-                typer.echo(f"{_shown(result['file'])}: good: {result['kind']}, {result['summary']}")
+                _echo(f"{_shown(result['file'])}: good: {result['kind']}, {result['summary']}")
     if diagnostics:
         raise typer.Exit(2)
+
+
+def _echo(text: str) -> None:
+    """Prints text; a stdout that is not UTF-8 gets escapes for what it cannot show."""
+    encoding = sys.stdout.encoding or "utf-8"
+    typer.echo(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _check_one(file: str) -> dict[str, Any]:

@@ -16,8 +16,8 @@ TURNING = (0, 2, 4, 6)
 BENDING = (1, 5)
 """Joints that are an arc cosine of the arm angle: 2 and 6."""
 FLIPPED_BY = (2, 2, 6, 4, 5, 1, 1)
-"""For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn, or
-change its sign; two of them cancel."""
+"""For each joint the bits of a branch (4 elbow, 2 shoulder, 1 wrist) that turn it by half a turn,
+or change its sign; two of them cancel."""
 NEAR_SINGULAR = 1e-4
 """Sine of a middle joint below which its triple is solved in a way that keeps all digits."""
 SINGULAR = 1e-12
@@ -28,9 +28,9 @@ SINGULAR = 1e-12
 class ArmAngleCurves:
     """Joints of the branch with theta2, theta4, theta6 >= 0 over the arm angle.
 
-    Every row of coefficients (A, B, C) stands for A sin psi + B cos psi + C. Joints 1, 3, 5 and 7 are
-    atan2(turning[i, 0], turning[i, 1]), signs and zero offsets included; theta2 and theta6 are the
-    arc cosines of `bending`; joint 4 does not depend on psi. [Shimizu2008] has the same form.
+    Every row of coefficients (A, B, C) stands for A sin psi + B cos psi + C. Joints 1, 3, 5 and 7
+    are atan2(turning[i, 0], turning[i, 1]), signs and zero offsets included; theta2 and theta6 are
+    the arc cosines of `bending`; joint 4 does not depend on psi. [Shimizu2008] has the same form.
     """
 
     plane: ArmPlane
@@ -73,7 +73,7 @@ class ArmAngleCurves:
         return cls(plane, canonical, turning, bending)
 
     def pairs(self, sin: FloatArray, cos: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Returns both values of joints 1 to 7 in (-pi, pi] [rad]: of branches that do not flip it, and do.
+        """Returns both values of joints 1 to 7 in (-pi, pi] [rad]: as it is, and flipped.
 
         `flips` says which of the two a branch has.
 
@@ -135,8 +135,8 @@ class ArmAngleCurves:
     ) -> None:
         """Overwrites a triple's outer joints where its middle joint is all but 0 or pi.
 
-        The outer joints are each ill-determined there, their sum (or difference) is not: the last one is
-        computed from the first, which is set to 0 where nothing determines it.
+        The outer joints are each ill-determined there, their sum (or difference) is not: the last
+        one is computed from the first, which is set to 0 where nothing determines it.
         """
         sin = np.broadcast_to(sin, near.shape)[near]
         cos = np.broadcast_to(cos, near.shape)[near]
@@ -214,7 +214,7 @@ def _set(
 
 def _at(row: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
     """Returns A sin + B cos + C."""
-    value = row[0] * sin
+    value: FloatArray = row[0] * sin
     value = value + row[1] * cos
     value += row[2]
     return value

@@ -25,11 +25,12 @@ CONSTANT = 1e-20
 class ArmAngleIntervals:
     """Arm angles at which all joints are within limits, for each target and branch.
 
-    Along one interval the joints move continuously (whole turns apart, where a joint's range is more than
-    one turn). Every end touches a limit of a joint, or is an arm angle at which a triple passes exactly
-    through its singularity, where the outer joints of the branch jump by half a turn. Two intervals
-    share an end where a joint whose range is exactly one turn would have to pass from one limit to the
-    other. Single feasible arm angles between infeasible ones are left out.
+    Along one interval the joints move continuously (whole turns apart, where a joint's range is
+    more than one turn). Every end touches a limit of a joint, or is an arm angle at which a triple
+    passes exactly through its singularity, where the outer joints of the branch jump by half a
+    turn. Two intervals share an end where a joint whose range is exactly one turn would have to
+    pass from one limit to the other. Single feasible arm angles between infeasible ones are left
+    out.
     """
 
     start: FloatArray
@@ -47,18 +48,18 @@ class ArmAngleIntervals:
             psi: arm angles [rad], broadcast against (...).
         """
         turned = np.mod(np.asarray(psi)[..., None, None] - self.start, TURN)
-        inside: BoolArray = (turned <= self.end - self.start).any(axis=-1)
-        return inside
+        return np.asarray((turned <= self.end - self.start).any(axis=-1))
 
 
 def feasible_arm_angles(arm: SrsArm, R: FloatArray, p: FloatArray) -> ArmAngleIntervals:
     """Returns the arm angles at which all joints of a branch are within limits.
 
-    Where joint i meets a limit L, one equation A sin psi + B cos psi + C = 0 holds: for joints 1, 3, 5, 7
-    num(psi) cos L - den(psi) sin L = 0, for joints 2 and 6 cos theta(psi) = cos(L + offset); all eight
-    branches share them. Their roots cut the circle into arcs on each of which every joint is
-    either within or beyond its limits: the midpoint decides exactly. [Shimizu2008] Section IV has the
-    idea; arcs instead of case distinctions, whole turns and exact singularities are our own.
+    Where joint i meets a limit L, one equation A sin psi + B cos psi + C = 0 holds: for joints 1,
+    3, 5, 7 num(psi) cos L - den(psi) sin L = 0, for joints 2 and 6 cos theta(psi) = cos(L +
+    offset); all eight branches share them. Their roots cut the circle into arcs on each of which
+    every joint is either within or beyond its limits: the midpoint decides exactly. [Shimizu2008]
+    Section IV has the idea; arcs instead of case distinctions, whole turns and exact singularities
+    are our own.
 
     Args:
         arm: the arm and its limits.
@@ -83,7 +84,7 @@ def feasible_arm_angles(arm: SrsArm, R: FloatArray, p: FloatArray) -> ArmAngleIn
     for mask, shifted in ((ok, after), (broken, broken_after)):
         np.put_along_axis(shifted, last, mask[:, :1], axis=1)
     ends = ok & (~after | broken_after)
-    whole = ok.any(axis=1) & ~starts.any(axis=1)
+    whole = np.asarray(ok.any(axis=1) & ~starts.any(axis=1))
     return _intervals(begin, following, starts, ends, whole)
 
 
@@ -115,14 +116,12 @@ def _cuts(arm: SrsArm, curves: ArmAngleCurves) -> tuple[FloatArray, IntArray]:
     number = np.isfinite(cuts).sum(axis=0)
     final = np.take_along_axis(cuts, (number - 1)[None], axis=0)[0]
     closing = (number > 1) & (cuts[0] + TURN - final < SAME)
-    np.put_along_axis(
-        cuts, (number - 1)[None], np.where(closing, np.inf, final)[None], axis=0
-    )
+    np.put_along_axis(cuts, (number - 1)[None], np.where(closing, np.inf, final)[None], axis=0)
     return cuts, number - closing
 
 
 def _crossable(arm: SrsArm, joint: int) -> list[float]:
-    """Returns the limits of a joint that can bound a motion: none beyond one turn, one at a turn."""
+    """Returns the limits that can bound a joint: none beyond one turn, one at exactly a turn."""
     low, high = float(arm.lower[joint]), float(arm.upper[joint])
     if high - low > TURN + LIMIT_SLACK:
         return []

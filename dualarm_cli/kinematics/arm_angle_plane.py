@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 REACH_SLACK = 1e-11
 """How far a wrist centre may be out of reach by rounding [m]."""
 STRETCHED = 1e-14
-"""A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square root
-of the gap, would otherwise be 1e-8 rad of noise."""
+"""A wrist centre this close to the end of its reach is taken to be there [m]: the bend, a square
+root of the gap, would otherwise be 1e-8 rad of noise."""
 ON_AXIS = 1e-12
 """Below this sine of its angle to the first axis a direction counts as lying on it."""
 
@@ -52,10 +56,10 @@ class ArmPlane:
     def of(cls, w: FloatArray, R: FloatArray, upper: float, fore: float) -> ArmPlane:
         """Returns the arm planes of wrist centres.
 
-        The law of cosines gives the bend; sine by Heron's product, so that no digits are lost near the
-        stretched and the folded arm. Directions follow from the bend, not from |w|, so that flange
-        orientations stay exact there. The arm angle of a wrist centre in the shoulder is counted
-        about the first axis.
+        The law of cosines gives the bend; sine by Heron's product, so that no digits are lost near
+        the stretched and the folded arm. Directions follow from the bend, not from |w|, so that
+        flange orientations stay exact there. The arm angle of a wrist centre in the shoulder is
+        counted about the first axis.
 
         Args:
             w: from shoulder to wrist in the canonical base frame [m], shape (3, ...).
@@ -79,9 +83,7 @@ class ArmPlane:
         r, t = reference_directions(u)
         a = np.where(tiny, 0.5 * np.pi, np.arctan2(beside, along))
         f = bend - a
-        return cls(
-            u, r, t, np.cos(a), np.sin(a), np.cos(f), np.sin(f), bend, reachable, R
-        )
+        return cls(u, r, t, np.cos(a), np.sin(a), np.cos(f), np.sin(f), bend, reachable, R)
 
     @cached_property
     def R_plane(self) -> FloatArray:
@@ -102,15 +104,21 @@ class ArmPlane:
         Args:
             chosen: mask of a shape that this broadcasts to.
         """
-        angles = (self.cos_a, self.sin_a, self.cos_f, self.sin_f, self.bend, self.reachable)
         return ArmPlane(
-            *(_chosen(v, 1, chosen) for v in (self.u, self.r, self.t)),
-            *(_chosen(v, 0, chosen) for v in angles),
-            _chosen(self.R, 2, chosen),
+            u=_chosen(self.u, 1, chosen),
+            r=_chosen(self.r, 1, chosen),
+            t=_chosen(self.t, 1, chosen),
+            cos_a=_chosen(self.cos_a, 0, chosen),
+            sin_a=_chosen(self.sin_a, 0, chosen),
+            cos_f=_chosen(self.cos_f, 0, chosen),
+            sin_f=_chosen(self.sin_f, 0, chosen),
+            bend=_chosen(self.bend, 0, chosen),
+            reachable=_chosen(self.reachable, 0, chosen),
+            R=_chosen(self.R, 2, chosen),
         )
 
     def triples(self, sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the rotations of shoulder and wrist triple, (3, 3, ...) each, for a positive bend.
+        """Returns the rotations of shoulder and wrist triple, (3, 3, ...), for a positive bend.
 
         Args:
             sin: sine of the arm angle, shape (...).
@@ -123,25 +131,24 @@ class ArmPlane:
         fore = np.stack(
             [-self.cos_f * h - self.sin_f * self.u, -m, self.cos_f * self.u - self.sin_f * h]
         )
-        wrist: FloatArray = np.einsum("ik...,kj...->ij...", fore, np.broadcast_to(
-            self.R, (3, 3, *fore.shape[2:])
-        ))
+        wrist: FloatArray = np.einsum(
+            "ik...,kj...->ij...", fore, np.broadcast_to(self.R, (3, 3, *fore.shape[2:]))
+        )
         return shoulder, wrist
 
 
-def _chosen(values: FloatArray, leading: int, chosen: BoolArray) -> FloatArray:
+def _chosen(values: NDArray[Scalar], leading: int, chosen: BoolArray) -> NDArray[Scalar]:
     """Returns the chosen elements of values with a number of component axes in front."""
     head, tail = values.shape[:leading], values.shape[leading:]
     padded = values.reshape((*head, *(1,) * (chosen.ndim - len(tail)), *tail))
-    selected: FloatArray = np.broadcast_to(padded, (*head, *chosen.shape))[..., chosen]
-    return selected
+    return np.broadcast_to(padded, (*head, *chosen.shape))[..., chosen]
 
 
 def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns r and t = u × r, (3, ...) each: where psi = 0 and psi = pi/2 point, seen along u.
 
-    r is the base's x axis carried along by the smallest rotation that takes z (the first axis) to u.
-    It is continuous for all u but one, -z: no reference can do better, as there is no continuous
+    r is the base's x axis carried along by the smallest rotation that takes z (the first axis) to
+    u. It is continuous for all u but one, -z: no reference can do better, as there is no continuous
     field of tangents on a sphere, and the plane through the first axis fails at +z too, where arms
     work. With (x, y, z) = u and x = rho c, y = rho s: r = (1 - v c², -v c s, -x), v = 1 - z. At -z
     itself c = 1, s = 0 stands in. Our own derivation; the same field as a stereographic projection

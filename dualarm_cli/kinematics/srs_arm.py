@@ -24,8 +24,8 @@ class SrsSolutions:
     """All postures of many targets."""
 
     q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach. A view of an array with
-    the joints first in memory: fast to compute with, copied when it is reshaped."""
+    """Joints [rad] in (-pi, pi], shape (..., 8, 7); zeros where out of reach. A view of an array
+    with the joints first in memory: fast to compute with, copied when it is reshaped."""
     reachable: BoolArray
     """Whether the target is within reach, joint limits apart, shape (...)."""
 
@@ -34,16 +34,17 @@ class SrsSolutions:
 class SrsArm:
     """Forward and inverse kinematics of one arm in its base frame.
 
-    The arm angle psi says where the elbow is on its circle about the line from shoulder to wrist. It is
-    counted from a direction that is carried along from the first axis by the smallest rotation
-    (`reference_directions`): continuous everywhere but where the wrist lies behind the shoulder on the
-    first axis. All eight branches of one psi have their elbow at the same place.
+    The arm angle psi says where the elbow is on its circle about the line from shoulder to wrist.
+    It is counted from a direction that is carried along from the first axis by the smallest
+    rotation (`reference_directions`): continuous everywhere but where the wrist lies behind the
+    shoulder on the first axis. All eight branches of one psi have their elbow at the same place.
 
-    Branch = 4 * elbow + 2 * shoulder + wrist, each 0 or 1. With theta2, theta4, theta6 the angles of
-    joints 2, 4, 6 counted from where axis 1 and upper arm, upper arm and forearm, forearm and axis 7
-    lie along each other: elbow is 1 for theta4 < 0, shoulder for theta2 < 0, wrist for theta6 < 0.
-    Changing one of them turns both neighbours by half a turn. Where a triple is singular (theta2 = 0
-    or pi) joint 1 is 0 (joint 5 for the wrist), and joint 3 (7) has all of the turn.
+    Branch = 4 * elbow + 2 * shoulder + wrist, each 0 or 1. With theta2, theta4, theta6 the angles
+    of joints 2, 4, 6 counted from where axis 1 and upper arm, upper arm and forearm, forearm and
+    axis 7 lie along each other: elbow is 1 for theta4 < 0, shoulder for theta2 < 0, wrist for
+    theta6 < 0. Changing one of them turns both neighbours by half a turn. Where a triple is
+    singular (theta2 = 0 or pi) joint 1 is 0 or pi (joint 5 for the wrist), and joint 3 (7) has all
+    of the turn.
     """
 
     geometry: SrsGeometry
@@ -78,8 +79,8 @@ class SrsArm:
         """Linear maps on flattened flange rotations: to canonical ones and to wrist centres."""
         B, C = self.canonical.B, self.canonical.C
         # Row-major: (B^T R C^T)_ij = sum over kl of B_ki C_jl R_kl.
-        rotation = np.kron(B.T, C)
-        wrist = np.kron(B.T, self.geometry.p_flange_wrist)
+        rotation = np.asarray(np.kron(B.T, C), dtype=np.float64)
+        wrist = np.asarray(np.kron(B.T, self.geometry.p_flange_wrist), dtype=np.float64)
         return rotation, wrist, B.T @ self.geometry.shoulder
 
     @cached_property
@@ -212,9 +213,7 @@ class SrsArm:
 
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 7), shape (...)."""
-        bits = [
-            srs_limits.wrap(q[..., i] + self.canonical.offset[i]) < 0.0 for i in (3, 1, 5)
-        ]
+        bits = [srs_limits.wrap(q[..., i] + self.canonical.offset[i]) < 0.0 for i in (3, 1, 5)]
         return np.asarray(4 * bits[0] + 2 * bits[1] + bits[2], dtype=np.int64)
 
     def arm_angle(self, q: FloatArray) -> FloatArray:

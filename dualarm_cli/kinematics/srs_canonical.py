@@ -24,7 +24,8 @@ class SrsCanonical:
     stretched arm, theta2 = 0 the upper arm along axis 1 and theta6 = 0 axis 7 along the forearm.
     Our own derivation: Rot(e1, q1) Rot(e2, q2) Rot(e3, q3) with e1 ⊥ e2 ⊥ e3 equals
     B Z(q1) Y(q2 + b) Z(q3) Y(-b) B^T with B = [e2 × e1, e2, e1] and
-    e3 = cos b e1 + sin b e2 × e1; the angle from one Y axis to the next is an offset of the Z between.
+    e3 = cos b e1 + sin b e2 × e1; the angle from one Y axis to the next is an offset of the Z
+    between.
     """
 
     sign: FloatArray
@@ -73,8 +74,9 @@ class SrsCanonical:
     def chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Returns flange columns (3, 3, n), directions of upper arm and forearm, and elbow normal.
 
-        Everything is in the canonical base frame; the flange is column by column: [:, j] is column j.
-        The normal is joint 4's axis, turned over where theta4 < 0, shape (3, n) like the directions.
+        Everything is in the canonical base frame; the flange is column by column: [:, j] is column
+        j. The normal is joint 4's axis, turned over where theta4 < 0, shape (3, n) like the
+        directions.
 
         Args:
             q: joints [rad], shape (..., 7), n of them.

@@ -84,9 +84,7 @@ class SrsGeometry:
         (shoulder, miss_s), (elbow, miss_e), (wrist, miss_w) = (
             _meeting_point(axes[i : i + 3], points[i : i + 3]) for i in (0, 2, 4)
         )
-        gaps = tuple(
-            _distance(axes[i], points[i], axes[i + 1], points[i + 1]) for i in range(6)
-        )
+        gaps = tuple(_distance(axes[i], points[i], axes[i + 1], points[i + 1]) for i in range(6))
         skew = np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max()
         deviation = SrsDeviation(miss_s, miss_e, miss_w, gaps, float(np.arcsin(min(1.0, skew))))
         return cls(axes, shoulder, elbow, wrist, R_flange, p_flange, deviation)

@@ -11,7 +11,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.loading import quantities
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.quantities import Dimension, QuantityError, parse_quantity
-from dualarm_cli.loading.schema_robot import ArmSection, RobotFile
+from dualarm_cli.loading.schema_robot import ArmSection, LimitSection, RobotFile
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.urdf import Urdf, UrdfJoint
 from dualarm_cli.loading.yaml_source import Document, Loc
@@ -108,42 +108,39 @@ def joint_limits(
         if section is None or section.acceleration is None:
             lacking.append(joint.name)
             continue
-        loc: Loc = ("limits", joint.name)
-        linear, angular = quantities.ACCELERATION, quantities.ANGULAR_ACCELERATION
-        acceleration = _rate(
-            document,
-            (*loc, "acceleration"),
-            section.acceleration,
-            linear if joint.slides else angular,
-            findings,
-        )
-        linear, angular = quantities.JERK, quantities.ANGULAR_JERK
-        jerk: float | None = math.inf
-        if section.jerk is not None:
-            jerk = _rate(
-                document,
-                (*loc, "jerk"),
-                section.jerk,
-                linear if joint.slides else angular,
-                findings,
-            )
-        if acceleration is not None and jerk is not None:
-            rows.append((acceleration, jerk, section.source))
+        rates = _rates(document, joint, section, findings)
+        if rates is not None:
+            rows.append((*rates, section.source))
     if lacking:
         message = f"no acceleration limit for {', '.join(lacking)}; give one with its source"
         findings.add(document, ("limits",), message, "E202", key=True)
     if len(rows) != len(joints):
         return None
-    array = np.array
     return JointLimits(
         tuple(known),
-        array([joint.lower for joint in joints]),
-        array([joint.upper for joint in joints]),
-        array([joint.velocity for joint in joints]),
-        array([row[0] for row in rows]),
-        array([row[1] for row in rows]),
+        np.array([joint.lower for joint in joints]),
+        np.array([joint.upper for joint in joints]),
+        np.array([joint.velocity for joint in joints]),
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]),
         tuple(row[2] for row in rows),
     )
+
+
+def _rates(
+    document: Document, joint: UrdfJoint, section: LimitSection, findings: Findings
+) -> tuple[float, float] | None:
+    """Returns acceleration and jerk limits, or None after noting what is wrong."""
+    loc: Loc = ("limits", joint.name)
+    dimension = quantities.ACCELERATION if joint.slides else quantities.ANGULAR_ACCELERATION
+    acceleration = _rate(
+        document, (*loc, "acceleration"), section.acceleration, dimension, findings
+    )
+    jerk: float | None = math.inf
+    if section.jerk is not None:
+        dimension = quantities.JERK if joint.slides else quantities.ANGULAR_JERK
+        jerk = _rate(document, (*loc, "jerk"), section.jerk, dimension, findings)
+    return None if acceleration is None or jerk is None else (acceleration, jerk)
 
 
 def _rate(

@@ -140,7 +140,7 @@ class PairSection(Section):
 
 
 class RobotReference:
-    """Field annotation: text or a pair, validated by hand, since errors in a union lose their place."""
+    """Field annotation: text or a pair, validated by hand: a union's errors lose their place."""
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler

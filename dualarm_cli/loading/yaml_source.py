@@ -25,7 +25,7 @@ _CONFLICT = re.compile(r"^(<{7}|>{7}|\|{7})( |$)", re.MULTILINE)
 
 
 class Node:
-    """Where one value stands, where its key stands, and what it holds."""
+    """Where one value stands, and its key."""
 
     __slots__ = ("children", "column", "key_column", "key_line", "line")
 
@@ -175,9 +175,8 @@ class _Builder:
             raise self._fatal(event, "E105", f"tag {quote(event.tag)} is not allowed; remove it")
 
     def _fatal(self, event: Any, code: str, message: str) -> InputError:
-        mark = event.start_mark
-        last = self.source.diagnostic(mark.line + 1, mark.column + 1, code, message)
-        return InputError([*self.diagnostics, last])
+        self._say(event, code, message)
+        return InputError(self.diagnostics)
 
     def _say(self, event: Any, code: str, message: str) -> None:
         mark = event.start_mark
@@ -221,18 +220,17 @@ class _Builder:
         """Puts a value where it belongs and returns its place."""
         mark = event.start_mark
         line, column = mark.line + 1, mark.column + 1
+        node = Node(line, column, (line, column))
         if not self._stack:
-            self.data, self.root = value, Node(line, column, (line, column))
-            return self.root
+            self.data, self.root = value, node
+            return node
         top = self._stack[-1]
         if isinstance(top.container, list):
-            node = Node(line, column, (line, column))
             top.node.children[len(top.container)] = node
             top.container.append(value)
             return node
-        name, place = top.key or (None, (0, 0))
+        name, (node.key_line, node.key_column) = top.key or (None, (0, 0))
         top.key = None
-        node = Node(line, column, place)
         if name is not None:
             top.container[name] = value
             top.node.children[name] = node

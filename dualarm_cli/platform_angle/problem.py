@@ -245,7 +245,8 @@ def build_solution(
         balanced_first: how candidates that are no roots are ordered.
     """
     start = problem.angle_0[:, None]
-    turned = start + np.pi - np.mod(np.pi - (angle - start), 2.0 * np.pi)
+    # Whole turns only are taken off, so that an angle within half a turn keeps all its digits.
+    turned = angle - 2.0 * np.pi * np.round((angle - start) / (2.0 * np.pi))
     angle = np.where(valid, turned, 0.0)
     coefficients = cosine_coefficients(problem)
     x = elbow_cosine(problem, angle)

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from dualarm_cli.cli.check import check
+from dualarm_cli.cli.check import check_command
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
 <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
@@ -38,11 +38,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def run(*arguments: str) -> tuple[int, str]:
+def run(*arguments: str, charset: str = "utf-8") -> tuple[int, str]:
     """Runs the command and returns its exit code and stdout."""
     app = typer.Typer()
-    app.command()(check)
-    result = CliRunner().invoke(app, list(arguments))
+    app.command()(check_command)
+    result = CliRunner(charset=charset).invoke(app, list(arguments))
     return result.exit_code, result.stdout
 
 
@@ -103,3 +103,10 @@ def test_json_is_one_document(folder: Path) -> None:
         "summary": "One, 1 arm, 1 joint, 1 posture",
         "diagnostics": [],
     }
+
+
+def test_a_terminal_that_knows_ascii_only_gets_escapes(folder: Path) -> None:
+    """No crash where the message or the name of a thing has other letters."""
+    (folder / "robot.yaml").write_text(ROBOT.replace("name: One", "name: Ünö"))
+    code, text = run("robot.yaml", charset="ascii")
+    assert (code, text) == (0, "robot.yaml: good: robot, \\xdcn\\xf6, 1 arm, 1 joint, 1 posture\n")

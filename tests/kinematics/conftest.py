@@ -79,8 +79,11 @@ def _iiwa14() -> Chain:
     limit = np.deg2rad([170, 120, 170, 120, 170, 120, 175])
     z, y = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
     return Chain(
-        [_se3((0, 0, h)) for h in heights], [z, y, z, -y, z, y, z], _se3((0, 0, 0.045)),
-        -limit, limit,
+        [_se3((0, 0, h)) for h in heights],
+        [z, y, z, -y, z, y, z],
+        _se3((0, 0, 0.045)),
+        -limit,
+        limit,
     )
 
 

@@ -128,7 +128,7 @@ def test_targets_and_arm_angles_broadcast(arm):
 
 
 def test_self_motion_keeps_the_flange_and_moves_the_elbow_on_its_circle(arm):
-    """One target, 720 arm angles: same pose, elbow at a constant distance, at the angle asked for."""
+    """One target, 721 arm angles: same pose, elbow on its circle at the angle asked for."""
     R, p = arm.forward(np.array([0.4, 0.7, -0.3, 1.1, 0.5, 0.8, -0.2]))
     psi = np.linspace(-np.pi, np.pi, 721)
     q = arm.solve(R, p, psi).q
@@ -195,7 +195,7 @@ def test_the_reference_is_continuous_across_the_first_axis():
 @pytest.mark.parametrize("size", [0.0, 1e-16, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
 @pytest.mark.parametrize("joints", [(1,), (3,), (5,), (1, 5), (1, 3), (3, 5), (1, 3, 5)])
 def test_singular_and_nearly_singular_postures_are_reproduced(arm, joints, size):
-    """Shoulder, elbow and wrist at or near their singular positions, 0 and pi, alone and together."""
+    """Shoulder, elbow, wrist at or near their singular positions, alone and together."""
     q = random_postures(13, 40)
     for joint in joints:
         q[:, joint] = size - arm.canonical.offset[joint]
@@ -236,7 +236,7 @@ def test_a_folded_arm_and_a_wrist_behind_the_shoulder_are_reproduced(arm):
 
 
 def test_singular_triples_leave_their_turn_to_the_outer_joint(chains):
-    """The stretched SDA10F: joints 1 and 5 stay 0, and a stretched arm's motion is steady in psi."""
+    """The stretched SDA10F: joints 1 and 5 stay 0, its motion is steady in psi."""
     arm = chains["sda10f_left"].arm()
     R, p = arm.forward(np.zeros(7))
     q = arm.solve(R, p, np.linspace(-3.0, 3.0, 61)).q[:, 0]
@@ -261,7 +261,7 @@ def test_targets_out_of_reach_are_masked_and_zero(arm):
 
 
 def test_reach_holds_over_a_dense_scan_of_joint_four(arm):
-    """Least and greatest shoulder-wrist distance against 100,001 values of joint 4 in its limits."""
+    """Least and greatest shoulder-wrist distance against 100,001 values of joint 4."""
     q4 = np.linspace(max(arm.lower[3], -np.pi), min(arm.upper[3], np.pi), 100_001)
     q = np.zeros((len(q4), 7))
     q[:, 3] = q4

@@ -29,7 +29,8 @@ def test_sda10f_centres_are_where_the_fact_sheet_says(chains):
     """S (0.1, 0.265, 1.2), E (0.1, 0.625, 1.2), W (0.1, 0.985, 1.2), right arm mirrored."""
     for name, s in (("sda10f_left", 1), ("sda10f_right", -1)):
         geometry = SrsGeometry.measure(*chains[name].measured())
-        for point, y in ((geometry.shoulder, 0.265), (geometry.elbow, 0.625), (geometry.wrist, 0.985)):
+        centres = (geometry.shoulder, geometry.elbow, geometry.wrist)
+        for point, y in zip(centres, (0.265, 0.625, 0.985), strict=True):
             np.testing.assert_allclose(point, [0.1, s * y, 1.2], atol=1e-12)
 
 
@@ -57,7 +58,7 @@ def test_an_elbow_offset_is_measured_between_its_axes(chains):
 
 
 def test_a_tilted_axis_is_measured_as_tilted(chains):
-    """Axis 6 tilted in the plane of axes 5 and 6 about their meeting point deviates by its angle."""
+    """Axis 6 tilted towards axis 5 about their meeting point deviates by its angle."""
     axes, points, R, p = chains["iiwa14"].measured()
     axes[5] = [0.0, np.cos(2e-3), np.sin(2e-3)]
     geometry = SrsGeometry.measure(axes, points, R, p)
@@ -86,7 +87,7 @@ def test_parallel_axes_are_measured_without_failing():
 
 
 def test_canonical_angles_are_zero_where_links_and_axes_line_up(chains):
-    """SDA10F is stretched at q = 0: no offsets at joints 2, 4, 6, whatever the signs of its axes."""
+    """SDA10F is stretched at q = 0: no offsets at joints 2, 4, 6, whatever its signs."""
     for name in ("sda10f_left", "sda10f_right", "iiwa14"):
         canonical = SrsCanonical.of(SrsGeometry.measure(*chains[name].measured()))
         np.testing.assert_allclose(canonical.offset[[1, 3, 5]], 0.0, atol=0.0)
