@@ -76,8 +76,7 @@ class UnknownSolverError(UsageError):
         """Stores the family, the name asked for and the names there are."""
         self.family, self.name, self.known = family, name, known
         super().__init__(
-            f"{family} has no solver '{name}'{did_you_mean(name, known)} "
-            f"Known: {', '.join(known)}."
+            f"{family} has no solver '{name}'{did_you_mean(name, known)} Known: {', '.join(known)}."
         )
 
 

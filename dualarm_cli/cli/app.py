@@ -28,7 +28,9 @@ def _print_version(wanted: bool) -> None:
 def root(
     _: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out."""

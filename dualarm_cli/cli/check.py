@@ -53,10 +53,27 @@ def _check_one(file: str) -> dict[str, Any]:
     from dualarm_cli.loading.checking import load_file
 
     try:
-        kind, summary = _describe(load_file(file))
+        noun = load_file(file)
     except InputError as error:
         return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
-    return {"file": file, "kind": kind, "summary": summary, "diagnostics": []}
+    kind, summary = _describe(noun)
+    return {"file": file, "kind": kind, "summary": summary, "diagnostics": _geometry(file, noun)}
+
+
+def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
+    """Returns a diagnostic for every arm whose measured geometry is not of the kind it is called."""
+    from dualarm_cli.errors import Diagnostic, UnsupportedError
+    from dualarm_cli.kinematics.cell_model import find_false_srs
+    from dualarm_cli.model.cell import Cell
+    from dualarm_cli.model.job import Job
+
+    cell = noun.cell if isinstance(noun, Job) else noun
+    robot = cell.robot if isinstance(cell, Cell) else cell
+    try:
+        messages = find_false_srs(robot)
+    except UnsupportedError as error:
+        messages = [str(error)]
+    return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
 
 
 def _describe(noun: Robot | Cell | Job) -> tuple[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -19,6 +20,9 @@ def stdout_console() -> Console:
     """Returns a console for results; plain text where stdout is no terminal."""
     from rich.console import Console
 
+    if isinstance(sys.stdout, TextIOWrapper):
+        # A stdout that is not UTF-8 gets escapes for what it cannot show, not a traceback.
+        sys.stdout.reconfigure(errors="backslashreplace")
     console = Console(highlight=False, soft_wrap=False)
     return console if console.is_terminal else Console(highlight=False, width=120)
 
@@ -31,8 +35,10 @@ def stderr_console() -> Console:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Prints one JSON document on stdout, sorted as given; refuses NaN."""
-    sys.stdout.write(json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    """Prints one JSON document on stdout, in its own order; refuses NaN."""
+    ascii_only = (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
+    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=ascii_only)
+    sys.stdout.write(text + "\n")
 
 
 def print_message(text: str) -> None:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stderr_console, stdout_console
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    stderr_console,
+    stdout_console,
+)
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,15 +31,23 @@ def plan_command(
     tasks: Annotated[Path, typer.Argument(help="Task file (tasks/1).", show_default=False)],
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder for the results; default ./<task file's name>-plan.",
-                     show_default=False),
+        typer.Option(
+            "--out",
+            help="Folder for the results; default ./<task file's name>-plan.",
+            show_default=False,
+        ),
     ] = None,
     platform: Annotated[
         str | None,
-        typer.Option("--platform", help="Platform solver; default: try all, keep the fastest.",
-                     show_default=False),
+        typer.Option(
+            "--platform",
+            help="Platform solver; default: try all, keep the fastest.",
+            show_default=False,
+        ),
     ] = None,
-    redundancy: Annotated[str, typer.Option("--redundancy", help="Redundancy solver.")] = "arm_angle",
+    redundancy: Annotated[
+        str, typer.Option("--redundancy", help="Redundancy solver.")
+    ] = "arm_angle",
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
     seed: Annotated[int, typer.Option("--seed", help="Seed of all randomness.")] = 0,

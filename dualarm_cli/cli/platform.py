@@ -27,7 +27,9 @@ def platform_command(
     ] = None,
     stage: Annotated[int, typer.Option("--stage", help="Stage of the task file, from 1.")] = 1,
     radius: Annotated[str, typer.Option(help="Shoulders' distance from the axis.")] = "50 mm",
-    alpha: Annotated[str, typer.Option(help="Second shoulder's azimuth from the first.")] = "120 deg",
+    alpha: Annotated[
+        str, typer.Option(help="Second shoulder's azimuth from the first.")
+    ] = "120 deg",
     links: Annotated[str, typer.Option(help="Upper arm and forearm.")] = "70 mm, 70 mm",
     angle: Annotated[str, typer.Option(help="Platform angle before the move.")] = "-30 deg",
     start: Annotated[
@@ -60,14 +62,24 @@ def platform_command(
         for row in candidate_rows(solver, PLATFORM_SOLVERS[solver].solve(problem))
     ]
     if plot is not None:
-        from dualarm_cli.reporting.platform_figure import draw_move
-
-        draw_move(problem, rows, before, plot)
-        print_message(f"written: {plot}")
+        _write_figure(plot, problem, rows, before)
     if json_output:
         print_json(_document(problem, rows))
     else:
         stdout_console().print(_table(rows))
+
+
+def _write_figure(
+    plot: Path, problem: PlatformProblem, rows: list[Row], before: FloatArray
+) -> None:
+    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.reporting.platform_figure import FIGURE_KINDS, draw_move
+
+    kind = plot.suffix.lower().lstrip(".")
+    if kind not in FIGURE_KINDS:
+        raise UsageError(f"--plot {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
+    write_file(plot, draw_move(problem, rows, before, kind), force=True)
+    print_message(f"written: {plot}")
 
 
 def _planar(
@@ -80,8 +92,10 @@ def _planar(
     from dualarm_cli.platform_angle import PlatformProblem
 
     a1, a2 = _numbers("--links", links, LENGTH, (2,))
-    points = [_numbers(name, text, LENGTH, (2, 2)) for name, text in
-              (("--start", start), ("--goal", goal))]
+    points = [
+        _numbers(name, text, LENGTH, (2, 2))
+        for name, text in (("--start", start), ("--goal", goal))
+    ]
     try:
         problem = PlatformProblem.planar(
             radius=float(_numbers("--radius", radius, LENGTH, (1,))[0]),

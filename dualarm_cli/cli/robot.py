@@ -56,8 +56,9 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     """Show joints, limits with their source, and the measured arm geometry."""
     from dualarm_cli.loading.robots import load_robot
 
-    noun = load_robot(robot).robot
-    document = describe_robot(noun)
+    loaded = load_robot(robot)
+    noun = loaded.robot
+    document = describe_robot(noun) | {"notes": list(loaded.notes)}
     if json_output:
         print_json(document)
         return
@@ -66,7 +67,8 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     for name, arm in document["arms"].items():
         console.print(f"{name} arm: {arm['summary']}", markup=False, soft_wrap=True)
     console.print(f"postures: {', '.join(document['postures'])}", markup=False)
-    console.print(f"notes: {'; '.join(document['notes'])}" if document["notes"] else "", end="")
+    for note in document["notes"]:
+        console.print(f"note: {note}", markup=False, soft_wrap=True)
 
 
 @robot_app.command("export")
@@ -141,7 +143,6 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
             for k, name in enumerate(robot.joints)
         },
         "postures": sorted(robot.postures),
-        "notes": [],
     }
 
 

@@ -65,7 +65,9 @@ def run(arguments: list[str]) -> int:
     except DualArmError as error:
         return _report(f"error: {error}", error.exit_code, arguments)
     except OSError as error:
-        return _report(f"error: {error.strerror}: {error.filename or 'standard output'}", 2, arguments)
+        return _report(
+            f"error: {error.strerror}: {error.filename or 'standard output'}", 2, arguments
+        )
     except Exception as error:
         if os.environ.get("DUALARM_DEBUG"):
             raise

@@ -76,7 +76,7 @@ def torn_files(path: Path, schedule: Schedule) -> list[str]:
     folder = path if path.is_dir() else path.parent
     stated = schedule.extra.get("files")
     torn = []
-    for name, digest in (stated.items() if isinstance(stated, dict) else ()):
+    for name, digest in stated.items() if isinstance(stated, dict) else ():
         file = folder / Path(str(name)).name
         if not file.is_file():
             torn.append(f"{name} is missing")
@@ -127,7 +127,9 @@ class _Reader:
     def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:
         value = parent.get(key)
         if not isinstance(value, kind):
-            self.fail(path or key, "is missing" if key not in parent else f"must be a {_word(kind)}")
+            self.fail(
+                path or key, "is missing" if key not in parent else f"must be a {_word(kind)}"
+            )
         return value
 
     def text(self, parent: dict[str, Any], key: str, path: str, default: str = "") -> str:
@@ -148,7 +150,11 @@ class _Reader:
         value = parent.get(key, default)
         if value is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             self.fail(path, f"must be a finite number, not {value!r}")
         return float(value)
 

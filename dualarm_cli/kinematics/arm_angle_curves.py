@@ -84,7 +84,10 @@ class ArmAngleCurves:
         pairs = []
         for joint, theta in enumerate(self.angles(sin, cos)):
             if joint in TURNING:
-                pairs.append((theta, theta - np.where(theta > 0.0, np.pi, -np.pi)))
+                opposite = np.asarray(theta - np.where(theta > 0.0, np.pi, -np.pi))
+                # Half a turn back from 1e-17 rounds to -pi.
+                np.copyto(opposite, np.pi, where=opposite <= -np.pi)
+                pairs.append((theta, opposite))
             else:
                 offset = self.canonical.offset[joint]
                 both = (theta, -theta)

@@ -18,7 +18,7 @@ CROSSING = 1e-7
 SINGULAR_BORDER = 1e-9
 """Sine of a middle joint below which its outer joints jump by half a turn."""
 CONSTANT = 1e-20
-"""Amplitude below which a cosine does not depend on the arm angle."""
+"""Amplitude below which a joint does not depend on the arm angle."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def feasible_arm_angles(arm: SrsArm, R: FloatArray, p: FloatArray) -> ArmAngleIn
     3, 5, 7 num(psi) cos L - den(psi) sin L = 0, for joints 2 and 6 cos theta(psi) = cos(L +
     offset); all eight branches share them. Their roots cut the circle into arcs on each of which
     every joint is either within or beyond its limits: the midpoint decides exactly. [Shimizu2008]
-    Section IV has the idea; arcs instead of case distinctions, whole turns and exact singularities
-    are our own.
+    has the idea; arcs instead of case distinctions, whole turns and exact singularities are our
+    own.
 
     Args:
         arm: the arm and its limits.
@@ -80,10 +80,8 @@ def feasible_arm_angles(arm: SrsArm, R: FloatArray, p: FloatArray) -> ArmAngleIn
     before = np.roll(ok, 1, axis=1)
     before[:, :1] = np.take_along_axis(ok, last, axis=1)
     starts = ok & (~before | broken)
-    after, broken_after = (np.roll(mask, -1, axis=1) for mask in (ok, broken))
-    for mask, shifted in ((ok, after), (broken, broken_after)):
-        np.put_along_axis(shifted, last, mask[:, :1], axis=1)
-    ends = ok & (~after | broken_after)
+    # The last arc counts as an end; `_intervals` knows when it goes on over the first cut.
+    ends = ok & (~np.roll(ok, -1, axis=1) | np.roll(broken, -1, axis=1))
     whole = np.asarray(ok.any(axis=1) & ~starts.any(axis=1))
     return _intervals(begin, following, starts, ends, whole)
 
@@ -156,20 +154,29 @@ def _broken(arm: SrsArm, curves: ArmAngleCurves, psi: FloatArray) -> BoolArray:
     clear = []
     for joint, pair in enumerate(curves.pairs(sin, cos)):
         low, span = arm.lower[joint], arm.upper[joint] - arm.lower[joint]
-        one_turn = abs(span - TURN) <= LIMIT_SLACK
-        clear.append(
-            [
-                np.abs(wrap(q - low)) >= CROSSING if one_turn else np.ones(q.shape, dtype=np.bool_)
-                for q in pair
-            ]
-        )
+        # A joint that stands at both its limits for all arm angles does not have to pass them.
+        if abs(span - TURN) <= LIMIT_SLACK:
+            steady = ~_varies(curves, joint)
+            clear.append([steady | (np.abs(wrap(q - low)) >= CROSSING) for q in pair])
+        else:
+            clear.append([np.ones(q.shape, dtype=np.bool_) for q in pair])
     through = np.zeros(psi.shape, dtype=np.bool_)
-    for j in range(2):
+    for j, joint in enumerate(BENDING):
         num, den = (a * sin + b * cos + c for a, b, c in curves.turning[2 * j])
         # Where it is singular at every arm angle nothing jumps: the first joint stays at 0.
-        varies = np.hypot(*curves.bending[j, :2]) > CONSTANT
-        through |= varies & (np.hypot(num, den) < SINGULAR_BORDER)
+        through |= _varies(curves, joint) & (np.hypot(num, den) < SINGULAR_BORDER)
     return ~_per_branch(clear) | through
+
+
+def _varies(curves: ArmAngleCurves, joint: int) -> BoolArray:
+    """Returns whether a joint depends on the arm angle at all, shape (...)."""
+    if joint in BENDING:
+        amplitude = np.abs(curves.bending[BENDING.index(joint), :2]).max(axis=0)
+    elif joint in TURNING:
+        amplitude = np.abs(curves.turning[TURNING.index(joint), :, :2]).max(axis=(0, 1))
+    else:
+        amplitude = np.zeros(curves.bending.shape[2:])
+    return np.asarray(amplitude > CONSTANT)
 
 
 def _per_branch(holds: list[list[BoolArray]]) -> BoolArray:

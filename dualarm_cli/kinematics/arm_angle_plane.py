@@ -162,7 +162,6 @@ def reference_directions(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     on_axis = rho < ON_AXIS
     length = np.where(on_axis, 1.0, rho)
     c, s = np.where(on_axis, 1.0, x / length), np.where(on_axis, 0.0, y / length)
-    # 1 - z without cancellation on the upper half.
-    v = np.where(z > 0.0, rho * rho / (1.0 + np.abs(z)), 1.0 - z)
+    v = 1.0 - z
     mixed = -v * c * s
     return np.stack([1.0 - v * c * c, mixed, -x]), np.stack([mixed, 1.0 - v * s * s, -y])

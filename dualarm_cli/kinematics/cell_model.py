@@ -104,6 +104,27 @@ class CellModel:
         return pin.SE3(R_world, p_world) * pin.SE3(R, p) * model.T_flange_tcp
 
 
+def find_false_srs(robot: Robot) -> list[str]:
+    """Returns a sentence for every arm that is called srs and is not, with what was measured.
+
+    Args:
+        robot: the noun.
+    """
+    model = pin.buildModelFromXML(robot.urdf)
+    base = pin.SE3.Identity()
+    platform = PlatformChain.from_model(model, robot.platform, base)
+    found = []
+    for arm in robot.arms:
+        if arm.kind == "srs":
+            geometry = measure_arm(model, robot, arm, platform, base)
+            if not geometry.is_srs(SRS_TOLERANCE):
+                found.append(
+                    f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-"
+                    f"revolute-spherical: {geometry.deviation}; call it kind: general"
+                )
+    return found
+
+
 def measure_arm(
     model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
 ) -> SrsGeometry:

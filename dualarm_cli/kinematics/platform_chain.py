@@ -56,7 +56,9 @@ class PlatformChain:
             frames.append(base * data.oMi[index] * pin.SE3(_align_z(axis), np.zeros(3)))
         world = pin.SE3.Identity()
         parents = [world, *frames[1:-1]] if joints else []
-        steps = [parent.inverse() * frame for parent, frame in zip(parents, frames[1:], strict=True)]
+        steps = [
+            parent.inverse() * frame for parent, frame in zip(parents, frames[1:], strict=True)
+        ]
         return cls(
             joints,
             np.array([step.rotation for step in steps]).reshape(-1, 3, 3),

@@ -168,7 +168,7 @@ class SrsArm:
         plane = ArmPlane.of(w, R_canonical, self.geometry.upper, self.geometry.fore)
         return ArmAngleCurves.of(self.canonical, plane)
 
-    def solve(self, R: FloatArray, p: FloatArray, psi: FloatArray) -> SrsSolutions:
+    def solve(self, R: FloatArray, p: FloatArray, psi: FloatArray | float) -> SrsSolutions:
         """Returns all eight branches.
 
         Args:
@@ -189,7 +189,7 @@ class SrsArm:
         return SrsSolutions(np.moveaxis(q, (0, 1), (-2, -1)), reachable)
 
     def solve_branch(
-        self, R: FloatArray, p: FloatArray, psi: FloatArray, branch: IntArray
+        self, R: FloatArray, p: FloatArray, psi: FloatArray | float, branch: IntArray
     ) -> tuple[FloatArray, BoolArray]:
         """Returns joints (..., 7) of one branch per element and whether it is within reach (...).
 

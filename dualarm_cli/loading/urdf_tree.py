@@ -151,7 +151,6 @@ def parse_xml(source: TextSource) -> Element:
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _tag: stack.pop() and None
     parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
     try:
         parser.Parse(source.text, True)
     except expat.ExpatError as error:

@@ -46,9 +46,7 @@ class _Recorder:
     clock: float = 0.0
 
 
-def realise(
-    model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSolver
-) -> Motion:
+def realise(model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSolver) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
     Args:
@@ -67,9 +65,7 @@ def realise(
             model, plan, columns, limits, timing, job.tool_speed
         )
         _add_stage(record, model, job, plan, transfers, columns, limits, timing)
-    trajectory = merge(
-        [concatenate(record.pieces[name]) for name in columns], joints=robot.joints
-    )
+    trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
     events = [_at_knot(event, trajectory.time) for event in record.events]
     return Motion(
         trajectory,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli import __version__
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleArm, ScheduleRobot
@@ -35,7 +35,13 @@ def plan(
         InfeasibleError: no posture reaches a target.
     """
     timing = TIMING_SOLVERS[settings.timing]
-    REDUNDANCY_SOLVERS[settings.redundancy]
+    REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
+    if settings.platform is not None:
+        PLATFORM_SOLVERS[settings.platform]
+    if reason := timing.why_unsupported(job.cell.robot.limits):
+        raise UnsupportedError(
+            f"--timing {timing.name} does not serve {job.cell.robot.name}: {reason}"
+        )
     progress("reading the robot")
     model = CellModel.from_cell(job.cell)
     names = [settings.platform] if settings.platform else _fitting(model)

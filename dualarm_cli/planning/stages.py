@@ -268,7 +268,9 @@ def _explain(
     lines = []
     for name, (task, stop) in work.items():
         reason = reasons.get(name)
-        text = reason.reason if reason else "reachable, but at no platform angle that suits both arms"
+        text = (
+            reason.reason if reason else "reachable, but at no platform angle that suits both arms"
+        )
         lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {text}")
     where = "at any platform angle" if model.platform.joints else "from the arm's base"
     return "no posture " + where + " makes this stage:\n  " + "\n  ".join(lines)

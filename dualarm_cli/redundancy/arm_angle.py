@@ -129,9 +129,8 @@ def _target_candidates(problem: StopProblem) -> _Candidates | NoPosture:
         index = np.arange(len(q))
         return _Candidates(index, np.zeros(len(q)), branch, psi, psi, psi)
     target, yaw = (
-        grid.ravel() for grid in np.meshgrid(
-            np.arange(len(problem.p_base_tool)), problem.yaw, indexing="ij"
-        )
+        grid.ravel()
+        for grid in np.meshgrid(np.arange(len(problem.p_base_tool)), problem.yaw, indexing="ij")
     )
     psi = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
     R, p, _ = _flange(problem, target, yaw)

@@ -51,7 +51,14 @@ class StopProblem:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("R_base_tool", "p_base_tool", "R_tool_flange", "p_tool_flange", "yaw", "start"):
+        for name in (
+            "R_base_tool",
+            "p_base_tool",
+            "R_tool_flange",
+            "p_tool_flange",
+            "yaw",
+            "start",
+        ):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.errors import MissingDependencyError, UsageError
+from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.platform_angle.problem import (
     Kind,
@@ -21,10 +21,11 @@ COLOURS = ("#1f5fbf", "#c23b22")
 """Arm 1 and arm 2."""
 BALANCE = "#2a7f3f"
 SAMPLES = 1441
+FIGURE_KINDS = ("png", "svg", "pdf")
 
 
-def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, path: Path) -> None:
-    """Draws one move and writes it as PNG, SVG or PDF, the same bytes for the same input.
+def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind: str) -> bytes:
+    """Returns the figure of one move as PNG, SVG or PDF: the same bytes for the same input.
 
     For the paper's input its panels are Figures 2 to 5 of [Bottin2021].
 
@@ -32,14 +33,11 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, path
         problem: one move.
         rows: candidates of all methods.
         start: wrist centres before the move in the platform's axis frame [m], shape (2, 3).
-        path: file to write; its suffix decides the format.
+        kind: one of FIGURE_KINDS.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.
-        UsageError: a suffix that is none of these.
     """
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise UsageError(f"--plot {path}: write a .png, .svg or .pdf")
     figure = _new_figure()
     axes = figure.subplot_mosaic(
         [["before", "equation", "equation"], ["one", "two", "elbows"]],
@@ -62,7 +60,7 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, path
         axes[name].set_aspect("equal")
         axes[name].set_xlabel("x [m]")
     axes["before"].set_ylabel("y [m]")
-    _save(figure, path)
+    return _rendered(figure, kind)
 
 
 def _new_figure() -> Any:
@@ -78,57 +76,60 @@ def _new_figure() -> Any:
     return Figure(figsize=(12, 7.5), layout="constrained")
 
 
-def _save(figure: Any, path: Path) -> None:
-    from io import BytesIO
-
-    from dualarm_cli.exporting.files import write_file
-
-    kind = path.suffix.lower().lstrip(".")
-    metadata = {"Software": None} if kind == "png" else {"Date": None}
-    if kind == "pdf":
-        metadata = {"CreationDate": None}
+def _rendered(figure: Any, kind: str) -> bytes:
+    metadata: dict[str, dict[str, None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+    }
     buffer = BytesIO()
-    figure.savefig(buffer, format=kind, dpi=110, metadata=metadata)
-    write_file(path, buffer.getvalue(), force=True)
+    figure.savefig(buffer, format=kind, dpi=110, metadata=metadata[kind])
+    return buffer.getvalue()
 
 
 def _shown(rows: list[Row]) -> list[Row]:
-    """Returns the two candidates drawn: the best of the paper's method and of the exact one."""
-    chosen = [row for row in rows if row.chosen and row.method in ("linearised", "exact")]
-    return chosen[:2]
+    """Returns the two candidates drawn: the paper's first root and the one it chooses.
+
+    For the paper's input these are numbers 1 and 3 of its Table 2, as in its Figure 5.
+    """
+    roots = [r for r in rows if r.method == "linearised" and r.difference is not None]
+    chosen = [row for row in roots if row.chosen]
+    others = [row for row in roots if not row.chosen]
+    return (others[:1] + chosen)[:2]
 
 
 def _draw_arms(
     ax: Any, problem: PlatformProblem, wrist: FloatArray, angle: float, faint: bool = False
 ) -> None:
     """Draws platform, shoulders and both arms seen along the platform's axis."""
-    style = {"alpha": 0.3, "linestyle": "--"} if faint else {}
+    style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     for radius in sorted(set(problem.radius[0].tolist())):
         ax.plot(radius * np.cos(turn), radius * np.sin(turn), color="0.7", linewidth=1)
     for arm in (0, 1):
         azimuth = angle + problem.offset[0, arm]
         shoulder = problem.radius[0, arm] * np.array([np.cos(azimuth), np.sin(azimuth)])
-        elbow = _elbow(problem, arm, shoulder, wrist[arm])
+        elbow = _elbow(problem, arm, shoulder, wrist[arm], -1.0 if arm == 0 else 1.0)
         line = np.array([[0.0, 0.0], shoulder, elbow, wrist[arm][:2]])
         colour = COLOURS[arm]
         ax.plot(line[:2, 0], line[:2, 1], color="0.5", linewidth=1, **style)
-        ax.plot(line[1:, 0], line[1:, 1], "-o", color=colour, linewidth=3, markersize=5, **style)
+        ax.plot(
+            line[1:, 0], line[1:, 1], marker="o", color=colour, linewidth=3, markersize=5, **style
+        )
 
 
 def _elbow(
-    problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray
+    problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray, side: float
 ) -> FloatArray:
-    """Returns the elbow seen from above for an arm plane as level as it can be."""
+    """Returns the elbow seen from above for a level arm plane, left (1) or right (-1) of the arm."""
     flat = wrist[:2] - shoulder
     rise = wrist[2] - problem.height[0, arm]
     reach = float(np.hypot(np.linalg.norm(flat), rise))
     a1, a2 = problem.upper[0, arm], problem.fore[0, arm]
     along = (reach**2 + a1**2 - a2**2) / (2.0 * reach) if reach > 0 else 0.0
     across = np.sqrt(max(0.0, a1**2 - along**2))
-    side = np.array([-flat[1], flat[0]]) / max(float(np.linalg.norm(flat)), 1e-12)
-    outward = 1.0 if float(side @ shoulder) >= 0 else -1.0
-    elbow: FloatArray = shoulder + flat * (along / max(reach, 1e-12)) + outward * across * side
+    left = np.array([-flat[1], flat[0]]) / max(float(np.linalg.norm(flat)), 1e-12)
+    elbow: FloatArray = shoulder + flat * (along / max(reach, 1e-12)) + side * across * left
     return elbow
 
 
@@ -188,5 +189,5 @@ def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[Row]) -> None:
     ax.set_xlim(-180, 180)
     ax.set_title("elbow displacements (dots: roots of `exact`)")
     ax.set_xlabel("platform turn [deg]")
-    ax.set_ylabel("[deg]")
+    ax.set_ylabel("displacement [deg]")
     ax.legend(loc="best")

@@ -54,7 +54,9 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 def assumed_joints(schedule: Schedule) -> list[str]:
     """Returns the joints whose acceleration and jerk limits are assumed."""
     limits = schedule.robot.limits
-    return [j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"]
+    return [
+        j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"
+    ]
 
 
 def verification_document(verification: Verification | None) -> dict[str, Any] | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.registry import Registry
-from dualarm_cli.timing import line_profile, ruckig_
+from dualarm_cli.timing import line_profile, ruckig_, toppra_, trapezoid
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 
 
@@ -43,6 +43,22 @@ TIMING_SOLVERS: Registry[TimingSolver] = Registry(
             line=line_profile.solve_line,
             summary="Jerk-limited: transfers by ruckig, lines by the fastest double-S profile.",
             reference="[Berscheid2021]; line profiles: ours",
+        ),
+        TimingSolver(
+            name="toppra",
+            transfer=ruckig_.solve_transfer,
+            line=toppra_.solve_line,
+            summary="Lines time-optimal under velocity and acceleration limits, by toppra.",
+            reference="[Pham2018]",
+            why_unsupported=trapezoid.why_unsupported,
+        ),
+        TimingSolver(
+            name="trapezoid",
+            transfer=trapezoid.solve_transfer,
+            line=line_profile.solve_line,
+            summary="Transfers by synchronised trapezoids in closed form.",
+            reference="[Biagiotti2008] §3.2",
+            why_unsupported=trapezoid.why_unsupported,
         ),
     ],
 )

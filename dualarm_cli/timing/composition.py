@@ -66,7 +66,6 @@ def merge(groups: Sequence[Trajectory], joints: tuple[str, ...]) -> Trajectory:
         for sides in (before, after)
     )
     jump: BoolArray = (np.abs(left[2] - right[2]) > SAME_ACCELERATION).any(axis=1)
-    jump[[0, -1]] = False
     # A jump of acceleration is two knots at one time: the left limit goes before the right one.
     index = np.repeat(np.arange(len(time)), 1 + jump)
     first_of_two = np.zeros(len(index), dtype=np.bool_)
@@ -96,13 +95,13 @@ def _side(
     A knot within SAME_TIME of one of the trajectory's own counts as that one.
     """
     shift = -SAME_TIME if side == "left" else SAME_TIME
-    last = trajectory.time.size - 1
     found = np.searchsorted(trajectory.time, time + shift, side="right") - 1
-    index = np.clip(found, 0, max(last - 1, 0))
+    # Before its first knot a trajectory is that knot, from its last one on that one.
+    index = np.clip(found, 0, trajectory.time.size - 1)
     dt = np.clip(time, trajectory.time[0], trajectory.time[-1]) - trajectory.time[index]
     dt = dt[:, None]
     q, v, a = (
         getattr(trajectory, name)[index] for name in ("position", "velocity", "acceleration")
     )
-    j = trajectory.jerk()[index] if last > 0 else np.zeros_like(q)
+    j = np.vstack([trajectory.jerk(), np.zeros((1, q.shape[1]))])[index]
     return q + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j

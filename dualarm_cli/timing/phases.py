@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.timing.composition import merge
+from dualarm_cli.timing.composition import SAME_ACCELERATION, merge
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,11 @@ def joint_trajectory(joint: str, start: float, goal: float, phases: list[Phase])
         if phase.duration <= 0.0:
             continue
         t, q, v, a = rows[-1]
-        if abs(phase.acceleration - a) > 0.0:
+        if phase.acceleration != a:
+            # Rounding of ruckig's own sums is no jump; anything else is two knots at one time.
+            if abs(phase.acceleration - a) > SAME_ACCELERATION:
+                rows.append((t, q, v, phase.acceleration))
             a = phase.acceleration
-            rows.append((t, q, v, a)) if len(rows) > 1 else rows.__setitem__(0, (t, q, v, a))
         d, j = phase.duration, phase.jerk
         rows.append(
             (
@@ -52,13 +54,11 @@ def joint_trajectory(joint: str, start: float, goal: float, phases: list[Phase])
             )
         )
     table = np.array(rows)
-    at_end = np.array([[goal, 0.0, 0.0]])
-    if abs(table[-1, 3]) > 1e-9:
+    table[-1, 1:3] = goal, 0.0
+    if abs(table[-1, 3]) > SAME_ACCELERATION:
         # Without a jerk limit the brake ends at full strength: the jump to rest is a knot of its own.
-        table[-1, 1:3] = goal, 0.0
         table = np.vstack([table, [[table[-1, 0], goal, 0.0, 0.0]]])
-    else:
-        table[-1, 1:] = at_end
+    table[-1, 3] = 0.0
     return Trajectory((joint,), table[:, 0], table[:, 1:2], table[:, 2:3], table[:, 3:4])
 
 

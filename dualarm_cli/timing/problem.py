@@ -71,7 +71,9 @@ class LineProblem:
             object.__setattr__(self, name, readonly(getattr(self, name)))
         m = self.length.size
         if self.position.shape != (m, len(self.joints)) or m < 8:
-            raise ValueError(f"position has shape {self.position.shape}; needs 8 gridpoints or more")
+            raise ValueError(
+                f"position has shape {self.position.shape}; needs 8 gridpoints or more"
+            )
         if not (np.isfinite(self.position).all() and np.isfinite(self.length).all()):
             raise ValueError("a gridpoint is not finite")
         step = np.diff(self.length)

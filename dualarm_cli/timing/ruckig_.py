@@ -37,9 +37,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
             parts.append(hold((name,), problem.start[[k]], duration))
             continue
         profile = profiles[int(np.searchsorted(moving, k))]
-        phases = [
-            Phase(d, a, j) for d, a, j in zip(profile.t, profile.a, profile.j, strict=False)
-        ]
+        phases = [Phase(d, a, j) for d, a, j in zip(profile.t, profile.a, profile.j, strict=False)]
         parts.append(joint_trajectory(name, start, goal, phases))
     return join_joints(problem.joints, parts, duration)
 

@@ -50,7 +50,9 @@ def verify(schedule: Schedule, job: Job | None = None) -> Verification:
     if numbers[0].verdict == "passed":
         numbers.append(check_time(trajectory))
     if any(check.verdict == "failed" for check in numbers):
-        return Verification((*numbers, not_checked("everything else", "the numbers are not usable")))
+        return Verification(
+            (*numbers, not_checked("everything else", "the numbers are not usable"))
+        )
     model = ToolModel(schedule)
     cap = job.tool_speed if job else schedule.robot.tool_speed
     checks: list[Check] = [

@@ -45,10 +45,18 @@ def check_agreement(trajectory: Trajectory) -> list[Check]:
     by_position = q[:-1] + dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0)
     return [
         _judge_knots(
-            "position_agreement", np.abs(q[1:] - by_position), tol.POSITION_AGREEMENT, "rad", trajectory
+            "position_agreement",
+            np.abs(q[1:] - by_position),
+            tol.POSITION_AGREEMENT,
+            "rad",
+            trajectory,
         ),
         _judge_knots(
-            "velocity_agreement", np.abs(v[1:] - by_velocity), tol.VELOCITY_AGREEMENT, "rad/s", trajectory
+            "velocity_agreement",
+            np.abs(v[1:] - by_velocity),
+            tol.VELOCITY_AGREEMENT,
+            "rad/s",
+            trajectory,
         ),
     ]
 
@@ -144,7 +152,12 @@ def _judge_knots(
 
 
 def _judge_joints(
-    name: str, excess: FloatArray, allowed: float, unit: str, stated: FloatArray, limits: JointLimits
+    name: str,
+    excess: FloatArray,
+    allowed: float,
+    unit: str,
+    stated: FloatArray,
+    limits: JointLimits,
 ) -> Check:
     if not np.isfinite(stated).any():
         return not_checked(name, "the schedule states no such limit")

@@ -20,7 +20,9 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         events = sorted((e for e in schedule.events if e.arm == arm.name), key=lambda e: e.time)
         done = [(event.task, event.action) for event in events]
         if done != asked:
-            pairs = zip(asked + [("nothing", "")] * len(done), done + [("nothing", "")], strict=False)
+            pairs = zip(
+                asked + [("nothing", "")] * len(done), done + [("nothing", "")], strict=False
+            )
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
             where = f"{arm.name} arm: {' '.join(first[0])} is due, {' '.join(first[1])} is done"

@@ -55,10 +55,14 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         judge("events_at_knots", knot.value, tol.SAME_TIME, "s", knot.where),
         judge("tool_position_at_events", distance.value, tol.POSE_DISTANCE, "m", distance.where),
         judge("tool_angle_at_events", angle.value, tol.POSE_ANGLE, "rad", angle.where),
-        judge("tool_still_in_dwells", still_distance.value, tol.POSE_DISTANCE, "m",
-              still_distance.where),
-        judge("tool_steady_in_dwells", still_angle.value, tol.POSE_ANGLE, "rad",
-              still_angle.where),
+        judge(
+            "tool_still_in_dwells",
+            still_distance.value,
+            tol.POSE_DISTANCE,
+            "m",
+            still_distance.where,
+        ),
+        judge("tool_steady_in_dwells", still_angle.value, tol.POSE_ANGLE, "rad", still_angle.where),
     ]
 
 
@@ -99,8 +103,9 @@ def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> flo
     error = stop.target.pose.actInv(event.pose)
     off = float(np.linalg.norm(error.translation))
     if stop.target.free_yaw:
-        tilt = np.arctan2(np.hypot(error.rotation[0, 2], error.rotation[1, 2]),
-                          error.rotation[2, 2])
+        tilt = np.arctan2(
+            np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2]
+        )
         return max(off, float(tilt))
     turns = np.arange(stop.target.symmetry) * (2.0 * np.pi / stop.target.symmetry)
     angles = [
@@ -121,8 +126,9 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         if key not in events:
             beside.add(np.inf, f"{where}: no event says where it leads")
             continue
-        _measure_line(schedule, model, segment, events[key], stops.get(key),
-                      (beside, turned, length), where)
+        _measure_line(
+            schedule, model, segment, events[key], stops.get(key), (beside, turned, length), where
+        )
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
@@ -157,9 +163,7 @@ def _measure_line(
     worst[2].add(max(ends, backwards), where)
 
 
-def _missing_lines(
-    lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
-) -> str:
+def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]) -> str:
     """Returns which line that the job asks for is not in the schedule, or an empty string."""
     there = {(s.arm, s.task, s.action, s.kind) for s in lines}
     for (arm, task, action), stop in stops.items():

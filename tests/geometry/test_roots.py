@@ -52,9 +52,7 @@ def test_the_second_order_finds_the_zeros_it_was_made_of(scale):
     """Polynomials are multiplied out from random zeros; the zeros come back, whatever the scale."""
     rng = np.random.default_rng(5)
     zeros = rng.uniform(-np.pi, np.pi, (20_000, 4))
-    gap = np.min(
-        [distance(zeros[:, i], zeros[:, j]) for i in range(4) for j in range(i)], axis=0
-    )
+    gap = np.min([distance(zeros[:, i], zeros[:, j]) for i in range(4) for j in range(i)], axis=0)
     zeros = zeros[gap > 0.02]
     angle, imaginary = second_order_zeros(with_zeros(zeros, scale))
     nearest = distance(angle[:, :, None], zeros[:, None, :]).min(axis=1)

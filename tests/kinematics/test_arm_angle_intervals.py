@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.kinematics.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
+from dualarm_cli.kinematics.arm_angle_intervals import (
+    ArmAngleIntervals,
+    _cuts,
+    feasible_arm_angles,
+)
 from dualarm_cli.kinematics.srs_arm import SrsArm
 
 TURN = 2 * np.pi
@@ -150,6 +154,11 @@ def test_the_stretched_arm_is_limited_by_the_joint_that_turns(chains):
     # q3 and q7 turn against each other, both one to one; ±170° of joint 3 leaves 340°.
     total = np.nansum(found.end[0] - found.start[0])
     np.testing.assert_allclose(total, np.deg2rad(340.0), atol=1e-9)
+    # One piece: at psi = 0 nothing has to be passed, though shoulder and wrist are singular.
+    assert found.count[0] == 1
+    # Branch 1 has q5 = 180° throughout, at its limits but not passing them, and q7 half a turn on:
+    # it passes ±180° once within joint 3's range and cuts that in two.
+    assert found.count[1] == 2
 
 
 def test_planar_targets_with_exact_coincidences_agree_with_a_scan(chains):
@@ -162,3 +171,13 @@ def test_planar_targets_with_exact_coincidences_agree_with_a_scan(chains):
     found = feasible_arm_angles(arm, R, p)
     per_target = ArmAngleIntervals(found.start[:, None], found.end[:, None], found.count[:, None])
     np.testing.assert_array_equal(per_target.contains(psi), feasible_by_scan(arm, R, p, psi))
+
+
+def test_cuts_are_apart_all_around_the_circle(arm):
+    """Round angles put roots at ±pi and on each other; what remains is distinct and ascending."""
+    grid = np.deg2rad([-90.0, 0.0, 45.0, 90.0])
+    q = np.array(np.meshgrid([0.0], grid, [0.0], grid, [0.0], grid, grid)).reshape(7, -1).T
+    cuts, number = _cuts(arm, arm.curves(*arm.forward(q)))
+    for column, n in zip(cuts.T, number, strict=True):
+        around = np.append(column[:n], column[0] + TURN)
+        assert np.isinf(column[n:]).all() and np.diff(around).min() >= 1e-12

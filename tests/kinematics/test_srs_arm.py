@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.arm_angle_plane import reference_directions
+from dualarm_cli.kinematics.arm_angle_plane import ArmPlane, reference_directions
 from dualarm_cli.kinematics.srs_arm import SrsArm
 
 EXACT = 1e-9
@@ -242,6 +242,44 @@ def test_singular_triples_leave_their_turn_to_the_outer_joint(chains):
     q = arm.solve(R, p, np.linspace(-3.0, 3.0, 61)).q[:, 0]
     np.testing.assert_allclose(q[:, [0, 1, 3, 4, 5]], 0.0, atol=1e-12)
     assert circle_distance(q[1:], q[:-1]).max() < 0.1 + 1e-9
+
+
+def test_a_stretched_arm_stays_stretched_under_rounding(chains):
+    """4e-16 m short of the reach is the stretched arm, not 5e-8 rad of bend."""
+    arm = chains["sda10f_left"].arm()
+    R, p = arm.forward(np.zeros(7))
+    towards = arm.geometry.shoulder - p
+    nearer = p + 4e-16 * towards / np.linalg.norm(towards)
+    q = arm.solve(R, nearer, np.linspace(-3.0, 3.0, 61)).q[:, 0]
+    np.testing.assert_allclose(q[:, [0, 1, 3, 4, 5]], 0.0, atol=1e-12)
+
+
+def test_a_wrist_exactly_in_the_shoulder_has_a_plane():
+    """W = 0 with equal links: the first axis stands in for the undefined direction."""
+    plane = ArmPlane.of(np.zeros((3, 1)), np.eye(3)[..., None], 0.3, 0.3)
+    np.testing.assert_array_equal(plane.u[:, 0], [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(plane.bend, np.pi)
+    # Upper arm and forearm cancel: their components along u and h are opposite.
+    np.testing.assert_allclose(
+        [plane.cos_a + plane.cos_f, plane.sin_a - plane.sin_f], 0, atol=1e-15
+    )
+
+
+def test_half_turns_are_positive(chains):
+    """sin(-pi) is -1.2e-16, and atan2(-1.2e-16, -1) is -pi: joints of the stretched arm are pi."""
+    for name in ("sda10f_left", "sda10f_right", "iiwa14"):
+        arm = chains[name].arm()
+        q = arm.solve(*arm.forward(np.zeros(7)), np.array([-np.pi, 0.0, np.pi])).q
+        assert q.min() > -np.pi and (q == np.pi).sum() > 3
+
+
+def test_a_fold_beyond_the_limit_of_joint_four_misses_by_its_distance(chains):
+    """SDA10F at q4 = 150°, limit 135°: distances 0.72 cos(q4 / 2), by the isosceles triangle."""
+    arm = chains["sda10f_left"].arm()
+    q = np.zeros((2, 7))
+    q[:, 3] = np.deg2rad([150.0, 134.0])
+    expected = 0.72 * (np.cos(np.deg2rad(67.5)) - np.cos(np.deg2rad(75.0)))
+    np.testing.assert_allclose(arm.reach_miss(*arm.forward(q)), [expected, 0.0], atol=1e-12)
 
 
 def test_targets_out_of_reach_are_masked_and_zero(arm):

@@ -43,6 +43,8 @@ def test_the_urdf_text_is_complete_and_moves_only_the_robots_joints(
     model = pin.buildModelFromXML(loaded.robot.urdf)
     assert (model.nq, model.nv) == (5, 5)
     assert "transmission" not in loaded.robot.urdf
+    # The file's axes are (0, 0, 2).
+    assert loaded.robot.urdf.count('<axis xyz="0.0 0.0 1.0"/>') == 5
     assert loaded.robot.limits.upper[2] == 1000.0
     assert loaded.notes == (
         "joint 'l2' turns without end; its position is kept within ±1000 rad",
@@ -68,6 +70,23 @@ def test_one_arm_is_enough(project: Path, change: Change) -> None:
     loaded = load_robot(Path("robot.yaml"))
     assert loaded.robot.joints == ("turn", "l1", "l2")
     assert loaded.notes == ("joints that neither platform nor arms name are fixed at 0: r1, r2",)
+
+
+def test_a_platform_may_slide(project: Path, change: Change) -> None:
+    """Its positions, accelerations and jerks are lengths; 200 mm along z lift the tool by 0.2."""
+    change("tiny.urdf", 'name="turn" type="revolute"', 'name="turn" type="prismatic"')
+    change("robot.yaml", "acceleration: 5, jerk: 50", "acceleration: 500 mm/s^2, jerk: 5 m/s^3")
+    change("robot.yaml", "bent: {l1: 90 deg", "bent: {turn: 200 mm, l1: 90 deg")
+    robot = load_robot(Path("robot.yaml")).robot
+    assert (robot.limits.acceleration[0], robot.limits.jerk[0]) == (0.5, 5.0)
+    assert robot.postures["bent"][0] == 0.2
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    q = pin.neutral(model)
+    q[model.idx_qs[model.getJointId("turn")]] = 0.2
+    pin.framesForwardKinematics(model, data, q)
+    # Four steps of 0.2 up, one for each joint on the way, and the lift.
+    assert data.oMf[model.getFrameId("l_tool")].translation[2] == pytest.approx(1.0)
 
 
 def test_a_posture_outside_by_rounding_only_is_put_onto_the_limit(

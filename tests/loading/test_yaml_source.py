@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import pytest
@@ -121,7 +120,5 @@ def test_duplicate_keys_and_numbers_that_are_none_are_collected() -> None:
 def test_a_billion_laughs_end_at_the_first_anchor(messages: Callable[..., list[str]]) -> None:
     """No alias is ever followed, so the bomb costs nothing."""
     lines = ["a0: &a0 [x, x]"] + [f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 60)]
-    began = time.perf_counter()
     (message,) = messages(lambda: parse("\n".join(lines)))
     assert message.startswith("f:1:5: E105 anchor")
-    assert time.perf_counter() - began < 30  # ends at all; the naive reading never does

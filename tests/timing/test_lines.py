@@ -1,0 +1,131 @@
+"""Lines: profiles that keep every limit of every joint and pass through the path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dualarm_cli.timing import TIMING_SOLVERS
+from dualarm_cli.timing.line_profile import estimate_line_durations
+from dualarm_cli.timing.problem import LineProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.spline import largest_rates
+
+JOINTS = ("s", "l", "e", "u", "r", "b", "t")
+
+
+def distance_to_path(path, q):
+    """Largest distance of joint vectors from the polyline of the path's samples [rad]."""
+    a, b = path[:-1], path[1:]
+    along = b - a
+    t = ((q[:, None] - a) * along).sum(-1) / (along**2).sum(-1)
+    nearest = a + np.clip(t, 0, 1)[..., None] * along
+    return np.linalg.norm(q[:, None] - nearest, axis=-1).min(axis=1).max()
+
+
+def test_lines_keep_all_limits_and_touch_one(limits, lines, assert_motion_is_consistent):
+    """The time is scaled until the tightest limit is met exactly, and no other is broken."""
+    for path in lines[0]:
+        problem = LineProblem(JOINTS, path, lines[1], limits)
+        trajectory = TIMING_SOLVERS["ruckig"].line(problem)
+        assert_motion_is_consistent(trajectory, path[0], path[-1], limits)
+        v, a, j = largest_rates(trajectory.time, trajectory.velocity, trajectory.acceleration)
+        used = max(
+            (v / limits.velocity).max(), (a / limits.acceleration).max(), (j / limits.jerk).max()
+        )
+        assert used == pytest.approx(1.0, abs=1e-9)
+
+
+def test_lines_stay_on_the_path_and_more_knots_stay_closer(limits, lines):
+    """The spline's distance from the path falls with the number of knots."""
+    for path in lines[0]:
+        fine = path[0] + (path - path[0])
+        gaps = []
+        for knots in (16, 64):
+            problem = LineProblem(JOINTS, path, lines[1], limits, knots=knots)
+            trajectory = TIMING_SOLVERS["ruckig"].line(problem)
+            times = np.linspace(0, trajectory.duration, 500)
+            gaps.append(distance_to_path(fine, trajectory.at(times)[0]))
+        # The polyline itself leaves the smooth path by about h²/8 |q''| = (1/64)²/8 * 0.6 = 2e-5.
+        assert gaps[1] < 5e-5
+        assert gaps[1] <= gaps[0] + 1e-6
+
+
+def test_a_straight_joint_path_takes_nearly_the_closed_form_time(limits):
+    """One joint alone on a line: the profile is a double S; knots cost at most one per cent."""
+    length = np.linspace(0.0, 0.08, 65)
+    for distance in (0.05, 0.2, 0.5):
+        path = np.zeros((65, 7))
+        path[:, 2] = distance * length / 0.08
+        trajectory = TIMING_SOLVERS["ruckig"].line(LineProblem(JOINTS, path, length, limits))
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        least = float(law.duration(path[-1] - path[0]))
+        assert least <= trajectory.duration <= 1.02 * least
+
+
+def test_slower_limits_play_the_same_line_slower(limits, lines):
+    """Limits scaled by k, k², k³ give 1/k of the speed."""
+    path = lines[0][0]
+    fast = TIMING_SOLVERS["ruckig"].line(LineProblem(JOINTS, path, lines[1], limits))
+    slow = TIMING_SOLVERS["ruckig"].line(LineProblem(JOINTS, path, lines[1], limits.scaled(0.5)))
+    assert slow.duration == pytest.approx(2 * fast.duration, rel=1e-9)
+
+
+def test_toppra_is_at_most_a_hair_slower_than_the_profile_without_jerk(
+    without_jerk, lines, assert_motion_is_consistent
+):
+    """Time-optimal along the path under the same limits; both keep them."""
+    for path in lines[0][:3]:
+        problem = LineProblem(JOINTS, path, lines[1], without_jerk)
+        ours = TIMING_SOLVERS["ruckig"].line(problem)
+        optimal = TIMING_SOLVERS["toppra"].line(problem)
+        assert optimal.duration <= ours.duration * 1.01
+        assert_motion_is_consistent(optimal, path[0], path[-1], without_jerk)
+
+
+@pytest.mark.parametrize("name", ["ruckig", "toppra"])
+def test_a_cap_on_the_path_speed_holds(without_jerk, name):
+    """On a joint path proportional to length, the path speed is the joint speed times 0.08/0.5."""
+    length = np.linspace(0.0, 0.08, 65)
+    path = np.zeros((65, 7))
+    path[:, 1] = 0.5 * length / 0.08
+    free = TIMING_SOLVERS[name].line(LineProblem(JOINTS, path, length, without_jerk))
+    cap = 0.6 * np.abs(free.velocity[:, 1]).max() * 0.08 / 0.5
+    capped = TIMING_SOLVERS[name].line(LineProblem(JOINTS, path, length, without_jerk, cap))
+    assert np.abs(capped.velocity[:, 1]).max() * 0.08 / 0.5 <= cap * (1 + 1e-6)
+    assert capped.duration > free.duration
+
+
+def test_the_estimate_is_near_the_solved_line(limits, lines):
+    """Within a fifth, for many lines at once, and independent of their company."""
+    seven = np.stack([path[np.linspace(0, 64, 7).astype(int)] for path in lines[0]])
+    share = np.linspace(0, 0.08, 7)
+    # 64 / 6 is no whole number: take the samples by interpolation instead.
+    grid = np.linspace(0, 64, 7)
+    seven = np.stack(
+        [
+            np.column_stack([np.interp(grid, np.arange(65), p[:, k]) for k in range(7)])
+            for p in lines[0]
+        ]
+    )
+    together = estimate_line_durations(seven, share, limits)
+    alone = [float(estimate_line_durations(one[None], share, limits)[0]) for one in seven]
+    assert np.allclose(together, alone, rtol=1e-12)
+    for path, estimate in zip(lines[0], together, strict=True):
+        solved = TIMING_SOLVERS["ruckig"].line(LineProblem(JOINTS, path, lines[1], limits)).duration
+        assert 0.8 < solved / estimate < 1.2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"position": np.zeros((5, 7)), "length": np.linspace(0, 1, 5)}, "8 gridpoints or more"),
+        ({"length": np.linspace(0, 1, 65) ** 2}, "equal steps"),
+        ({"position": np.full((65, 7), np.nan)}, "not finite"),
+    ],
+)
+def test_lines_that_cannot_be_timed_are_refused(limits, change, words):
+    """The noun's constructor says why."""
+    fields = {"joints": JOINTS, "position": np.zeros((65, 7)), "length": np.linspace(0, 1, 65)}
+    with pytest.raises(ValueError, match=words):
+        LineProblem(**(fields | {"limits": limits} | change))
