@@ -252,7 +252,11 @@ class _Reader:
                 columns[what].append(math.inf if value is None else value)
         source = tuple(str((part.get(joint) or {}).get("source", "unstated")) for joint in joints)
         try:
-            return JointLimits(joints, *(np.array(c) for c in columns.values()), source)
+            return JointLimits(
+                joints=joints,
+                source=source,
+                **{what: np.array(column) for what, column in columns.items()},
+            )
         except ValueError as error:
             self.fail("robot.limits", str(error))
 

@@ -145,7 +145,7 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
 def _as_model(annotation: Any) -> type[BaseModel] | None:
     """Returns the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
     if hasattr(annotation, "model_fields"):
-        return annotation  # type: ignore[no-any-return]
+        return annotation
     if getattr(annotation, "__origin__", None) in (list, dict):
         return None
     return next((m for a in _arguments(annotation) if (m := _as_model(a)) is not None), None)

@@ -12,6 +12,8 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
 
 Action = Literal["pick", "place", "move"]
+StopKey = tuple[str, str, str]
+"""Arm, task and action: what names a stop."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,12 @@ class Job:
     def stops_of(self, arm: str) -> list[tuple[Task, Stop]]:
         """Returns the targets of one arm in file order, each with its task."""
         return [(task, stop) for task in self.tasks if task.arm == arm for stop in task.stops]
+
+    def stops_by_key(self) -> dict[StopKey, Stop]:
+        """Returns every target by its arm, task and action."""
+        return {
+            (task.arm, task.id, stop.action): stop for task in self.tasks for stop in task.stops
+        }
 
     def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
         """Returns the paired stages: the k-th target of each arm, by arm name.

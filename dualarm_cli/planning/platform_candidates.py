@@ -135,4 +135,4 @@ def _reached(stop: StopProblem, turn: FloatArray) -> BoolArray:
         solutions = stop.arm.solve(R[:, :, None], p[:, :, None], psi)
         inside = stop.arm.within_limits(stop.arm.nearest_turns(solutions.q, stop.start))
         usable &= (solutions.reachable[..., None] & inside).any(axis=(2, 3))
-    return usable.any(axis=1)
+    return np.asarray(usable.any(axis=1))

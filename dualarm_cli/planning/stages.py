@@ -242,7 +242,7 @@ def _yaws(stop: Stop) -> FloatArray:
     if isinstance(stop.target, JointTarget):
         return np.zeros(1)
     turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
-    return np.arange(turns) * (2.0 * np.pi / turns)
+    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)
 
 
 def _transfer_times(

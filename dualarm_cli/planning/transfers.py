@@ -41,7 +41,7 @@ class Transfers:
 
     def bottleneck(self, arm: str) -> str:
         """Returns the joint for which an arm's line waits; of all groups if `arm` is empty."""
-        groups = [g for g in self.times if g == arm or g == PLATFORM or not arm]
+        groups = [g for g in self.times if g in (arm, PLATFORM) or not arm]
         slowest = max(groups, key=lambda g: self.times[g])
         return self.slowest[slowest] if self.times[slowest] > 0 else ""
 

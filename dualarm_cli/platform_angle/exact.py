@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -57,12 +58,20 @@ def solve_exact(problem: PlatformProblem) -> PlatformSolution:
     if len(chunks) == 1:
         return chunks[0]
     width = max(chunk.angle.shape[1] for chunk in chunks)
-    joined = (
-        np.concatenate([_widened(getattr(chunk, name), width) for chunk in chunks])
-        for name in ("angle", "kind", "valid", "reachable", "delta")
+
+    def joined(name: str) -> Any:
+        return np.concatenate([_widened(getattr(chunk, name), width) for chunk in chunks])
+
+    return PlatformSolution(
+        problem,
+        angle=joined("angle"),
+        kind=joined("kind"),
+        valid=joined("valid"),
+        reachable=joined("reachable"),
+        delta=joined("delta"),
+        degenerate=np.concatenate([chunk.degenerate for chunk in chunks]),
+        balanced_first=True,
     )
-    degenerate = np.concatenate([chunk.degenerate for chunk in chunks])
-    return PlatformSolution(problem, *joined, degenerate, balanced_first=True)
 
 
 def _widened(values: FloatArray, width: int) -> FloatArray:
@@ -86,7 +95,7 @@ def _solve_chunk(problem: PlatformProblem) -> PlatformSolution:
         problem.rows(missing), *_fallbacks(coefficients[missing]), balanced_first=True
     )
     best = rest.order[:, :FALLBACKS]
-    wide = {}
+    wide: dict[str, Any] = {}
     for name in ("angle", "kind", "valid", "reachable", "delta"):
         values = getattr(roots, name)
         more = np.zeros((len(values), FALLBACKS, *values.shape[2:]), dtype=values.dtype)

@@ -63,7 +63,9 @@ class PlatformProblem:
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, readonly(getattr(self, name)))
         n = self.angle_0.size
-        shapes = {name: (n, 2) for name in ("radius", "offset", "height", "upper", "fore")}
+        shapes: dict[str, tuple[int, ...]] = {
+            name: (n, 2) for name in ("radius", "offset", "height", "upper", "fore")
+        }
         shapes |= {"elbow_0": (n, 2), "wrist": (n, 2, 3), "angle_0": (n,)}
         for name, shape in shapes.items():
             values = getattr(self, name)
@@ -129,15 +131,26 @@ class PlatformProblem:
         """
         wrist = np.zeros((1, 2, 3))
         wrist[0, :, :2] = start
-        arms = {"radius": radius, "offset": [0.0, alpha], "height": 0.0}
-        arms |= {"upper": links[0], "fore": links[1]}
-        before = cls.broadcast(**arms, wrist=wrist, angle_0=angle_0, elbow_0=np.pi)
+
+        def moves(elbow_0: ArrayLike) -> PlatformProblem:
+            return cls.broadcast(
+                radius=radius,
+                offset=[0.0, alpha],
+                height=0.0,
+                upper=links[0],
+                fore=links[1],
+                wrist=wrist,
+                angle_0=angle_0,
+                elbow_0=elbow_0,
+            )
+
+        before = moves(np.pi)
         x = elbow_cosine(before, np.array([[angle_0]]))[0, 0]
         if (np.abs(x) > 1.0 + REACH_SLACK).any():
             raise ValueError(f"arm {int(np.argmax(np.abs(x))) + 1} cannot reach its start point")
         wrist[0, :, :2] = goal
         elbow_0 = np.arccos(np.clip(x, -1.0, 1.0))
-        return cls.broadcast(**arms, wrist=wrist, angle_0=angle_0, elbow_0=elbow_0[None])
+        return moves(elbow_0[None])
 
     def rows(self, index: slice | IntArray | BoolArray) -> PlatformProblem:
         """Returns some of the moves."""
@@ -260,6 +273,6 @@ def build_solution(
         valid,
         reachable,
         np.where(reachable[..., None], delta, 0.0),
-        (swing <= DEGENERATE).all(axis=-1),
+        np.asarray((swing <= DEGENERATE).all(axis=-1)),
         balanced_first,
     )

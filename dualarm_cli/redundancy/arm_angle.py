@@ -128,10 +128,9 @@ def _target_candidates(problem: StopProblem) -> _Candidates | NoPosture:
         psi, branch = problem.arm.arm_angle(q), problem.arm.branch(q)
         index = np.arange(len(q))
         return _Candidates(index, np.zeros(len(q)), branch, psi, psi, psi)
-    target, yaw = (
-        grid.ravel()
-        for grid in np.meshgrid(np.arange(len(problem.p_base_tool)), problem.yaw, indexing="ij")
-    )
+    targets = len(problem.p_base_tool)
+    target = np.repeat(np.arange(targets, dtype=np.int64), len(problem.yaw))
+    yaw = np.tile(problem.yaw, targets)
     psi = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
     R, p, _ = _flange(problem, target, yaw)
     solutions = problem.arm.solve(R[:, None], p[:, None], psi[None, :])

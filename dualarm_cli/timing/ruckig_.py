@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from dualarm_cli.errors import DualArmError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.phases import Phase, join_joints, joint_trajectory
@@ -26,7 +27,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     Raises:
         DualArmError: ruckig finds no trajectory, which is a defect: rest to rest always has one.
     """
-    moving = np.flatnonzero(problem.start != problem.goal)
+    moving = np.flatnonzero(problem.start != problem.goal).astype(np.int64)
     if moving.size == 0:
         return hold(problem.joints, problem.start, problem.minimum_duration)
     duration, profiles = _calculate(problem, moving)
@@ -42,7 +43,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     return join_joints(problem.joints, parts, duration)
 
 
-def _calculate(problem: TransferProblem, moving: FloatArray) -> tuple[float, list[object]]:
+def _calculate(problem: TransferProblem, moving: IntArray) -> tuple[float, list[Any]]:
     """Returns ruckig's duration [s] and its profile of every moving joint."""
     import ruckig
 

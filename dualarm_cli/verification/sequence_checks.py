@@ -21,7 +21,7 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         done = [(event.task, event.action) for event in events]
         if done != asked:
             pairs = zip(
-                asked + [("nothing", "")] * len(done), done + [("nothing", "")], strict=False
+                asked + [("nothing", "")] * len(done), [*done, ("nothing", "")], strict=False
             )
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
@@ -79,7 +79,7 @@ def check_segments(schedule: Schedule) -> Check:
 def check_dwells(schedule: Schedule, job: Job) -> Check:
     """Checks that every tool stands still for as long as the job asks."""
     worst, where = 0.0, "as long as asked"
-    asked = {(t.arm, t.id, s.action): s.dwell.total for t in job.tasks for s in t.stops}
+    asked = {key: stop.dwell.total for key, stop in job.stops_by_key().items()}
     for event in schedule.events:
         short = asked.get((event.arm, event.task, event.action), 0.0) - event.dwell
         if short > worst:

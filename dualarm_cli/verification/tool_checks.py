@@ -83,7 +83,7 @@ def _measure(
 def check_targets(schedule: Schedule, job: Job) -> Check:
     """Checks that every event's pose is one that the job's target allows."""
     worst = _Worst()
-    stops = {(t.arm, t.id, s.action): s for t in job.tasks for s in t.stops}
+    stops = job.stops_by_key()
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
         if stop is None:
@@ -118,7 +118,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     """Checks that tools approach and retract straight along their z axis, as far as asked."""
     beside, turned, length = _Worst(), _Worst(), _Worst()
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
-    stops = {(t.arm, t.id, s.action): s for t in (job.tasks if job else ()) for s in t.stops}
+    stops = job.stops_by_key() if job else {}
     lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
     for segment in lines:
         key = (segment.arm, segment.task, segment.action)

@@ -271,6 +271,12 @@ def test_half_turns_are_positive(chains):
         arm = chains[name].arm()
         q = arm.solve(*arm.forward(np.zeros(7)), np.array([-np.pi, 0.0, np.pi])).q
         assert q.min() > -np.pi and (q == np.pi).sum() > 3
+        # Bent in one plane: outer joints are 0 or half a turn, with rounding of either sign.
+        grid = np.array([-1.2, -0.9, -0.4, 0.3, 0.8, 1.1])
+        bent = np.zeros((216, 7))
+        bent[:, [1, 3, 5]] = np.array(np.meshgrid(grid, grid, grid)).reshape(3, -1).T
+        R, p = arm.forward(bent)
+        assert arm.solve(R, p, arm.arm_angle(bent)).q.min() > -np.pi
 
 
 def test_a_fold_beyond_the_limit_of_joint_four_misses_by_its_distance(chains):

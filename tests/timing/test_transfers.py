@@ -89,7 +89,7 @@ def test_solvers_without_jerk_say_whose_jerk_they_would_break(limits, without_je
     ],
 )
 def test_problems_that_would_crash_a_library_are_refused(limits, change, words):
-    """ruckig reads out of bounds for short lists and dies of zero joints."""
+    """Ruckig reads out of bounds for short lists and dies of zero joints."""
     fields = {"joints": JOINTS, "start": np.zeros(7), "goal": np.ones(7), "limits": limits}
     with pytest.raises(ValueError, match=words):
         TransferProblem(**(fields | change))
