@@ -1,0 +1,223 @@
+"""The process: exit codes, streams, JSON, signals, start-up."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dualarm_cli.cli.run import run
+
+
+def dualarm(*arguments, **options):
+    """Runs the command line in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "dualarm_cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        **options,
+    )
+
+
+def hashes(folder):
+    """SHA-256 of every file of a folder."""
+    return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory, tasks_folder):
+    """One plan of the first task file, made by a process."""
+    out = tmp_path_factory.mktemp("plan") / "out"
+    result = dualarm("plan", tasks_folder / "01_first_pick" / "tasks.yaml", "--out", out)
+    return result, out
+
+
+def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
+    """Exit 0, four files, a table, cycle time, assumed limits, collisions not checked, verified."""
+    result, out = planned
+    assert result.returncode == 0, result.stderr
+    assert sorted(f.name for f in out.iterdir()) == [
+        "report.json",
+        "robot.urdf",
+        "schedule.csv",
+        "schedule.json",
+    ]
+    for words in (
+        "cycle time (period)",
+        "parts per hour",
+        "bottleneck",
+        "limits are assumed",
+        "collisions: not checked",
+        "verification: passed",
+    ):
+        assert words in result.stdout
+    report = json.loads((out / "report.json").read_text())
+    assert report["lower_bound"] is None
+    assert report["collisions"] == "not checked"
+    assert report["parts_per_hour"] == pytest.approx(3600 * 2 / report["cycle_time"])
+
+
+def test_the_same_input_gives_the_same_bytes(planned, tasks_folder, tmp_path):
+    """A second process with another hash seed writes identical files."""
+    again = tmp_path / "again"
+    task = tasks_folder / "01_first_pick" / "tasks.yaml"
+    result = dualarm("plan", task, "--out", again, env=os.environ | {"PYTHONHASHSEED": "7"})
+    assert result.returncode == 0, result.stderr
+    assert hashes(again) == hashes(planned[1])
+
+
+def test_results_are_not_overwritten_unasked(planned, tasks_folder):
+    """Exit 2, what to do, and the old files untouched; --force replaces them."""
+    out = planned[1]
+    before = hashes(out)
+    task = tasks_folder / "01_first_pick" / "tasks.yaml"
+    refused = dualarm("plan", task, "--out", out)
+    assert refused.returncode == 2
+    assert "already holds a schedule; add --force" in refused.stderr
+    assert hashes(out) == before
+    assert dualarm("plan", task, "--out", out, "--force", "--quiet").returncode == 0
+    assert hashes(out) == before
+
+
+def test_without_out_the_folder_is_named_after_the_task_file(tasks_folder, tmp_path):
+    """./tasks-plan in the working directory; --quiet prints nothing."""
+    task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
+    result = dualarm(
+        "plan", task, "--quiet", cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(Path.cwd())}
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == ""
+    assert (tmp_path / "tasks-plan" / "schedule.json").exists()
+
+
+def test_plan_as_json_is_one_document(tasks_folder, tmp_path):
+    """Nothing else on stdout."""
+    task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
+    result = dualarm("plan", task, "--out", tmp_path / "out", "--json")
+    assert json.loads(result.stdout)["format"] == "dualarm.report/1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["plan", "nowhere.yaml"], 2, "nowhere.yaml"),
+        (["plan"], 2, "Missing argument"),
+        (["plan", "x.yaml", "--rate", "nan"], 2, "--rate nan"),
+        (["plan", "x.yaml", "--rate", "0"], 2, "--rate 0: must be above 0"),
+        (["plan", "x.yaml", "--rate", "inf"], 2, "--rate inf"),
+        (["robot", "show", "sda10"], 2, "did you mean 'sda10f'"),
+        (["frobnicate"], 2, "No such command"),
+        (["platform", "--links", "70 mm"], 2, "needs 2 values, got 1"),
+        (["platform", "--radius", "5 kg"], 2, "kg"),
+        (["platform", "--start", "1 m, 0; 0, 1 m"], 2, "cannot reach its start point"),
+        (["platform", "--plot", "x.gif"], 2, "must end in .png"),
+        (["verify", "nowhere"], 2, "there is no such file"),
+    ],
+)
+def test_bad_usage_is_exit_2_with_what_was_wrong(arguments, code, words, capsys):
+    """One sentence on stderr, never a traceback, nothing on stdout."""
+    assert run(arguments) == code
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert "Traceback" not in captured.err
+    assert captured.out == ""
+
+
+def test_json_also_on_failure(capsys):
+    """One document with the exit code and the message."""
+    assert run(["plan", "nowhere.yaml", "--json"]) == 2
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "dualarm.error/1"
+    assert document["exit_code"] == 2
+
+
+def test_an_internal_error_is_exit_4(monkeypatch, capsys):
+    """A bug is said to be one; it does not look like a regression."""
+    import dualarm_cli.loading.bundled as bundled
+
+    def broken():
+        raise ZeroDivisionError("seven")
+
+    monkeypatch.setattr(bundled, "bundled_robots", broken)
+    assert run(["robot", "list"]) == 4
+    assert "internal error: ZeroDivisionError: seven" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_end_a_plan_at_once_and_leave_no_files(number, code, tasks_folder, tmp_path):
+    """130 and 143 within two seconds, no half-written result."""
+    out = tmp_path / "out"
+    task = tasks_folder / "04_packing" / "tasks.yaml"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dualarm_cli", "plan", str(task), "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(1.0)
+    process.send_signal(number)
+    begin = time.monotonic()
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == code, err
+    assert time.monotonic() - begin < 2.0
+    assert "Traceback" not in err
+    assert not out.exists()
+
+
+def test_a_closed_pipe_is_no_traceback(tasks_folder):
+    """`dualarm robot show sda10f | head -1`."""
+    command = f"{sys.executable} -m dualarm_cli robot show sda10f | head -1"
+    result = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert "Traceback" not in result.stderr
+
+
+def test_help_loads_no_heavy_library():
+    """What --help imports: no numpy, pinocchio, casadi, toppra, ruckig, pydantic, yaml."""
+    code = (
+        "import sys; from dualarm_cli.cli.run import run; run(['--help']); "
+        "print([m for m in ('numpy','pinocchio','casadi','toppra','ruckig','pydantic','yaml',"
+        "'matplotlib') if m in sys.modules], file=sys.stderr)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stderr.strip() == "[]"
+    for command in ("plan", "platform", "verify", "check", "robot", "solvers"):
+        assert command in result.stdout
+
+
+def test_plan_loads_neither_toppra_nor_casadi_nor_matplotlib_nor_scipy(tasks_folder, tmp_path):
+    """The default path stays light."""
+    task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
+    code = (
+        "import sys; from dualarm_cli.cli.run import run; "
+        f"run(['plan', {str(task)!r}, '--out', {str(tmp_path / 'o')!r}, '--quiet']); "
+        "print([m for m in ('toppra','casadi','matplotlib','scipy') if m in sys.modules])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
+
+
+def test_colour_is_off_where_there_is_no_terminal(planned):
+    """No escape codes in a pipe."""
+    assert "\x1b" not in planned[0].stdout
+    assert "\x1b" not in planned[0].stderr
+
+
+def test_a_latin_stdout_gets_text_and_not_a_crash():
+    """LANG=C with an ASCII stdout."""
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
+    for command in (["platform"], ["platform", "--json"], ["robot", "list"]):
+        result = dualarm(*command, env=environment)
+        assert result.returncode == 0, result.stderr
