@@ -52,7 +52,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     for name, use in report["arms"].items():
         lines.append(
             f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
-            f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s, "
+            f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
+            f"{_shares(use['dwell_shares'])}, "
             f"waits {use['waiting']:.2f} s"
         )
     if report["bottlenecks"]:
@@ -77,3 +78,9 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
         )
     return lines
+
+
+def _shares(shares: dict[str, float]) -> str:
+    """Returns what the dwells are for, where they are for more than one thing."""
+    parts = [f"{name} {time:.2f}" for name, time in shares.items() if time > 0]
+    return f" ({', '.join(parts)})" if len(parts) > 1 else ""

@@ -104,12 +104,14 @@ def _draw_arms(
     """Draws platform, shoulders and both arms seen along the platform's axis."""
     style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    # Both elbows point away from the other arm.
+    outward = -1.0 if np.sin(problem.offset[0, 1] - problem.offset[0, 0]) > 0 else 1.0
     for radius in sorted(set(problem.radius[0].tolist())):
         ax.plot(radius * np.cos(turn), radius * np.sin(turn), color="0.7", linewidth=1)
     for arm in (0, 1):
         azimuth = angle + problem.offset[0, arm]
         shoulder = problem.radius[0, arm] * np.array([np.cos(azimuth), np.sin(azimuth)])
-        elbow = _elbow(problem, arm, shoulder, wrist[arm], -1.0 if arm == 0 else 1.0)
+        elbow = _elbow(problem, arm, shoulder, wrist[arm], outward if arm == 0 else -outward)
         line = np.array([[0.0, 0.0], shoulder, elbow, wrist[arm][:2]])
         colour = COLOURS[arm]
         ax.plot(line[:2, 0], line[:2, 1], color="0.5", linewidth=1, **style)

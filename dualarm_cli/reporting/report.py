@@ -101,16 +101,23 @@ def _bottlenecks(schedule: Schedule) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
 
-def _arm_use(schedule: Schedule, arm: str) -> dict[str, float]:
+def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     """Returns how long one arm does what [s], and the share of the time in which it works."""
     times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return"), 0.0)
+    shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
-        if segment.arm == arm and segment.kind in times:
+        if segment.arm != arm:
+            continue
+        if segment.kind in times:
             times[segment.kind] += segment.end - segment.start
+        if segment.dwell is not None:
+            for name in shares:
+                shares[name] += getattr(segment.dwell, name)
     busy = sum(times.values())
     duration = schedule.duration
     waiting = max(0.0, duration - busy)
     return times | {
+        "dwell_shares": shares,
         "waiting": waiting,
         "utilisation": busy / duration if duration > 0 else 0.0,
     }
