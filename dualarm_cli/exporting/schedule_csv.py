@@ -6,6 +6,8 @@ import numpy as np
 
 from dualarm_cli.model.schedule import Schedule
 
+SAME_SAMPLE = 1e-9
+"""Samples nearer than this to an exact time give way to it [s]."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters that make a spreadsheet run a cell."""
 
@@ -23,11 +25,13 @@ def to_csv(schedule: Schedule, rate: float) -> bytes:
     trajectory = schedule.trajectory
     start, end = trajectory.time[0], trajectory.time[-1]
     uniform = start + np.arange(int((end - start) * rate) + 1) / rate
-    exact = np.array([*(event.time for event in schedule.events), end])
-    # A sample next to an exact time would differ from it by rounding alone.
-    near = np.abs(uniform[:, None] - exact).min(axis=1) < 1e-9 if len(uniform) < 100_000 else None
-    time = np.unique(np.concatenate([uniform if near is None else uniform[~near], exact]))
-    time = time[time <= end]
+    exact = np.unique([*(event.time for event in schedule.events), end])
+    # A sample next to an exact time would differ from it by rounding alone: the exact one stays.
+    after = np.clip(np.searchsorted(exact, uniform), 1, len(exact)) - 1
+    behind = np.minimum(after + 1, len(exact) - 1)
+    apart = np.minimum(np.abs(uniform - exact[after]), np.abs(uniform - exact[behind]))
+    time = np.sort(np.concatenate([uniform[apart > SAME_SAMPLE], exact]))
+    time = time[(time >= start) & (time <= end)]
     rates = np.stack(trajectory.at(time), axis=2)
     table = np.column_stack([time, rates.reshape(len(time), -1)])
     names = [_safe(name) for name in trajectory.joints]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,11 +50,12 @@ class Trajectory:
         """Time from the first knot to the last [s]."""
         return float(self.time[-1] - self.time[0])
 
+    @cached_property
     def jerk(self) -> FloatArray:
-        """Returns the jerk of each interval [rad/s³], shape (k-1, n); zero where time stands."""
+        """Jerk of each interval [rad/s³], shape (k-1, n); zero where time stands."""
         step = np.diff(self.time)[:, None]
         change = np.diff(self.acceleration, axis=0)
-        return np.divide(change, step, out=np.zeros_like(change), where=step > 0)
+        return readonly(np.divide(change, step, out=np.zeros_like(change), where=step > 0))
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns position, velocity and acceleration at the given times, each of shape (m, n).
@@ -67,7 +69,10 @@ class Trajectory:
         index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 1)
         dt = (time - self.time[index])[:, None]
         q, v, a = self.position[index], self.velocity[index], self.acceleration[index]
-        jerk = np.vstack([self.jerk(), np.zeros((1, len(self.joints)))])[index]
+        # At the last knot no time passes, so the interval before it may stand for the one behind it.
+        jerk = (
+            self.jerk[np.minimum(index, max(self.time.size - 2, 0))] if self.time.size > 1 else 0.0
+        )
         return (
             q + dt * (v + dt * (a / 2 + dt * jerk / 6)),
             v + dt * (a + dt * jerk / 2),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.robot import JointLimits
@@ -128,7 +129,10 @@ def transfers_within_tool_speed(
         else:
             high = factor
     if best is None:
-        raise ValueError(f"no velocity keeps the tools below {cap} m/s")
+        raise InfeasibleError(
+            f"limits: tool_speed: {cap:g} m/s is slower than 1/{2**SPEED_BISECTIONS} of the joints' "
+            "speed; allow more"
+        )
     return best
 
 

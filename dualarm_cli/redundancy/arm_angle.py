@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +18,8 @@ SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
 """Changes of the arm angle along a line that are tried first [rad]."""
 LINE_SAMPLES = 7
 """Samples of a line while postures are compared."""
+DENSE_SAMPLES = 65
+"""Samples of a line at which the posture that is taken must keep its limits."""
 REFINEMENTS = 5
 """Rounds of local refinement, each half as wide as the one before."""
 REFINEMENT_WIDTH = 0.25
@@ -66,10 +69,10 @@ def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
         return coarse
     spread = _with_swings(coarse)
     value = _evaluate(problem, spread)
-    best = _best_pair(spread, value, len(coarse.branch))
-    if best is None:
-        return NoPosture("no posture at the target can follow its approach and retract lines", 0.0)
-    return _refine(problem, best)
+    for best in _best_pairs(spread, value, len(coarse.branch)):
+        if _holds_between_samples(problem, best):
+            return _refine(problem, best)
+    return NoPosture("no posture at the target can follow its approach and retract lines", 0.0)
 
 
 def line_path(
@@ -157,26 +160,31 @@ def _with_swings(candidates: _Candidates) -> _Candidates:
     )
 
 
-def _best_pair(candidates: _Candidates, value: _Evaluation, n: int) -> _Candidates | None:
-    """Returns the best candidate, its approach and retract swings taken independently."""
+def _best_pairs(candidates: _Candidates, value: _Evaluation, n: int) -> Iterator[_Candidates]:
+    """Yields target postures, best first, each with its best swings of approach and retract."""
     approach = value.approach_cost.reshape(n, -1)
     retract = value.retract_cost.reshape(n, -1)
     total = approach.min(axis=1) + retract.min(axis=1)
-    row = int(np.argmin(total))
-    if not np.isfinite(total[row]):
-        return None
     width = approach.shape[1]
-    a = row * width + int(np.argmin(approach[row]))
-    r = row * width + int(np.argmin(retract[row]))
-    best = candidates.take(np.array([a]))
-    return _Candidates(
-        best.target,
-        best.yaw,
-        best.branch,
-        best.psi_target,
-        best.psi_approach,
-        candidates.psi_retract[[r]],
-    )
+    for row in np.argsort(total, kind="stable"):
+        if not np.isfinite(total[row]):
+            return
+        a = row * width + int(np.argmin(approach[row]))
+        r = row * width + int(np.argmin(retract[row]))
+        yield replace(candidates.take(np.array([a])), psi_retract=candidates.psi_retract[[r]])
+
+
+def _holds_between_samples(problem: StopProblem, one: _Candidates) -> bool:
+    """Returns whether one candidate's lines keep all limits at many more samples."""
+    for psi_end, length in (
+        (one.psi_approach, problem.approach),
+        (one.psi_retract, problem.retract),
+    ):
+        if length > 0:
+            _, ok = _follow(problem, one, psi_end, np.array([length]), DENSE_SAMPLES)
+            if not ok[0]:
+                return False
+    return True
 
 
 def _follow(
@@ -266,7 +274,8 @@ def _refine(problem: StopProblem, best: _Candidates) -> StopPosture:
             values = _evaluate(problem, cloud)
             total = values.approach_cost + values.retract_cost
             i = np.array([int(np.argmin(total))])
-            if total[i[0]] < value.approach_cost[0] + value.retract_cost[0]:
+            better = total[i[0]] < value.approach_cost[0] + value.retract_cost[0]
+            if better and _holds_between_samples(problem, cloud.take(i)):
                 best = cloud.take(i)
                 value = _Evaluation(
                     *(getattr(values, name)[i] for name in values.__dataclass_fields__)

@@ -103,5 +103,5 @@ def _side(
     q, v, a = (
         getattr(trajectory, name)[index] for name in ("position", "velocity", "acceleration")
     )
-    j = np.vstack([trajectory.jerk(), np.zeros((1, q.shape[1]))])[index]
+    j = np.vstack([trajectory.jerk, np.zeros((1, q.shape[1]))])[index]
     return q + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j

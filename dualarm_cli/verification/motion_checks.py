@@ -103,7 +103,7 @@ def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     low, high = trajectory.position.min(axis=0), trajectory.position.max(axis=0)
     dt = np.diff(trajectory.time)[:, None]
     q, v, a = trajectory.position[:-1], trajectory.velocity[:-1], trajectory.acceleration[:-1]
-    j = trajectory.jerk()
+    j = trajectory.jerk
     # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
     root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
     large = -(a + np.where(a < 0, -root, root))
@@ -119,7 +119,7 @@ def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 def velocity_extrema(trajectory: Trajectory) -> FloatArray:
     """Returns each joint's largest speed over the whole motion [rad/s], shape (n,)."""
     fastest: FloatArray = np.abs(trajectory.velocity).max(axis=0)
-    a, j = trajectory.acceleration[:-1], trajectory.jerk()
+    a, j = trajectory.acceleration[:-1], trajectory.jerk
     turns = a * trajectory.acceleration[1:] < 0
     inside = trajectory.velocity[:-1] - np.divide(
         a * a, 2.0 * j, out=np.zeros_like(a), where=turns & (j != 0)

@@ -48,7 +48,7 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         _measure(schedule, model, event, np.array([event.time]), (distance, angle), where)
         if event.dwell > 0:
             end = event.time + event.dwell
-            inside = knots[(knots > event.time) & (knots < end)]
+            inside = knots[slice(*np.searchsorted(knots, [event.time, end]))]
             times = np.concatenate([np.linspace(event.time, end, DWELL_SAMPLES), inside])
             _measure(schedule, model, event, times, (still_distance, still_angle), where)
     return [
@@ -175,7 +175,8 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
 
 def _dense(knots: FloatArray, start: float, end: float) -> FloatArray:
     """Returns the knots between two instants, the ends, and instants between all of them."""
-    inside = knots[(knots > start + tol.SAME_TIME) & (knots < end - tol.SAME_TIME)]
+    first, last = np.searchsorted(knots, [start + tol.SAME_TIME, end - tol.SAME_TIME])
+    inside = knots[first:last]
     edges = np.unique(np.concatenate([[start], inside, [end]]))
     share = np.arange(PER_INTERVAL) / PER_INTERVAL
     times = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()

@@ -74,7 +74,7 @@ def test_a_trajectory_between_knots_is_the_integral_of_its_jerk():
     assert q[:, 0] == pytest.approx([0.5 + 0.125 / 6, 1 + 1 / 6, 1 + 1 / 6], abs=1e-15)
     assert v[0, 0] == pytest.approx(1.125)
     assert a[0, 0] == pytest.approx(0.5)
-    assert one.jerk().tolist() == [[1.0]]
+    assert one.jerk.tolist() == [[1.0]]
 
 
 def test_frozen_means_frozen():
