@@ -7,14 +7,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.redundancy import StopProblem
 
 SCAN_STEP = np.radians(2.5)
 """Spacing of the platform angles that are scanned when no solver's angle can be used [rad]."""
-SCAN_ARM_ANGLES = 24
-"""Arm angles per scanned platform angle."""
 SCAN_TRIES = 24
 """Scanned angles, nearest first, at which the whole stage is tried."""
 
@@ -125,14 +124,11 @@ def _reached(stop: StopProblem, turn: FloatArray) -> BoolArray:
     Rz[:, 0, 0] = Rz[:, 1, 1] = np.cos(yaws)
     Rz[:, 1, 0], Rz[:, 2, 2] = np.sin(yaws), 1.0
     Rz[:, 0, 1] = -Rz[:, 1, 0]
-    psi = np.linspace(-np.pi, np.pi, SCAN_ARM_ANGLES, endpoint=False)
     usable: BoolArray = np.ones((len(turn), len(yaws)), dtype=np.bool_)
     for depth in {0.0, stop.approach, stop.retract}:
         R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ Rz)[None]
         p_tool = (R_turn @ stop.p_base_tool[0])[:, None] - R_tool[..., :, 2] * depth
         R = R_tool @ stop.R_tool_flange
         p = p_tool + R_tool @ stop.p_tool_flange
-        solutions = stop.arm.solve(R[:, :, None], p[:, :, None], psi)
-        inside = stop.arm.within_limits(stop.arm.nearest_turns(solutions.q, stop.start))
-        usable &= (solutions.reachable[..., None] & inside).any(axis=(2, 3))
+        usable &= feasible_arm_angles(stop.arm, R, p).count.any(axis=-1)
     return np.asarray(usable.any(axis=1))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
 
 ARM_ANGLE_STEPS = 48
@@ -140,14 +141,30 @@ def _target_candidates(problem: StopProblem) -> _Candidates | NoPosture:
     q = problem.arm.nearest_turns(solutions.q, problem.start)
     ok = solutions.reachable[..., None] & problem.arm.within_limits(q)
     if not ok.any():
-        miss = float(problem.arm.reach_miss(R, p).min())
-        if miss > 0:
-            return NoPosture(f"the target is {miss * 1000:.1f} mm beyond the arm's reach", miss)
-        return NoPosture("no arm angle and branch keeps all joints within their limits", 0.0)
+        return _between_the_grid(problem, target, yaw, R, p)
     time = np.where(ok, problem.transfer_time(q - problem.start), np.inf)
     order = np.argsort(time, axis=None, kind="stable")[: min(KEPT, int(ok.sum()))]
     row, angle, branch = np.unravel_index(order, time.shape)
     return _Candidates(target[row], yaw[row], branch, psi[angle], psi[angle], psi[angle])
+
+
+def _between_the_grid(
+    problem: StopProblem, target: IntArray, yaw: FloatArray, R: FloatArray, p: FloatArray
+) -> _Candidates | NoPosture:
+    """Returns the middles of all feasible arm-angle intervals where the grid met none of them.
+
+    The intervals are exact, so that a target is refused only if no arm angle of any branch will do (at the yaws
+    that were tried).
+    """
+    intervals = feasible_arm_angles(problem.arm, R, p)
+    row, branch, k = np.nonzero(np.isfinite(intervals.start))
+    if row.size:
+        psi = 0.5 * (intervals.start + intervals.end)[row, branch, k]
+        return _Candidates(target[row], yaw[row], branch, psi, psi, psi)
+    miss = float(problem.arm.reach_miss(R, p).min())
+    if miss > 0:
+        return NoPosture(f"the target is {miss * 1000:.1f} mm beyond the arm's reach", miss)
+    return NoPosture("no arm angle and branch keeps all joints within their limits", 0.0)
 
 
 def _with_swings(candidates: _Candidates) -> _Candidates:

@@ -95,3 +95,23 @@ def test_a_target_out_of_reach_says_by_how_much(problems):
     assert isinstance(answer, NoPosture)
     assert 8.5 < answer.miss < 10.0
     assert "beyond the arm's reach" in answer.reason
+
+
+def test_a_posture_between_the_grids_arm_angles_is_found(problems):
+    """Limits closed in around one posture, half a degree either way: the grid misses it."""
+    import dataclasses
+
+    from dualarm_cli.kinematics.srs_arm import SrsArm
+
+    for problem in problems[:4]:
+        wide = SOLVE(dataclasses.replace(problem, approach=0.0, retract=0.0))
+        cell = dataclasses.replace(problem, yaw=np.array([wide.yaw]), free_yaw=False)
+        arm = problem.arm
+        narrow = SrsArm(
+            arm.geometry,
+            np.maximum(arm.lower, wide.q_target - np.radians(0.5)),
+            np.minimum(arm.upper, wide.q_target + np.radians(0.5)),
+        )
+        found = SOLVE(dataclasses.replace(cell, arm=narrow, approach=0.0, retract=0.0))
+        assert not isinstance(found, NoPosture)
+        assert np.abs(found.q_target - wide.q_target).max() <= np.radians(0.5) + 1e-9
