@@ -116,8 +116,7 @@ def _pose(pose: pin.SE3) -> dict[str, list[float]]:
 
 
 def _stage(stage: Stage) -> dict[str, Any]:
-    row = asdict(stage)
-    return row | {"tasks": list(stage.tasks), "arm_times": dict(stage.arm_times)}
+    return asdict(stage) | {"tasks": list(stage.tasks)}
 
 
 def _segment(segment: Segment) -> dict[str, Any]:

@@ -305,10 +305,15 @@ class _Reader:
             dwell=shares,
         )
 
-    def stage(self, row: dict[str, Any], path: str) -> Stage:
-        times = row.get("arm_times") or {}
+    def times(self, row: dict[str, Any], key: str, path: str) -> dict[str, float]:
+        times = row.get(key) or {}
         if not isinstance(times, dict):
-            self.fail(f"{path}.arm_times", "must be an object by arm")
+            self.fail(f"{path}.{key}", "must be an object of times by name")
+        return {
+            name: self.number(times, name, f"{path}.{key}.{name}", 0.0) or 0.0 for name in times
+        }
+
+    def stage(self, row: dict[str, Any], path: str) -> Stage:
         return Stage(
             start=self.instant(row, "start", f"{path}.start"),
             end=self.instant(row, "end", f"{path}.end"),
@@ -316,9 +321,8 @@ class _Reader:
             platform_solver=self.text(row, "platform_solver", f"{path}.platform_solver"),
             platform_angle=self.number(row, "platform_angle", f"{path}.platform_angle", None),
             platform_time=self.number(row, "platform_time", f"{path}.platform_time", 0.0) or 0.0,
-            arm_times={
-                arm: self.number(times, arm, f"{path}.arm_times.{arm}", 0.0) or 0.0 for arm in times
-            },
+            arm_times=self.times(row, "arm_times", path),
+            joint_times=self.times(row, "joint_times", path),
             bottleneck=self.text(row, "bottleneck", f"{path}.bottleneck"),
         )
 

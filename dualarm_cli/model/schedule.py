@@ -66,6 +66,8 @@ class Stage:
     """How long the platform alone would need [s]."""
     arm_times: Mapping[str, float]
     """How long each arm alone would need for its transfer [s]."""
+    joint_times: Mapping[str, float]
+    """How long each joint alone would need for its transfer [s]."""
     bottleneck: str
     """The joint that decides the transfer's duration; empty where nothing moves."""
 

@@ -127,6 +127,7 @@ def _stage(
         platform_angle=float(platform[0]) if len(platform) == 1 else None,
         platform_time=transfers.times.get(PLATFORM, 0.0),
         arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
+        joint_times=transfers.joint_times,
         bottleneck=transfers.bottleneck(critical),
     )
 

@@ -37,6 +37,8 @@ class Transfers:
     """By joint group; groups with nothing to do are missing."""
     times: Mapping[str, float]
     """Closed-form time of each group on its own [s]."""
+    joint_times: Mapping[str, float]
+    """Closed-form time of each joint on its own [s]."""
     slowest: Mapping[str, str]
     """Each group's slowest joint; empty where nothing moves."""
 
@@ -86,7 +88,8 @@ def time_transfers(
             motion[group] = timing.transfer(
                 TransferProblem(names, plan.start[index], plan.arrival[index], own, lengths[group])
             )
-    return Transfers(motion, times, slowest)
+    joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
+    return Transfers(motion, times, joint_times, slowest)
 
 
 def transfers_within_tool_speed(

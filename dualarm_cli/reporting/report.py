@@ -9,6 +9,7 @@ import numpy as np
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 
 FORMAT = "dualarm.report/1"
 COLLISIONS = "not checked"
@@ -90,6 +91,7 @@ def _stage_row(stage: Stage) -> dict[str, Any]:
         "platform_angle": stage.platform_angle,
         "platform_time": stage.platform_time,
         "arm_times": dict(stage.arm_times),
+        "joint_times": dict(stage.joint_times),
         "bottleneck": stage.bottleneck,
     }
 
@@ -124,12 +126,13 @@ def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
 
 
 def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
-    """Returns the largest share of each limit that each joint uses at a knot."""
-    trajectory, limits = schedule.trajectory, schedule.robot.limits
-    order = [limits.joints.index(name) for name in trajectory.joints]
+    """Returns the largest share of each limit that each joint uses over the whole motion."""
+    trajectory = schedule.trajectory
+    limits = schedule.robot.limits.select(trajectory.joints)
     peak = {
-        "velocity": np.abs(trajectory.velocity).max(axis=0) / limits.velocity[order],
-        "acceleration": np.abs(trajectory.acceleration).max(axis=0) / limits.acceleration[order],
+        "velocity": velocity_extrema(trajectory) / limits.velocity,
+        "acceleration": np.abs(trajectory.acceleration).max(axis=0) / limits.acceleration,
+        "jerk": jerk_share(trajectory, limits),
     }
     return {
         joint: {name: float(share[k]) for name, share in peak.items()}

@@ -74,19 +74,33 @@ def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
     beyond = np.maximum(limits.lower - low, high - limits.upper)
     speed = velocity_extrema(trajectory)
     strength = np.abs(trajectory.acceleration).max(axis=0)
-    step = np.diff(trajectory.time)[:, None]
-    change = np.abs(np.diff(trajectory.acceleration, axis=0))
-    slack = tol.JUMP_SLACK * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
-    with np.errstate(invalid="ignore"):
-        # Without a jerk limit any change goes, also at one instant (0 times infinity).
-        allowed = np.where(np.isfinite(limits.jerk), limits.jerk * step, np.inf) + slack
-        excess = (change / allowed).max(axis=0) if len(step) else np.zeros(len(limits.joints))
+    excess = jerk_share(trajectory, limits)
     return [
         _judge_joints("position", beyond, tol.POSITION_SLACK, "rad", limits.upper, limits),
         _judge_share("velocity", speed / limits.velocity, limits.velocity, limits),
         _judge_share("acceleration", strength / limits.acceleration, limits.acceleration, limits),
         _judge_share("jerk", excess, limits.jerk, limits),
     ]
+
+
+def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
+    """Returns the largest share of its jerk limit that each joint uses, shape (n,); 0 without one.
+
+    Knots may be a nanosecond apart, where a quotient of differences means nothing: the change of acceleration is
+    measured against jerk times time and a millionth of the acceleration limit.
+
+    Args:
+        trajectory: the motion.
+        limits: of its joints, in its order.
+    """
+    step = np.diff(trajectory.time)[:, None]
+    if not len(step):
+        return np.zeros(len(limits.joints))
+    slack = tol.JUMP_SLACK * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
+    limited = np.isfinite(limits.jerk)
+    allowed = np.where(limited, limits.jerk, 0.0) * step + slack
+    share = np.abs(np.diff(trajectory.acceleration, axis=0)) / allowed
+    return np.where(limited, share.max(axis=0), 0.0)
 
 
 def check_rest(trajectory: Trajectory) -> Check:
