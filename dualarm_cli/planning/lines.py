@@ -10,7 +10,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.stages import ArmStop
 from dualarm_cli.redundancy import StopProblem
-from dualarm_cli.redundancy.arm_angle import line_path
+from dualarm_cli.redundancy.candidates import line_path
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.problem import LineProblem
 

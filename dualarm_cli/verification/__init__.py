@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.schedule import Schedule, ScheduleArm, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
@@ -16,6 +17,7 @@ from dualarm_cli.verification.motion_checks import (
     not_checked,
 )
 from dualarm_cli.verification.sequence_checks import (
+    check_arms,
     check_dwells,
     check_ends,
     check_order,
@@ -27,9 +29,9 @@ from dualarm_cli.verification.tool_checks import (
     check_lines,
     check_platform_still,
     check_targets,
-    check_tool_speed,
 )
 from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.tool_speed import check_tool_speed
 
 COLLISIONS = "this version does not check collisions"
 
@@ -37,13 +39,15 @@ COLLISIONS = "this version does not check collisions"
 def verify(schedule: Schedule, job: Job | None = None) -> Verification:
     """Returns the judgement of a schedule.
 
+    With a job, robot, base, tools and limits are the job's: what the schedule states of them is not believed.
+
     Args:
-        schedule: what is to be judged; its own statements are not believed where the job knows better.
+        schedule: what is to be judged.
         job: cell and tasks as read from their files; without it targets, order and start are not checked and
-            the limits are those that the schedule states.
+            robot and limits are those that the schedule states.
 
     Raises:
-        InputError: the schedule's robot cannot be built, so that nothing can be measured.
+        InputError: the robot cannot be built, so that nothing can be measured, or the job is for another one.
     """
     trajectory = schedule.trajectory
     numbers = [check_finite(trajectory)]
@@ -53,17 +57,20 @@ def verify(schedule: Schedule, job: Job | None = None) -> Verification:
         return Verification(
             (*numbers, not_checked("everything else", "the numbers are not usable"))
         )
+    if job is not None:
+        schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
     model = ToolModel(schedule)
-    cap = job.tool_speed if job else schedule.robot.tool_speed
+    known = _of_known_arms(schedule)
     checks: list[Check] = [
         *numbers,
         *check_agreement(trajectory),
-        *check_limits(trajectory, _limits(schedule, job)),
+        *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints)),
         check_rest(trajectory),
-        *check_events(schedule, model),
-        *check_lines(schedule, job, model),
+        check_arms(schedule),
+        *check_events(known, model),
+        *check_lines(known, job, model),
         check_platform_still(schedule),
-        check_tool_speed(schedule, cap, model),
+        check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_segments(schedule),
         *_job_checks(schedule, job),
         not_checked("collisions", COLLISIONS),
@@ -71,21 +78,35 @@ def verify(schedule: Schedule, job: Job | None = None) -> Verification:
     return Verification(tuple(checks))
 
 
-def _limits(schedule: Schedule, job: Job | None) -> JointLimits:
-    """Returns the limits in the trajectory's order: the job's, or the schedule's own.
+def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:
+    """Returns the robot, tools and limits that the job has.
 
     Raises:
-        InputError: the job's robot has other joints.
+        InputError: the job's robot has other joints than the schedule.
     """
-    joints = schedule.trajectory.joints
-    if job is None:
-        return schedule.robot.limits.select(joints)
-    limits = job.cell.robot.limits
-    if set(limits.joints) != set(joints):
-        other = sorted(set(limits.joints) ^ set(joints))
+    robot, cell = job.cell.robot, job.cell
+    if set(robot.joints) != set(joints):
+        other = sorted(set(robot.joints) ^ set(joints))
         message = f"schedule and tasks are for different robots: {', '.join(other[:4])}"
         raise InputError([Diagnostic("schedule", 0, 0, "E301", message)])
-    return limits.scaled(job.speed).select(joints)
+    arms = {
+        arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
+        for arm in robot.arms
+    }
+    limits = robot.limits.scaled(job.speed)
+    return ScheduleRobot(
+        robot.name, robot.urdf, cell.base, arms, limits, robot.platform, job.tool_speed
+    )
+
+
+def _of_known_arms(schedule: Schedule) -> Schedule:
+    """Returns the schedule without the work of arms that the robot does not have."""
+    arms = schedule.robot.arms
+    return replace(
+        schedule,
+        events=tuple(event for event in schedule.events if event.arm in arms),
+        segments=tuple(segment for segment in schedule.segments if segment.arm in arms),
+    )
 
 
 def _job_checks(schedule: Schedule, job: Job | None) -> list[Check]:

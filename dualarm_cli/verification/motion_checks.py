@@ -72,11 +72,12 @@ def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
     """
     low, high = position_extrema(trajectory)
     beyond = np.maximum(limits.lower - low, high - limits.upper)
+    nearest = np.minimum(np.abs(limits.lower), np.abs(limits.upper))
     speed = velocity_extrema(trajectory)
     strength = np.abs(trajectory.acceleration).max(axis=0)
     excess = jerk_share(trajectory, limits)
     return [
-        _judge_joints("position", beyond, tol.POSITION_SLACK, "rad", limits.upper, limits),
+        _judge_joints("position", beyond, tol.POSITION_SLACK, "rad", nearest, limits),
         _judge_share("velocity", speed / limits.velocity, limits.velocity, limits),
         _judge_share("acceleration", strength / limits.acceleration, limits.acceleration, limits),
         _judge_share("jerk", excess, limits.jerk, limits),

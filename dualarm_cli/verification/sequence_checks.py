@@ -11,6 +11,18 @@ from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.motion_checks import judge, not_checked
 
 
+def check_arms(schedule: Schedule) -> Check:
+    """Checks that everything is done by an arm that the robot has."""
+    known = schedule.robot.arms
+    works = [("event", e) for e in schedule.events] + [("segment", s) for s in schedule.segments]
+    strangers = [(kind, work) for kind, work in works if work.arm not in known]
+    where = f"all of {', '.join(known)}"
+    if strangers:
+        kind, work = strangers[0]
+        where = f"{kind} of {work.task} names arm '{work.arm}'; the robot has {', '.join(known)}"
+    return judge("arms", len(strangers), 0, "", where)
+
+
 def check_order(schedule: Schedule, job: Job) -> Check:
     """Checks that each arm's events are the job's targets, all of them, in the given order."""
     wrong = 0
@@ -26,10 +38,6 @@ def check_order(schedule: Schedule, job: Job) -> Check:
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
             where = f"{arm.name} arm: {' '.join(first[0])} is due, {' '.join(first[1])} is done"
-    known = {arm.name for arm in job.cell.robot.arms}
-    strangers = [event for event in schedule.events if event.arm not in known]
-    if strangers:
-        wrong, where = wrong + 1, f"event of an unknown arm '{strangers[0].arm}'"
     return judge("order", wrong, 0, "", where)
 
 
@@ -59,7 +67,7 @@ def check_pairing(schedule: Schedule, job: Job) -> Check:
 
 def check_segments(schedule: Schedule) -> Check:
     """Checks that no arm does two things at once, and nothing outside the motion."""
-    if not schedule.segments:
+    if not schedule.segments and not schedule.events:
         return not_checked("segments", "the schedule lists none")
     worst, where = 0.0, "one after the other"
     for arm in schedule.robot.arms:
@@ -73,6 +81,10 @@ def check_segments(schedule: Schedule) -> Check:
             clock = max(clock, segment.end)
         if clock - schedule.duration > worst:
             worst, where = clock - schedule.duration, f"{arm} arm works beyond the end"
+    for event in schedule.events:
+        beyond = event.time + event.dwell - schedule.duration
+        if beyond > worst:
+            worst, where = beyond, f"dwell of {event.task} ({event.action}) goes beyond the end"
     return judge("segments", worst, tol.SAME_TIME, "s", where)
 
 

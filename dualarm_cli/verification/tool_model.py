@@ -26,8 +26,8 @@ class ToolModel:
             raise _input_error(f"robot.urdf cannot be read: {str(error).splitlines()[0]}") from None
         joints = schedule.trajectory.joints
         for name in joints:
-            # pinocchio gives a number for any name; only existJointName tells the truth.
-            if not model.existJointName(name):
+            # The first of pinocchio's joints is the universe, which no file may name.
+            if name not in model.names[1:]:
                 raise _input_error(f"robot.joints: '{name}' is not a joint of the URDF")
         for name in model.names[1:]:
             if name not in joints:
@@ -35,11 +35,15 @@ class ToolModel:
         if model.nq != model.nv:
             raise _input_error("robot.urdf: continuous joints are not supported; give them limits")
         for arm, part in robot.arms.items():
-            if not model.existFrame(part.flange):
+            # A joint may have the same name: only the link is meant.
+            if not model.existFrame(part.flange, pin.FrameType.BODY):
                 raise _input_error(f"robot.arms.{arm}.flange: '{part.flange}' is not in the URDF")
         self._model, self._data = model, model.createData()
         self._order = [joints.index(name) for name in model.names[1:]]
-        self._frames = {arm: model.getFrameId(part.flange) for arm, part in robot.arms.items()}
+        self._frames = {
+            arm: model.getFrameId(part.flange, pin.FrameType.BODY)
+            for arm, part in robot.arms.items()
+        }
         self._tcp = {arm: part.tcp for arm, part in robot.arms.items()}
         self._base = robot.base
 

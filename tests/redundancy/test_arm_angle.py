@@ -9,7 +9,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.planning.stages import stop_problems
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS, NoPosture
-from dualarm_cli.redundancy.arm_angle import line_path
+from dualarm_cli.redundancy.candidates import line_path
 
 SOLVE = REDUNDANCY_SOLVERS["arm_angle"].solve
 
