@@ -18,7 +18,14 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors o
 
 def stdout_console() -> Console:
     """Returns a console for results; plain text where stdout is no terminal."""
-    from rich.console import Console
+    from rich.console import Console as RichConsole
+
+    class Console(RichConsole):
+        """A console that leaves a closed pipe to the one place that knows its exit code."""
+
+        def on_broken_pipe(self) -> None:
+            """Passes the error on instead of ending the process with 1."""
+            raise BrokenPipeError
 
     if isinstance(sys.stdout, TextIOWrapper):
         # A stdout that is not UTF-8 gets escapes for what it cannot show, not a traceback.

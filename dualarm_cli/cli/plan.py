@@ -30,7 +30,7 @@ MAX_RATE = 10_000.0
 def plan_command(
     tasks: Annotated[Path, typer.Argument(help="Task file (tasks/1).", show_default=False)],
     out: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             "--out",
             help="Folder for the results; default ./<task file's name>-plan.",
@@ -50,7 +50,9 @@ def plan_command(
     ] = "arm_angle",
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of all randomness.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
+    ] = 0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -62,7 +64,9 @@ def plan_command(
 
     if not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
-    folder = out or Path(f"{tasks.stem}-plan")
+    if out == "":
+        raise UsageError("--out '': name a folder, or leave the option out")
+    folder = Path(out) if out else Path(f"{tasks.stem}-plan")
     refuse_existing(folder, force)
     job = load_job(tasks)
     settings = PlanSettings(platform, redundancy, timing, seed)

@@ -42,6 +42,7 @@ def run(arguments: list[str]) -> int:
         The exit code of the process.
     """
     signal.signal(signal.SIGTERM, _terminate)
+    _open_closed_streams()
     try:
         code = _run_command(arguments)
         sys.stdout.flush()
@@ -50,6 +51,10 @@ def run(arguments: list[str]) -> int:
         # The reader has gone: nothing more can be said, not even by the interpreter at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_EXIT
+    except SystemExit as error:
+        # typer ends the process itself on Ctrl-C, rich on a closed pipe: both lose their meaning by that.
+        code = error.code if isinstance(error.code, int) else INTERNAL_EXIT
+        return _report("interrupted", code, arguments) if code == SIGINT_EXIT else code
     except (KeyboardInterrupt, typer.Abort):
         return _report("interrupted", SIGINT_EXIT, arguments)
     except _TerminatedError:
@@ -73,6 +78,14 @@ def run(arguments: list[str]) -> int:
             raise
         text = f"internal error: {type(error).__name__}: {error}\nThis is a bug; "
         return _report(f"{text}DUALARM_DEBUG=1 shows where.", INTERNAL_EXIT, arguments)
+
+
+def _open_closed_streams() -> None:
+    """Gives a process that was started without stdout or stderr somewhere to write."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            # Kept open on purpose: it lasts as long as the process.
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123
 
 
 def _run_command(arguments: list[str]) -> int:

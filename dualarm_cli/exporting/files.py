@@ -32,6 +32,8 @@ def check_writable(folder: Path, force: bool) -> None:
     parent = folder
     while not parent.exists():
         parent = parent.parent
+    if not parent.is_dir():
+        raise OutputError(f"--out {folder}: {parent} is a file, not a folder")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise OutputError(f"--out {folder}: no permission to write in {parent}")
 
@@ -72,8 +74,10 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
     """
     if path.exists() and not force:
         raise OutputError(f"{path}: is there already; add --force to replace it")
-    if path.is_dir() or not path.parent.is_dir():
-        raise OutputError(f"{path}: is a folder or has none to lie in")
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; name a file")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {path.parent}")
     _replace_all(path.parent, {path.name: content})
 
 

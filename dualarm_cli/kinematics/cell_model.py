@@ -60,12 +60,15 @@ class CellModel:
         arms = {}
         for arm in robot.arms:
             geometry = measure_arm(model, robot, arm, platform, cell.base)
-            if arm.kind != "srs" or not geometry.is_srs(SRS_TOLERANCE):
+            if arm.kind != "srs":
+                hint = "; it is one by measurement: call it kind: srs"
                 raise UnsupportedError(
-                    f"arm {arm.name} of {robot.name} (kind: {arm.kind}) is not "
-                    f"spherical-revolute-spherical: {geometry.deviation}; "
-                    "this version plans SRS arms only"
+                    f"arm {arm.name} of {robot.name} is of kind: {arm.kind}; this version plans "
+                    f"spherical-revolute-spherical arms (kind: srs) only"
+                    f"{hint if geometry.is_srs(SRS_TOLERANCE) else ''}"
                 )
+            if not geometry.is_srs(SRS_TOLERANCE):
+                raise UnsupportedError(_false_srs(robot, arm, geometry))
             limits = robot.limits.select(arm.joints)
             arms[arm.name] = ArmModel(
                 arm,
@@ -118,11 +121,17 @@ def find_false_srs(robot: Robot) -> list[str]:
         if arm.kind == "srs":
             geometry = measure_arm(model, robot, arm, platform, base)
             if not geometry.is_srs(SRS_TOLERANCE):
-                found.append(
-                    f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-"
-                    f"revolute-spherical: {geometry.deviation}; call it kind: general"
-                )
+                found.append(_false_srs(robot, arm, geometry))
     return found
+
+
+def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
+    """Returns what is wrong with an arm that is called srs, with what was measured."""
+    return (
+        f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-revolute-spherical: "
+        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad); mend the URDF, or call it "
+        "kind: general, which this version reads but does not plan"
+    )
 
 
 def measure_arm(

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.job import Dwell, Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
@@ -46,6 +46,23 @@ class ScheduleRobot:
     """Joints that carry both arms."""
     tool_speed: float | None = None
     """Cap on the speed of every tool centre point [m/s], or None."""
+
+    @classmethod
+    def of_job(cls, job: Job) -> ScheduleRobot:
+        """Returns a job's robot with its tools and with limits at the job's speed."""
+        robot, cell = job.cell.robot, job.cell
+        return cls(
+            name=robot.name,
+            urdf=robot.urdf,
+            base=cell.base,
+            arms={
+                arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
+                for arm in robot.arms
+            },
+            limits=robot.limits.scaled(job.speed),
+            platform=robot.platform,
+            tool_speed=job.tool_speed,
+        )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleArm, ScheduleRobot
+from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.stages import StagePlan, choose_stages
@@ -45,24 +45,49 @@ def plan(
     progress("reading the robot")
     model = CellModel.from_cell(job.cell)
     names = [settings.platform] if settings.platform else _fitting(model)
+    if settings.platform not in (None, "fixed") and not _turns_for_both(model):
+        raise UnsupportedError(
+            f"--platform {settings.platform} does not serve {job.cell.robot.name}: it is not two arms on "
+            "one turning platform; leave the option out"
+        )
     stages, notes = _fastest(model, job, names, settings.redundancy, progress)
     progress("timing the motion")
     motion = realise(model, job, stages, timing)
     return Schedule(
-        robot=_schedule_robot(job),
+        robot=ScheduleRobot.of_job(job),
         trajectory=motion.trajectory,
         stages=motion.stages,
         segments=motion.segments,
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
-        notes=(*job.notes, *notes),
+        notes=(*job.notes, *notes, *_platform_notes(model, stages)),
     )
+
+
+def _turns_for_both(model: CellModel) -> bool:
+    """Returns whether there is a platform angle to choose for two arms."""
+    return model.platform.is_turntable and len(model.arms) == 2
 
 
 def _fitting(model: CellModel) -> list[str]:
     """Returns the platform solvers that differ on this robot: one where nothing can be chosen."""
-    both_on_turntable = model.platform.is_turntable and len(model.arms) == 2
-    return PLATFORM_SOLVERS.names if both_on_turntable else ["fixed"]
+    return PLATFORM_SOLVERS.names if _turns_for_both(model) else ["fixed"]
+
+
+def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
+    """Returns what a reader must know of a platform that did not do what its solver says."""
+    notes = []
+    if model.platform.joints and not model.platform.is_turntable:
+        notes.append(
+            "platform: held where it starts; this version turns a platform of one revolute joint only"
+        )
+    reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
+    if reached:
+        notes.append(
+            f"platform: in stages {', '.join(reached)} no angle of the solver lets every arm reach; "
+            "the platform turns to the nearest one that does (platform solver: reach)"
+        )
+    return notes
 
 
 def _fastest(
@@ -99,20 +124,3 @@ def _fastest(
         return stages, []
     tried = ", ".join(f"{name} {time:.3f} s" for name, time in times.items())
     return stages, [f"platform: {best} is the fastest of the family (before refinement: {tried})"]
-
-
-def _schedule_robot(job: Job) -> ScheduleRobot:
-    """Returns the robot as the schedule states it, with the limits that the plan keeps."""
-    cell = job.cell
-    return ScheduleRobot(
-        name=cell.robot.name,
-        urdf=cell.robot.urdf,
-        base=cell.base,
-        arms={
-            arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
-            for arm in cell.robot.arms
-        },
-        limits=cell.robot.limits.scaled(job.speed),
-        platform=cell.robot.platform,
-        tool_speed=job.tool_speed,
-    )

@@ -6,16 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.redundancy import StopProblem
-
-SCAN_STEP = np.radians(2.5)
-"""Spacing of the platform angles that are scanned when no solver's angle can be used [rad]."""
-SCAN_TRIES = 24
-"""Scanned angles, nearest first, at which the whole stage is tried."""
 
 
 def platform_candidates(
@@ -89,46 +83,3 @@ def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = point
     return np.array([c * x - s * y, s * x + c * y, z])
-
-
-def reachable_positions(
-    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
-) -> Iterator[FloatArray]:
-    """Yields platform positions, nearest first, at which every arm reaches target and line ends.
-
-    Only a platform of one revolute joint is scanned.
-    """
-    if not model.platform.is_turntable:
-        return
-    limits = model.cell.robot.limits.select(model.platform.joints)
-    here = float(position[model.platform_columns][0])
-    low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
-    angles = np.arange(low, high, SCAN_STEP)
-    usable = np.ones(len(angles), dtype=np.bool_)
-    for stop in stops.values():
-        if stop.configurations is None:
-            usable &= _reached(stop, angles - here)
-    nearest = np.argsort(np.abs(angles - here), kind="stable")
-    for k in [i for i in nearest if usable[i]][:SCAN_TRIES]:
-        yield angles[[k]]
-
-
-def _reached(stop: StopProblem, turn: FloatArray) -> BoolArray:
-    """Returns for each further platform turn whether target and both line ends are in reach."""
-    c, s = np.cos(-turn), np.sin(-turn)
-    R_turn = np.zeros((len(turn), 3, 3))
-    R_turn[:, 0, 0] = R_turn[:, 1, 1] = c
-    R_turn[:, 1, 0], R_turn[:, 0, 1], R_turn[:, 2, 2] = s, -s, 1.0
-    yaws = stop.yaw[:: max(1, len(stop.yaw) // 4)]
-    Rz = np.zeros((len(yaws), 3, 3))
-    Rz[:, 0, 0] = Rz[:, 1, 1] = np.cos(yaws)
-    Rz[:, 1, 0], Rz[:, 2, 2] = np.sin(yaws), 1.0
-    Rz[:, 0, 1] = -Rz[:, 1, 0]
-    usable: BoolArray = np.ones((len(turn), len(yaws)), dtype=np.bool_)
-    for depth in {0.0, stop.approach, stop.retract}:
-        R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ Rz)[None]
-        p_tool = (R_turn @ stop.p_base_tool[0])[:, None] - R_tool[..., :, 2] * depth
-        R = R_tool @ stop.R_tool_flange
-        p = p_tool + R_tool @ stop.p_tool_flange
-        usable &= feasible_arm_angles(stop.arm, R, p).count.any(axis=-1)
-    return np.asarray(usable.any(axis=1))

@@ -12,7 +12,8 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.planning.platform_candidates import platform_candidates, reachable_positions
+from dualarm_cli.planning.platform_candidates import platform_candidates
+from dualarm_cli.planning.reach import explain_reach, reachable_positions
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS, NoPosture, StopPosture, StopProblem
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -150,7 +151,7 @@ def _choose_stage(
         plan, _ = _try_position(model, clock, position, angles, work, "reach", redundancy)
         if plan is not None:
             return plan
-    raise InfeasibleError(_explain(model, work, reasons))
+    raise InfeasibleError(_explain(model, position, work, at_start, reasons))
 
 
 def _try_position(
@@ -261,16 +262,28 @@ def _transfer_times(
 
 def _explain(
     model: CellModel,
+    position: FloatArray,
     work: Mapping[str, tuple[Task, Stop]],
+    stops: Mapping[str, StopProblem],
     reasons: Mapping[str, NoPosture],
 ) -> str:
-    """Returns what a person needs to mend a target that no posture reaches."""
+    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault."""
+    faults = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
+    faults = {name: fault for name, fault in faults.items() if fault is not None}
+    if not faults:
+        faults = {name: reason.reason for name, reason in reasons.items()}
+        if model.platform.is_turntable and len(work) > 1:
+            faults = dict.fromkeys(work, "reached, but at no platform angle that suits both arms")
     lines = []
-    for name, (task, stop) in work.items():
-        reason = reasons.get(name)
-        text = (
-            reason.reason if reason else "reachable, but at no platform angle that suits both arms"
+    for name, fault in faults.items():
+        task, stop = work[name]
+        lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
+    if not model.platform.joints:
+        where = "no posture"
+    elif model.platform.is_turntable:
+        where = "no posture at any platform angle"
+    else:
+        where = (
+            "no posture with the platform held where it starts (this version turns one joint only)"
         )
-        lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {text}")
-    where = "at any platform angle" if model.platform.joints else "from the arm's base"
-    return "no posture " + where + " makes this stage:\n  " + "\n  ".join(lines)
+    return where + " makes this stage:\n  " + "\n  ".join(lines)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dualarm_cli.platform_angle.exact import solve_exact
 from dualarm_cli.platform_angle.fixed import solve_fixed
 from dualarm_cli.platform_angle.linearised import solve_linearised
-from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, PlatformSolution
+from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, elbow_angles
+from dualarm_cli.platform_angle.solution import PlatformSolution
 from dualarm_cli.registry import Registry, Solver
 
 PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry(
@@ -32,4 +33,4 @@ PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry
     ],
 )
 
-__all__ = ["PLATFORM_SOLVERS", "Kind", "PlatformProblem", "PlatformSolution"]
+__all__ = ["PLATFORM_SOLVERS", "Kind", "PlatformProblem", "PlatformSolution", "elbow_angles"]

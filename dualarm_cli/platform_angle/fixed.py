@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.platform_angle.problem import (
-    Kind,
-    PlatformProblem,
-    PlatformSolution,
-    build_solution,
-)
+from dualarm_cli.platform_angle.problem import Kind, PlatformProblem
+from dualarm_cli.platform_angle.solution import PlatformSolution, build_solution
 
 
 def solve_fixed(problem: PlatformProblem) -> PlatformSolution:

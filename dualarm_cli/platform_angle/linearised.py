@@ -6,22 +6,23 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.roots import first_order_zeros
-from dualarm_cli.platform_angle.problem import (
-    Kind,
-    PlatformProblem,
+from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, cosine_coefficients
+from dualarm_cli.platform_angle.solution import (
+    DEGENERATE,
     PlatformSolution,
     build_solution,
-    cosine_coefficients,
+    is_degenerate,
 )
 
 KINDS = np.array(
     [Kind.ROOT_SAME] * 2
     + [Kind.ROOT_OPPOSITE] * 2
     + [Kind.STATIONARY_SAME] * 2
-    + [Kind.STATIONARY_OPPOSITE] * 2,
+    + [Kind.STATIONARY_OPPOSITE] * 2
+    + [Kind.START],
     dtype=np.int64,
 )
-"""Kinds of the eight candidates: Eq. 14 for both signs of Eq. 5, then Eq. 15 for both."""
+"""Kinds of the candidates: Eq. 14 for both signs of Eq. 5, Eq. 15 for both, and the start."""
 
 
 def solve_linearised(problem: PlatformProblem) -> PlatformSolution:
@@ -30,32 +31,39 @@ def solve_linearised(problem: PlatformProblem) -> PlatformSolution:
     To first order q4 = pi/2 - x, so that equal displacements mean x_1,f - x_1,0 = ±(x_2,f - x_2,0) ([Bottin2021]
     Eq. 4 and 5; arms with links of their own keep this form, in which the paper's common 2 a1 a2 has been divided
     out). Of several reachable roots the one nearest the start is preferred; where no root is reachable, the
-    nearest reachable stationary point.
+    nearest reachable stationary point. Where Eq. 12 has no term in the angle for a sign and holds (A = B = C = 0),
+    or the angle changes no elbow, every angle is equal: the start is a candidate then.
     """
     coefficients = cosine_coefficients(problem)
     x_0 = np.cos(problem.elbow_0)
-    angles, exists = [], []
-    stationary = []
+    roots, stationary = [], []
+    exists, bends, alike = [], [], []
     for sign in (1.0, -1.0):
-        A = coefficients[:, 0, 0] - x_0[:, 0] - sign * (coefficients[:, 1, 0] - x_0[:, 1])
-        B = coefficients[:, 0, 1] - sign * coefficients[:, 1, 1]
-        C = coefficients[:, 0, 2] - sign * coefficients[:, 1, 2]
+        one, other = coefficients[:, 0], coefficients[:, 1]
+        A = one[:, 0] - x_0[:, 0] - sign * (other[:, 0] - x_0[:, 1])  # Eq. 13
+        B, C = one[:, 1] - sign * other[:, 1], one[:, 2] - sign * other[:, 2]
+        bent = np.hypot(B, C) > DEGENERATE
         angle, found = first_order_zeros(A, B, C)  # Eq. 12 to 14
-        angles.append(angle)
-        exists.append(found)
+        roots.append(angle)
+        exists.append(found & bent[:, None])
         stationary.append(_stationary(B, C))  # Eq. 15
-    flat = np.column_stack([np.hypot(*pair) > 0 for pair in _amplitudes(coefficients)])
-    valid = np.hstack([*exists, np.repeat(flat, 2, axis=1)])
-    return build_solution(problem, np.hstack([*angles, *stationary]), KINDS, valid)
+        bends.append(np.column_stack([bent, bent]))
+        alike.append(~bent & (np.abs(A) <= DEGENERATE))
+    start = (alike[0] | alike[1] | is_degenerate(coefficients))[:, None]
+    kind = np.tile(KINDS, (len(x_0), 1))
+    for every, root in zip(alike, (Kind.ROOT_SAME, Kind.ROOT_OPPOSITE), strict=True):
+        kind[every, -1] = root
+    return build_solution(
+        problem,
+        np.hstack([*roots, *stationary, problem.angle_0[:, None]]),
+        kind,
+        np.hstack([*exists, *bends, start]),
+        alike=alike[0] | alike[1],
+        coefficients=coefficients,
+    )
 
 
 def _stationary(B: FloatArray, C: FloatArray) -> FloatArray:
     """Returns both stationary points of A + B cos + C sin, in the order of Eq. 15, shape (n, 2)."""
     second = np.arctan2(C, B)
     return np.column_stack([second + np.pi, second])
-
-
-def _amplitudes(coefficients: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Returns B and C for both signs."""
-    one, two = coefficients[:, 0], coefficients[:, 1]
-    return [(one[:, 1] - s * two[:, 1], one[:, 2] - s * two[:, 2]) for s in (1.0, -1.0)]

@@ -68,11 +68,7 @@ class PlatformProblem:
         }
         shapes |= {"elbow_0": (n, 2), "wrist": (n, 2, 3), "angle_0": (n,)}
         for name, shape in shapes.items():
-            values = getattr(self, name)
-            if values.shape != shape or not np.isfinite(values).all():
-                raise ValueError(f"{name} must be finite and of shape {shape}, not {values.shape}")
-        if n and (self.upper.min() <= 0 or self.fore.min() <= 0 or self.radius.min() < 0):
-            raise ValueError("links must be longer than 0 and radii not negative")
+            _check(name, getattr(self, name), shape)
 
     @classmethod
     def broadcast(
@@ -87,9 +83,24 @@ class PlatformProblem:
         angle_0: ArrayLike,
         elbow_0: ArrayLike,
     ) -> PlatformProblem:
-        """Builds n moves from arrays that may be one number or one pair for all of them."""
-        wrist = np.atleast_3d(np.asarray(wrist, dtype=np.float64))
-        n = len(wrist)
+        """Builds n moves from arrays that may be one number or one pair for all of them.
+
+        Args:
+            radius: R0 [m], a number, (2,) or (n, 2).
+            offset: azimuth at platform angle 0 [rad], a number, (2,) or (n, 2).
+            height: along the axis [m], a number, (2,) or (n, 2).
+            upper: a1 [m], a number, (2,) or (n, 2).
+            fore: a2 [m], a number, (2,) or (n, 2).
+            wrist: wrist centres after the move [m], (n, 2, 3), or (2, 3) for one move.
+            angle_0: phi_0 [rad], a number or (n,).
+            elbow_0: interior elbow angles before [rad], a number, (2,) or (n, 2).
+
+        Raises:
+            ValueError: shapes that do not fit, or values that `PlatformProblem` refuses.
+        """
+        wrist = np.asarray(wrist, dtype=np.float64)
+        wrist = wrist[None] if wrist.ndim == 2 else wrist
+        n = len(wrist) if wrist.ndim else 0
 
         def pairs(values: ArrayLike) -> FloatArray:
             return np.broadcast_to(np.asarray(values, dtype=np.float64), (n, 2))
@@ -127,7 +138,7 @@ class PlatformProblem:
             goal: points P_1,f and P_2,f [m], shape (2, 2).
 
         Raises:
-            ValueError: an arm cannot reach its start point.
+            ValueError: an arm cannot reach its start point, or values that no robot has.
         """
         wrist = np.zeros((1, 2, 3))
         wrist[0, :, :2] = start
@@ -147,7 +158,12 @@ class PlatformProblem:
         before = moves(np.pi)
         x = elbow_cosine(before, np.array([[angle_0]]))[0, 0]
         if (np.abs(x) > 1.0 + REACH_SLACK).any():
-            raise ValueError(f"arm {int(np.argmax(np.abs(x))) + 1} cannot reach its start point")
+            arm = int(np.argmax(np.abs(x)))
+            distance = np.sqrt(links[0] ** 2 + links[1] ** 2 - 2.0 * links[0] * links[1] * x[arm])
+            raise ValueError(
+                f"arm {arm + 1} cannot reach its start point: {distance:.6g} m from its shoulder, "
+                f"reach {abs(links[0] - links[1]):.6g} to {links[0] + links[1]:.6g} m"
+            )
         wrist[0, :, :2] = goal
         elbow_0 = np.arccos(np.clip(x, -1.0, 1.0))
         return moves(elbow_0[None])
@@ -155,67 +171,6 @@ class PlatformProblem:
     def rows(self, index: slice | IntArray | BoolArray) -> PlatformProblem:
         """Returns some of the moves."""
         return PlatformProblem(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-
-@dataclass(frozen=True)
-class PlatformSolution:
-    """Candidate platform angles of n moves, at most k each."""
-
-    problem: PlatformProblem
-    """The moves."""
-    angle: FloatArray
-    """Platform angles, at most half a turn from the start [rad], shape (n, k); 0 where not valid."""
-    kind: IntArray
-    """What each is (`Kind`), shape (n, k)."""
-    valid: BoolArray
-    """Which entries are candidates, shape (n, k)."""
-    reachable: BoolArray
-    """Which candidates both arms can reach, shape (n, k)."""
-    delta: FloatArray
-    """Elbow displacement of each arm [rad], shape (n, k, 2); 0 where not reachable."""
-    degenerate: BoolArray
-    """Moves to which the platform angle does not matter, shape (n,)."""
-    balanced_first: bool = False
-    """Whether candidates that are no roots are ordered by imbalance, not by the platform's way."""
-
-    @property
-    def imbalance(self) -> FloatArray:
-        """| |delta_1| - |delta_2| | [rad], shape (n, k); infinite where not reachable."""
-        size = np.abs(self.delta)
-        return np.where(self.reachable, np.abs(size[..., 0] - size[..., 1]), np.inf)
-
-    @property
-    def order(self) -> IntArray:
-        """Candidates by preference, shape (n, k): reachable before not; roots before the rest.
-
-        Roots are ordered by the way of the platform, the others as `balanced_first` says.
-        """
-        root = (self.kind == Kind.ROOT_SAME) | (self.kind == Kind.ROOT_OPPOSITE)
-        way = np.abs(self.angle - self.problem.angle_0[:, None])
-        tier = np.where(self.reachable & root, 0.0, np.where(self.reachable, 1.0, 2.0))
-        within = way
-        if self.balanced_first:
-            within = np.where(self.reachable & ~root, self.imbalance, way)
-        return np.lexsort((within, tier + ~self.valid), axis=1)
-
-    @property
-    def best(self) -> IntArray:
-        """Column of the preferred candidate, or -1 where none is reachable, shape (n,)."""
-        first = self.order[:, 0]
-        return np.where(self.reachable[np.arange(len(first)), first], first, -1)
-
-    def preferred(self, row: int) -> list[float]:
-        """Returns the reachable angles of one move by preference [rad]."""
-        columns = [k for k in self.order[row] if self.reachable[row, k]]
-        return [float(self.angle[row, k]) for k in columns]
-
-    def reason(self, row: int) -> str | None:
-        """Returns why a move has no reachable angle, or why any will do; None if all is well."""
-        if self.degenerate[row]:
-            return "both shoulders or wrists lie on the platform axis: every angle is equal"
-        if self.best[row] < 0:
-            return "no candidate angle brings both wrists within reach"
-        return None
 
 
 def cosine_coefficients(problem: PlatformProblem) -> FloatArray:
@@ -241,38 +196,32 @@ def elbow_cosine(problem: PlatformProblem, angle: FloatArray) -> FloatArray:
     return u[:, None] + v[:, None] * c + w[:, None] * s
 
 
-def build_solution(
-    problem: PlatformProblem,
-    angle: FloatArray,
-    kind: IntArray,
-    valid: BoolArray,
-    balanced_first: bool = False,
-) -> PlatformSolution:
-    """Returns the candidates with reach and elbow displacements.
+def elbow_angles(problem: PlatformProblem, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Returns interior elbow angles q4 [rad] at platform angles, and which are in reach.
 
     Args:
-        problem: the moves.
-        angle: candidate angles of any turn [rad], shape (n, k).
-        kind: what each is, shape (n, k) or (k,).
-        valid: which entries are candidates, shape (n, k).
-        balanced_first: how candidates that are no roots are ordered.
+        problem: n moves.
+        angle: platform angles [rad], shape (n, k).
+
+    Returns:
+        Angles [rad], pi where stretched, 0 where out of reach, and the mask, both of shape (n, k, 2).
     """
-    start = problem.angle_0[:, None]
-    # Whole turns only are taken off, so that an angle within half a turn keeps all its digits.
-    turned = angle - 2.0 * np.pi * np.round((angle - start) / (2.0 * np.pi))
-    angle = np.where(valid, turned, 0.0)
-    coefficients = cosine_coefficients(problem)
     x = elbow_cosine(problem, angle)
-    reachable = valid & (np.abs(x) <= 1.0 + REACH_SLACK).all(axis=-1)
-    delta = np.arccos(np.clip(x, -1.0, 1.0)) - problem.elbow_0[:, None]
-    swing = np.hypot(coefficients[..., 1], coefficients[..., 2])
-    return PlatformSolution(
-        problem,
-        angle,
-        np.broadcast_to(kind, angle.shape),
-        valid,
-        reachable,
-        np.where(reachable[..., None], delta, 0.0),
-        np.asarray((swing <= DEGENERATE).all(axis=-1)),
-        balanced_first,
-    )
+    reached: BoolArray = np.abs(x) <= 1.0 + REACH_SLACK
+    return np.where(reached, np.arccos(np.clip(x, -1.0, 1.0)), 0.0), reached
+
+
+def _check(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
+    """Raises a ValueError that names the value if a field of a problem is not as it must be."""
+    if values.shape != shape:
+        raise ValueError(f"{name} has shape {values.shape}; needs {shape}, one row per move")
+    rules = [(~np.isfinite(values), f"{name} must be finite")]
+    if name in ("upper", "fore"):
+        rules.append((values <= 0.0, "links must be longer than 0 m"))
+    if name == "radius":
+        rules.append((values < 0.0, "radii not negative"))
+    for broken, rule in rules:
+        if broken.any():
+            place = tuple(int(k) for k in np.argwhere(broken)[0])
+            where = ", ".join(str(k) for k in place)
+            raise ValueError(f"{name}[{where}] = {values[place]}: {rule}")

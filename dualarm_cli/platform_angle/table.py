@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.platform_angle.problem import (
-    REACH_SLACK,
     Kind,
     PlatformProblem,
-    PlatformSolution,
-    elbow_cosine,
+    elbow_angles,
 )
+from dualarm_cli.platform_angle.solution import PlatformSolution
 
 
 @dataclass(frozen=True)
@@ -71,11 +69,9 @@ def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> li
 
 def _displacements(problem: PlatformProblem, angle: float) -> tuple[float | None, float | None]:
     """Returns each elbow's displacement, None for an arm out of reach."""
-    x: FloatArray = elbow_cosine(problem, np.array([[angle]]))[0, 0]
+    q, reached = elbow_angles(problem, np.array([[angle]]))
     one, two = (
-        float(np.arccos(np.clip(x[i], -1.0, 1.0)) - problem.elbow_0[0, i])
-        if abs(x[i]) <= 1.0 + REACH_SLACK
-        else None
-        for i in (0, 1)
+        float(q[0, 0, arm] - problem.elbow_0[0, arm]) if reached[0, 0, arm] else None
+        for arm in (0, 1)
     )
     return one, two

@@ -48,7 +48,7 @@ def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
     for best in _best_pairs(spread, value, len(coarse.branch)):
         if _holds_between_samples(problem, best):
             return _refine(problem, best)
-    return NoPosture("no posture at the target can follow its approach and retract lines", 0.0)
+    return NoPosture("no posture at the target can follow its approach and retract lines")
 
 
 def _target_candidates(problem: StopProblem) -> Candidates | NoPosture:
@@ -87,10 +87,9 @@ def _between_the_grid(
     if row.size:
         psi = 0.5 * (intervals.start + intervals.end)[row, branch, k]
         return Candidates(target[row], yaw[row], branch, psi, psi, psi)
-    miss = float(problem.arm.reach_miss(R, p).min())
-    if miss > 0:
-        return NoPosture(f"the target is {miss * 1000:.1f} mm beyond the arm's reach", miss)
-    return NoPosture("no arm angle and branch keeps all joints within their limits", 0.0)
+    if float(problem.arm.reach_miss(R, p).min()) > 0:
+        return NoPosture("the target is out of the arm's reach")
+    return NoPosture("no arm angle and branch keeps all joints within their limits")
 
 
 def _with_swings(candidates: Candidates) -> Candidates:

@@ -98,6 +98,4 @@ class NoPosture:
     """Why an arm cannot make a stop at this platform position."""
 
     reason: str
-    """In words, with the number that matters."""
-    miss: float
-    """How far the target is beyond the arm's reach [m]; 0 where joint limits forbid it."""
+    """In words."""

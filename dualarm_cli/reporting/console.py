@@ -54,7 +54,8 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
             f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
             f"{_shares(use['dwell_shares'])}, "
-            f"waits {use['waiting']:.2f} s"
+            + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
+            + f"waits {use['waiting']:.2f} s"
         )
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])

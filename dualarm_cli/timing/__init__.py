@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.registry import Registry
-from dualarm_cli.timing import line_profile, ruckig_, toppra_, trapezoid
-from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing import double_s, line_profile, ruckig_, toppra_
+from dualarm_cli.timing.problem import (
+    LineProblem,
+    TransferProblem,
+    why_jerk_limits_unsupported,
+)
 
 
 def _serves_all(_: JointLimits) -> str | None:
@@ -50,15 +54,15 @@ TIMING_SOLVERS: Registry[TimingSolver] = Registry(
             line=toppra_.solve_line,
             summary="Lines time-optimal under velocity and acceleration limits, by toppra.",
             reference="[Pham2018]",
-            why_unsupported=trapezoid.why_unsupported,
+            why_unsupported=why_jerk_limits_unsupported,
         ),
         TimingSolver(
             name="trapezoid",
-            transfer=trapezoid.solve_transfer,
+            transfer=double_s.solve_transfer,
             line=line_profile.solve_line,
             summary="Transfers by synchronised trapezoids in closed form.",
             reference="[Biagiotti2008] §3.2",
-            why_unsupported=trapezoid.why_unsupported,
+            why_unsupported=why_jerk_limits_unsupported,
         ),
     ],
 )

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 
 SAME_TIME = 1e-9
 """Knots nearer than this are one knot [s]."""
-SAME_ACCELERATION = 1e-5
-"""Accelerations nearer than this are no jump [rad/s²]: a jerk of 10,000 rad/s³ over SAME_TIME."""
+SAME_POSITION = 1e-9
+"""Positions nearer than this are one position [rad]."""
 
 
 def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Trajectory:
@@ -24,22 +24,31 @@ def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Traj
 def concatenate(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Returns trajectories of the same joints one after the other, from time 0.
 
-    Each must start where the one before ends. Where both stand with the same acceleration the joint knot is one.
+    Where one ends and the next starts with the same acceleration their common knot is one.
 
     Raises:
-        ValueError: there is none, or the joints differ.
+        ValueError: there is none, the joints differ, or one does not start where the one before ends.
     """
+    if not trajectories:
+        raise ValueError("no trajectories to follow one another")
     first = trajectories[0]
     if any(t.joints != first.joints for t in trajectories):
         raise ValueError("trajectories of different joints cannot follow one another")
     parts: list[tuple[FloatArray, ...]] = []
-    clock, last = 0.0, None
+    clock, before = 0.0, None
     for t in trajectories:
-        joined = last is not None and np.array_equal(last, t.acceleration[0])
-        cut = slice(1 if joined else 0, None)
+        cut = slice(0, None)
+        if before is not None:
+            if np.abs(t.position[0] - before.position[-1]).max() > SAME_POSITION:
+                raise ValueError(
+                    f"a trajectory starts at {t.position[0].tolist()}, {clock} s after the first, "
+                    f"where the one before ended at {before.position[-1].tolist()}"
+                )
+            joined = np.array_equal(before.acceleration[-1], t.acceleration[0])
+            cut = slice(int(joined), None)
         time = clock + (t.time - t.time[0])
         parts.append((time[cut], t.position[cut], t.velocity[cut], t.acceleration[cut]))
-        clock, last = float(time[-1]), t.acceleration[-1]
+        clock, before = float(time[-1]), t
     arrays = (np.concatenate([part[i] for part in parts]) for i in range(4))
     return Trajectory(first.joints, *arrays)
 
@@ -57,40 +66,60 @@ def merge(groups: Sequence[Trajectory], joints: tuple[str, ...]) -> Trajectory:
     names = [name for group in groups for name in group.joints]
     if sorted(names) != sorted(joints):
         raise ValueError(f"groups hold {names}, not {joints}")
-    time = _distinct(np.sort(np.concatenate([group.time for group in groups])))
-    before = [_side(group, time, "left") for group in groups]
-    after = [_side(group, time, "right") for group in groups]
+    time, cluster = distinct_times(np.concatenate([group.time for group in groups]))
+    jump = np.zeros(len(time), dtype=np.bool_)
+    left, right = [], []
+    for group in groups:
+        own, cluster = np.split(cluster, [group.time.size])
+        jumps = _jumps(group, own, len(time))
+        after = _side(group, time, "right")
+        before = _side(group, time, "left")
+        # Only where this group's acceleration jumps do its two limits differ by more than rounding.
+        left.append(np.where(jumps[:, None], before, after))
+        right.append(after)
+        jump |= jumps
     order = [names.index(name) for name in joints]
-    left, right = (
-        tuple(np.concatenate([side[i] for side in sides], axis=1)[:, order] for i in range(3))
-        for sides in (before, after)
-    )
-    jump: BoolArray = (np.abs(left[2] - right[2]) > SAME_ACCELERATION).any(axis=1)
+    one, other = (np.concatenate(side, axis=2)[:, :, order] for side in (left, right))
     # A jump of acceleration is two knots at one time: the left limit goes before the right one.
     index = np.repeat(np.arange(len(time)), 1 + jump)
-    first_of_two = np.zeros(len(index), dtype=np.bool_)
-    first_of_two[:-1] = index[:-1] == index[1:]
-    values = (
-        np.where(first_of_two[:, None], one[index], other[index])
-        for one, other in zip(left, right, strict=True)
-    )
-    return Trajectory(joints, time[index], *values)
+    first_of_two = np.zeros((len(index), 1), dtype=np.bool_)
+    first_of_two[:-1, 0] = index[:-1] == index[1:]
+    return Trajectory(joints, time[index], *np.where(first_of_two, one[:, index], other[:, index]))
 
 
-def _distinct(time: FloatArray) -> FloatArray:
-    """Returns sorted times without those that follow their predecessor by SAME_TIME or less."""
-    keep = np.ones(len(time), dtype=np.bool_)
-    keep[1:] = np.diff(time) > SAME_TIME
-    kept = time[keep]
+def distinct_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Returns the knots left of many, and for each of the many the index of its knot.
+
+    From the first on, all that follow a knot by SAME_TIME or less are that knot.
+    """
+    order = np.argsort(time, kind="stable")
+    risen = time[order]
+    starts = np.concatenate([[True], np.diff(risen) > 0.0])
+    # Nearly equal times are rare; only among them does it matter which one came first.
+    candidates = np.flatnonzero(starts)
+    last = -np.inf
+    if len(candidates) > 1 and np.diff(risen[candidates]).min() <= SAME_TIME:
+        for k in candidates.tolist():
+            starts[k] = risen[k] - last > SAME_TIME
+            last = float(risen[k]) if starts[k] else last
+    kept = risen[starts]
     # The end is exact, whatever came shortly before it.
-    kept[-1] = time[-1]
-    return kept
+    kept[-1] = risen[-1]
+    cluster = np.empty(len(time), dtype=np.int64)
+    cluster[order] = np.cumsum(starts) - 1
+    return kept, cluster
 
 
-def _side(
-    trajectory: Trajectory, time: FloatArray, side: str
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns position, velocity, acceleration at knots, as limits from the left or right.
+def _jumps(group: Trajectory, cluster: IntArray, knots: int) -> BoolArray:
+    """Returns at which of the merged knots the group's acceleration jumps, shape (knots,)."""
+    jump = np.zeros(knots, dtype=np.bool_)
+    changes = (group.acceleration[1:] != group.acceleration[:-1]).any(axis=1)
+    jump[cluster[1:][(np.diff(group.time) == 0.0) & changes]] = True
+    return jump
+
+
+def _side(trajectory: Trajectory, time: FloatArray, side: str) -> FloatArray:
+    """Returns position, velocity, acceleration at knots as limits from one side, shape (3, k, n).
 
     A knot within SAME_TIME of one of the trajectory's own counts as that one.
     """
@@ -104,4 +133,6 @@ def _side(
         getattr(trajectory, name)[index] for name in ("position", "velocity", "acceleration")
     )
     j = np.vstack([trajectory.jerk, np.zeros((1, q.shape[1]))])[index]
-    return q + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j
+    return np.stack(
+        [q + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j]
+    )

@@ -6,81 +6,100 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.timing.composition import SAME_ACCELERATION, merge
+from dualarm_cli.timing.composition import SAME_TIME, distinct_times
+from dualarm_cli.timing.problem import TransferProblem
+
+PHASES = 7
+"""Phases of a double S; those that a motion does not need have no length."""
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A stretch of one joint's motion with constant jerk."""
+class Phases:
+    """Stretches of constant jerk of n joints, one after the other, from rest to rest."""
 
-    duration: float
-    """Length [s]."""
-    acceleration: float
-    """Acceleration at its start [rad/s²]."""
-    jerk: float
-    """Jerk throughout [rad/s³]."""
+    duration: FloatArray
+    """Lengths [s], shape (n, 7); all zero for a joint that stands."""
+    acceleration: FloatArray
+    """Accelerations at their starts [rad/s²], shape (n, 7)."""
+    jerk: FloatArray
+    """Jerks throughout [rad/s³], shape (n, 7)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("duration", "acceleration", "jerk"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def slowed(self, duration: float) -> Phases:
+        """Returns the same motions, each slowed to take the duration [s].
+
+        Slowing by k divides velocity by k, acceleration by k² and jerk by k³.
+        """
+        total = self.duration.sum(axis=1, keepdims=True)
+        k = np.where(total > 0.0, duration / np.where(total > 0.0, total, 1.0), 1.0)
+        return Phases(self.duration * k, self.acceleration / k**2, self.jerk / k**3)
 
 
-def joint_trajectory(joint: str, start: float, goal: float, phases: list[Phase]) -> Trajectory:
-    """Returns one joint's motion from rest to rest through its phases.
+def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: float) -> Trajectory:
+    """Returns the transfer that its joints' phases make.
 
-    The last knot is exactly the goal, at rest: what rounding left over is below 1e-12.
+    The last knot is exactly the goal, at rest: what rounding left over is below 1e-12 of the way. Knots nearer than
+    SAME_TIME become one. Only accelerations of joints without a jerk limit jump, at two knots at one time.
 
     Args:
-        joint: name of the joint.
-        start: position at the start [rad].
-        goal: position at the end [rad].
-        phases: in order; those of no length are passed over.
+        problem: the transfer.
+        phases: of all its joints.
+        duration: when every motion ends [s].
     """
-    rows = [(0.0, start, 0.0, 0.0)]
-    for phase in phases:
-        if phase.duration <= 0.0:
-            continue
-        t, q, v, a = rows[-1]
-        if phase.acceleration != a:
-            # Rounding of ruckig's own sums is no jump; anything else is two knots at one time.
-            if abs(phase.acceleration - a) > SAME_ACCELERATION:
-                rows.append((t, q, v, phase.acceleration))
-            a = phase.acceleration
-        d, j = phase.duration, phase.jerk
-        rows.append(
-            (
-                t + d,
-                q + d * (v + d * (a / 2 + d * j / 6)),
-                v + d * (a + d * j / 2),
-                a + d * j,
-            )
-        )
-    table = np.array(rows)
-    table[-1, 1:3] = goal, 0.0
-    if abs(table[-1, 3]) > SAME_ACCELERATION:
-        # Without a jerk limit the brake ends at full strength: the jump to rest is a knot of its own.
-        table = np.vstack([table, [[table[-1, 0], goal, 0.0, 0.0]]])
-    table[-1, 3] = 0.0
-    return Trajectory((joint,), table[:, 0], table[:, 1:2], table[:, 2:3], table[:, 3:4])
+    edges, states = _states(problem, phases, duration)
+    time = distinct_times(np.append(edges.ravel(), [0.0, duration]))[0]
+    right = _evaluate(edges, states, time, SAME_TIME)
+    before = _evaluate(edges, states, time, -SAME_TIME)
+    # Before its first knot every joint stands.
+    before[:, 0] = 0.0
+    before[0, 0] = problem.start
+    jumps: BoolArray = np.isinf(problem.limits.jerk) & (before[2] != right[2])
+    left = np.where(jumps, before, right)
+    index = np.repeat(np.arange(len(time)), 1 + jumps.any(axis=1))
+    first_of_two = np.zeros((len(index), 1), dtype=np.bool_)
+    first_of_two[:-1, 0] = index[:-1] == index[1:]
+    return Trajectory(
+        problem.joints,
+        time[index],
+        *np.where(first_of_two, left[:, index], right[:, index]),
+    )
 
 
-def join_joints(joints: tuple[str, ...], parts: list[Trajectory], duration: float) -> Trajectory:
-    """Returns single joints' motions as one; all end at `duration` [s]."""
-    aligned = [
-        Trajectory(
-            part.joints,
-            _ending_at(part.time, duration),
-            part.position,
-            part.velocity,
-            part.acceleration,
-        )
-        for part in parts
-    ]
-    return merge(aligned, joints)
+def _states(
+    problem: TransferProblem, phases: Phases, duration: float
+) -> tuple[FloatArray, FloatArray]:
+    """Returns starts of all phases, (n, 8), with q, v, a, j there, (4, n, 8); the eighth is rest."""
+    n = len(problem.joints)
+    edges, states = np.zeros((n, PHASES + 1)), np.zeros((4, n, PHASES + 1))
+    np.cumsum(phases.duration, axis=1, out=edges[:, 1:])
+    moving = edges[:, -1] > 0.0
+    # Every motion ends at one instant exactly; phases of no length end there with it.
+    ends = (edges >= edges[:, -1:]) & moving[:, None]
+    edges[ends] = duration
+    q, v, a, j = states
+    a[:, :-1], j[:, :-1] = phases.acceleration, phases.jerk
+    q[:, 0] = problem.start
+    for k in range(PHASES):
+        d = phases.duration[:, k]
+        q[:, k + 1] = q[:, k] + d * (v[:, k] + d * (a[:, k] / 2.0 + d * j[:, k] / 6.0))
+        v[:, k + 1] = v[:, k] + d * (a[:, k] + d * j[:, k] / 2.0)
+    q[:, -1], v[:, -1] = problem.goal, 0.0
+    return edges, states
 
 
-def _ending_at(time: FloatArray, duration: float) -> FloatArray:
-    """Returns times whose last (and any equal to it) is exactly the duration, if it is near."""
-    moved = np.array(time)
-    near = np.abs(moved - moved[-1]) <= 1e-12
-    if abs(moved[-1] - duration) <= 1e-9:
-        moved[near] = duration
-    return moved
+def _evaluate(edges: FloatArray, states: FloatArray, time: FloatArray, shift: float) -> FloatArray:
+    """Returns q, v, a at times, (3, k, n), in the phases of the times moved by `shift` [s]."""
+    begun = (edges <= (time + shift)[:, None, None]).sum(axis=2)
+    phase: IntArray = np.maximum(begun - 1, 0)
+    joint = np.arange(len(edges))
+    dt = time[:, None] - edges[joint, phase]
+    q, v, a, j = states[:, joint, phase]
+    return np.stack(
+        [q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)), v + dt * (a + dt * j / 2.0), a + dt * j]
+    )

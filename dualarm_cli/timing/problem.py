@@ -81,3 +81,16 @@ class LineProblem:
             raise ValueError("length must rise from 0 in equal steps")
         if self.limits.joints != self.joints:
             raise ValueError(f"limits are for {self.limits.joints}, not {self.joints}")
+
+
+def why_jerk_limits_unsupported(limits: JointLimits) -> str | None:
+    """Returns why joints with such limits need jerk-limited timing, or None."""
+    limited = [
+        joint for joint, jerk in zip(limits.joints, limits.jerk, strict=True) if np.isfinite(jerk)
+    ]
+    if not limited:
+        return None
+    return (
+        f"{len(limited)} joints have jerk limits ({', '.join(limited[:3])}...), which it does not "
+        "keep; use --timing ruckig"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,36 +36,61 @@ class RestToRest:
         t_v = np.where(reaches_a, v / a + ramp, 2.0 * np.sqrt(v / j))
         constants = {
             "_ramp": ramp,
+            "_half": 0.5 * a * ramp,
             "_t_v": t_v,
             # From this distance on the speed limit is reached.
             "_d_v": v * t_v,
-            # Up to this distance not even the acceleration limit is.
+            # Up to this distance not even the acceleration limit is, or up to this duration.
             "_d_a": np.where(reaches_a, 2.0 * a * ramp * ramp, np.inf),
+            "_t_a": np.where(reaches_a, 4.0 * ramp, np.inf),
         }
         for name, value in constants.items():
             object.__setattr__(self, name, readonly(value))
 
-    _ramp: FloatArray = None  # type: ignore[assignment]
-    _t_v: FloatArray = None  # type: ignore[assignment]
-    _d_v: FloatArray = None  # type: ignore[assignment]
-    _d_a: FloatArray = None  # type: ignore[assignment]
+    _ramp: FloatArray = field(init=False, repr=False)
+    _half: FloatArray = field(init=False, repr=False)
+    _t_v: FloatArray = field(init=False, repr=False)
+    _d_v: FloatArray = field(init=False, repr=False)
+    _d_a: FloatArray = field(init=False, repr=False)
+    _t_a: FloatArray = field(init=False, repr=False)
 
     def per_joint(self, distance: FloatArray) -> FloatArray:
         """Returns each joint's least time [s], shape (..., n), for displacements [rad], (..., n)."""
         d = np.abs(distance)
-        a, ramp = self.acceleration, self._ramp
-        half = 0.5 * a * ramp
-        short = np.cbrt(32.0 * d / self.jerk)
-        # Peak speed of a way that reaches the acceleration limit: the positive root of
-        # w²/a + w a/j = d.
-        medium = 2.0 * ((np.sqrt(half * half + a * d) - half) / a + ramp)
-        time = np.where(d <= self._d_a, short, medium)
-        return np.where(d >= self._d_v, d / self.velocity + self._t_v, time) * (d > 0)
+        a = self.acceleration
+        # Peak speed w of a way that reaches the acceleration limit, 2 (w/a + a/j): the positive
+        # root of w²/a + w a/j = d. In place, since this is the inner loop of everything.
+        time: FloatArray = d * a
+        time += self._half**2
+        np.sqrt(time, out=time)
+        time -= self._half
+        time *= 2.0 / a
+        time += 2.0 * self._ramp
+        np.cbrt(d * (32.0 / self.jerk), out=time, where=d <= self._d_a)
+        np.copyto(time, d / self.velocity + self._t_v, where=d >= self._d_v)
+        return time
 
     def duration(self, distance: FloatArray) -> FloatArray:
         """Returns the time of the slowest joint [s], shape (...), for displacements (..., n)."""
         slowest: FloatArray = self.per_joint(distance).max(axis=-1)
         return slowest
+
+    def reachable_distance(self, duration: FloatArray) -> FloatArray:
+        """Returns the farthest each joint gets in the given times [rad]: the inverse of `per_joint`.
+
+        With the speed limit reached v (T - t_v); with the acceleration limit w T/2 with the peak speed
+        w = a (T/2 - a/j); with neither j T³/32.
+
+        Args:
+            duration: times T [s], 0 or more, shape (..., n) or (..., 1).
+        """
+        a, ramp = self.acceleration, self._ramp
+        medium = a * np.maximum(0.5 * duration - ramp, 0.0) * 0.5 * duration
+        # Where there is no jerk limit the third case has no duration; 0 keeps infinity out.
+        jerk = np.where(np.isinf(self.jerk), 0.0, self.jerk)
+        distance = np.where(duration <= self._t_a, jerk * duration**3 / 32.0, medium)
+        full = self.velocity * (duration - self._t_v)
+        return np.where(duration >= 2.0 * self._t_v, full, distance)
 
 
 def rest_to_rest_duration(

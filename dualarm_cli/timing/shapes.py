@@ -1,4 +1,4 @@
-"""Normalised double-S shapes of the path length: from 0 to 1 in unit time, at rest at both ends."""
+"""Normalised double-S shapes of the way along a path: from 0 to 1 in unit time, at rest at both ends."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 
 
 @dataclass(frozen=True)
@@ -39,71 +39,88 @@ class Shapes:
     def breakpoints(self) -> FloatArray:
         """Returns the eight ends of the seven phases, shape (g, 8)."""
         j1, j2 = self.start * self.start_jerk, self.end * self.end_jerk
-        zero, one = np.zeros_like(j1), np.ones_like(j1)
-        return np.column_stack(
-            [
-                zero,
-                j1,
-                self.start - j1,
-                self.start,
-                one - self.end,
-                one - self.end + j2,
-                one - j2,
-                one,
-            ]
-        )
+        edges = np.zeros((len(j1), 8))
+        edges[:, 1], edges[:, 2], edges[:, 3] = j1, self.start - j1, self.start
+        edges[:, 4], edges[:, 5], edges[:, 6] = 1.0 - self.end, 1.0 - self.end + j2, 1.0 - j2
+        edges[:, 7] = 1.0
+        return edges
 
-    def jerks(self) -> FloatArray:
-        """Returns the jerk of the seven phases, shape (g, 7)."""
-        zero = np.zeros_like(self.start)
-        j1 = self.peak / (self.start**2 * self.start_jerk * (1.0 - self.start_jerk))
-        j2 = self.peak / (self.end**2 * self.end_jerk * (1.0 - self.end_jerk))
-        return np.column_stack([j1, zero, -j1, zero, -j2, zero, j2])
+    def phases(self) -> FloatArray:
+        """Returns way, speed, acceleration and jerk at the start of each phase, shape (4, g, 7).
+
+        A ramp of length r with jerk phases of length x rises to the peak speed p with the acceleration
+        a = p / (r - x): it gains a x/2 in its first phase, as much in its last, and covers p r/2 in all, of
+        which a x²/6 in the first phase and p x - a x²/6 in the last.
+        """
+        p, r1, r2 = self.peak, self.start, self.end
+        x1, x2 = r1 * self.start_jerk, r2 * self.end_jerk
+        a1, a2 = p / (r1 - x1), p / (r2 - x2)
+        gain1, gain2 = a1 * x1 / 2.0, a2 * x2 / 2.0
+        first1, first2 = gain1 * x1 / 3.0, gain2 * x2 / 3.0
+        state = np.zeros((4, len(p), 7))
+        s, v, a, j = state
+        s[:, 1], s[:, 2], s[:, 3] = first1, p * (r1 / 2.0 - x1) + first1, p * r1 / 2.0
+        s[:, 4], s[:, 5] = 1.0 - p * r2 / 2.0, 1.0 - p * (r2 / 2.0 - x2) - first2
+        s[:, 6] = 1.0 - first2
+        v[:, 1], v[:, 2], v[:, 3], v[:, 4] = gain1, p - gain1, p, p
+        v[:, 5], v[:, 6] = p - gain2, gain2
+        a[:, 1] = a[:, 2] = a1
+        a[:, 5] = a[:, 6] = -a2
+        j[:, 0], j[:, 2], j[:, 4], j[:, 6] = a1 / x1, -a1 / x1, -a2 / x2, a2 / x2
+        return state
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns length, speed, acceleration and jerk, each of shape (g, k).
+        """Returns way, speed, acceleration and jerk, each of shape (g, k).
 
         Args:
             time: instants of each shape in [0, 1], shape (g, k).
         """
-        edges, jerk = self.breakpoints(), self.jerks()
-        g = len(edges)
-        state = np.zeros((g, 8, 3))
-        for k in range(7):
-            d, j = edges[:, k + 1] - edges[:, k], jerk[:, k]
-            s, v, a = state[:, k].T
-            state[:, k + 1, 0] = s + d * (v + d * (a / 2 + d * j / 6))
-            state[:, k + 1, 1] = v + d * (a + d * j / 2)
-            state[:, k + 1, 2] = a + d * j
-        phase = np.clip((time[:, :, None] >= edges[:, None, 1:7]).sum(axis=2), 0, 6)
-        row = np.arange(g)[:, None]
-        d, j = time - edges[row, phase], jerk[row, phase]
-        s, v, a = (state[row, phase, i] for i in range(3))
+        edges = self.breakpoints()
+        phase = (time[:, :, None] >= edges[:, None, 1:7]).sum(axis=2)
+        row = np.arange(len(edges))[:, None]
+        return _advance(self.phases()[:, row, phase], time - edges[row, phase])
+
+    def within_phases(
+        self, per_phase: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Returns way, speed, acceleration, jerk in every phase, ends included, each (g, 7 k).
+
+        At the instant where two phases meet both limits of a jump of jerk are there.
+
+        Args:
+            per_phase: number k of equidistant instants per phase.
+        """
+        edges = self.breakpoints()
+        dt = (edges[:, 1:] - edges[:, :-1])[:, :, None] * np.linspace(0.0, 1.0, per_phase)
+        g = len(dt)
+        way, speed, acceleration, jerk = _advance(self.phases()[..., None], dt)
         return (
-            s + d * (v + d * (a / 2 + d * j / 6)),
-            v + d * (a + d * j / 2),
-            a + d * j,
-            np.broadcast_to(j, s.shape),
+            way.reshape(g, -1),
+            speed.reshape(g, -1),
+            acceleration.reshape(g, -1),
+            np.repeat(jerk[..., 0], per_phase, axis=1),
         )
 
-    def take(self, index: int) -> Shapes:
-        """Returns one of the shapes, as a family of one."""
-        one = slice(index, index + 1)
-        return Shapes(self.start[one], self.start_jerk[one], self.end[one], self.end_jerk[one])
+    def take(self, index: int | IntArray) -> Shapes:
+        """Returns one of the shapes as a family of one, or several as a family."""
+        rows = np.atleast_1d(index)
+        return Shapes(self.start[rows], self.start_jerk[rows], self.end[rows], self.end_jerk[rows])
+
+
+def _advance(
+    state: FloatArray, dt: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Returns the states (4, ...) after dt of constant jerk."""
+    s, v, a, j = state
+    return (
+        s + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
+        v + dt * (a + dt * j / 2.0),
+        a + dt * j,
+        j,
+    )
 
 
 def symmetric_grid(ramps: FloatArray, jerks: FloatArray) -> Shapes:
     """Returns all symmetric shapes of the given ramp shares (at most 0.5) and jerk shares."""
     ramp, jerk = (grid.ravel() for grid in np.meshgrid(ramps, jerks, indexing="ij"))
     return Shapes(ramp, jerk, ramp, jerk)
-
-
-def samples_within(shapes: Shapes, per_phase: int) -> FloatArray:
-    """Returns instants inside every phase of every shape, ends included, shape (g, 7 per_phase).
-
-    The two ends of a phase lie a hair inside it, so that both limits of a jump are seen.
-    """
-    edges = shapes.breakpoints()
-    share = np.linspace(1e-9, 1.0 - 1e-9, per_phase)
-    inside = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * share
-    return inside.reshape(len(edges), -1)

@@ -53,13 +53,14 @@ def largest_rates(
     Args:
         time: knots [s], shape (k,).
         velocity: at the knots [rad/s], shape (k, n).
-        acceleration: at the knots [rad/s²], shape (k, n); linear in between.
+        acceleration: at the knots [rad/s²], shape (k, n); linear in between. A jump, two knots at one
+            time, is no jerk.
     """
     h = np.diff(time)[:, None]
-    jerk = np.diff(acceleration, axis=0) / h
     a0, a1 = acceleration[:-1], acceleration[1:]
+    jerk = np.divide(a1 - a0, h, out=np.zeros_like(a0), where=h > 0.0)
     # Where the acceleration changes its sign the velocity has an extremum: v0 - a0² / 2j.
-    turns = a0 * a1 < 0
+    turns = (a0 * a1 < 0) & (h > 0.0)
     inside = np.where(turns, velocity[:-1] - a0**2 / np.where(turns, 2.0 * jerk, 1.0), 0.0)
     v = np.maximum(np.abs(velocity).max(axis=0), np.abs(inside).max(axis=0))
     return v, np.abs(acceleration).max(axis=0), np.abs(jerk).max(axis=0)

@@ -4,30 +4,40 @@ from __future__ import annotations
 
 import os
 import tempfile
+from typing import Any
 
 import numpy as np
 
 from dualarm_cli.errors import DualArmError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
+from dualarm_cli.timing.spline import largest_rates
 
 GRIDPOINTS = 160
-"""Gridpoints along the path; each becomes a knot."""
+"""Gridpoints along the path, or as many as knots are asked for; each becomes a knot."""
+FREE_ACCELERATION = 1e4
+"""Acceleration limit of the path length itself, in the largest joint limit: no demand on it."""
 
 
 def solve_line(problem: LineProblem) -> Trajectory:
     """Returns the line timed by [Pham2018], then made to keep every limit between its gridpoints too.
 
-    The path is parametrised by its length in joint space, never by [0, 1], on which toppra fails. Between
-    gridpoints the path acceleration is constant; the joints there are cubics with the exact positions and
-    velocities of both ends, so that accelerations jump at gridpoints only. At last time is stretched by the cubics' own
-    extrema, about a thousandth.
+    The path is parametrised by its length, scaled to the joints' length: toppra fails on [0, 1]. That length is one
+    joint more, whose velocity limit is the cap on the tool's speed. Between gridpoints the joints are cubics with the
+    exact positions and velocities of both ends, so that accelerations jump at gridpoints only. At last time
+    is stretched by the cubics' own extrema, about a thousandth. A line on which no joint moves takes no time.
 
     Raises:
         DualArmError: toppra finds no profile.
     """
-    time, q, v = _gridpoints(problem)
+    joint_length = float(np.linalg.norm(np.diff(problem.position, axis=0), axis=1).sum())
+    if joint_length == 0.0 and problem.tool_speed is None:
+        return hold(problem.joints, problem.position[0], 0.0)
+    # Where no joint moves but a tool speed is set, any scale will do.
+    total = joint_length or 1.0
+    time, q, v, speed = _gridpoints(problem, total)
     dt = np.diff(time)[:, None]
     # Cubic Hermite: accelerations at the start and the end of each interval.
     slope = np.diff(q, axis=0) / dt
@@ -35,72 +45,81 @@ def solve_line(problem: LineProblem) -> Trajectory:
     second = (-6.0 * slope + 2.0 * v[:-1] + 4.0 * v[1:]) / dt
     rest = np.zeros((1, q.shape[1]))
     twice = np.repeat(np.arange(len(time)), 2)
-    acceleration = np.empty((2 * len(time), q.shape[1]))
-    acceleration[0::2] = np.vstack([rest, second])
-    acceleration[1::2] = np.vstack([first, rest])
-    factor = _stretch(problem, time, v, first, second)
+    a = np.empty((2 * len(time), q.shape[1]))
+    a[0::2], a[1::2] = np.vstack([rest, second]), np.vstack([first, rest])
+    factor = _stretch(problem, largest_rates(time[twice], v[twice], a), speed / total)
     return Trajectory(
-        problem.joints, time[twice] * factor, q[twice], v[twice] / factor, acceleration / factor**2
+        problem.joints, time[twice] * factor, q[twice], v[twice] / factor, a / factor**2
     )
 
 
 def _stretch(
-    problem: LineProblem, time: FloatArray, v: FloatArray, first: FloatArray, second: FloatArray
+    problem: LineProblem, rates: tuple[FloatArray, FloatArray, FloatArray], speed: FloatArray
 ) -> float:
-    """Returns the factor by which time must be stretched for every limit to hold, at least 1."""
-    a = np.maximum(np.abs(first), np.abs(second)).max(axis=0)
-    turns = first * second < 0
-    jerk = (second - first) / np.diff(time)[:, None]
-    inside = np.where(turns, v[:-1] - first**2 / np.where(turns, 2.0 * jerk, 1.0), 0.0)
-    speed = np.maximum(np.abs(v).max(axis=0), np.abs(inside).max(axis=0))
+    """Returns the factor by which time must be stretched for every limit to hold, at least 1.
+
+    Args:
+        problem: the line.
+        rates: largest velocity, acceleration and jerk of each joint.
+        speed: speed along the path at the gridpoints, in path lengths a second.
+    """
     factor = max(
         1.0,
-        float((speed / problem.limits.velocity).max()),
-        float(np.sqrt((a / problem.limits.acceleration).max())),
+        float((rates[0] / problem.limits.velocity).max()),
+        float(np.sqrt((rates[1] / problem.limits.acceleration).max())),
     )
     if problem.tool_speed is not None:
-        grid = np.linspace(0.0, problem.length[-1], len(problem.length))
-        rate = np.gradient(problem.position, grid, axis=0)
-        joint = int(np.argmax(np.abs(rate).min(axis=0)))
-        along = np.interp(np.linspace(0, 1, len(v)), np.linspace(0, 1, len(rate)), rate[:, joint])
-        factor = max(factor, float(np.abs(v[:, joint] / along).max()) / problem.tool_speed)
+        factor = max(factor, float(speed.max() * problem.length[-1]) / problem.tool_speed)
     return factor * (1.0 + 1e-12)
 
 
-def _gridpoints(problem: LineProblem) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns times, positions and velocities at toppra's gridpoints."""
-    # toppra loads matplotlib for its plots: no window, and no cache where HOME cannot be written.
+def _gridpoints(
+    problem: LineProblem, total: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Returns times, positions, velocities and path speeds at toppra's gridpoints.
+
+    Args:
+        problem: the line.
+        total: what the path length is scaled to.
+    """
+    toppra = _import_toppra()
+    position, velocity = problem.position, problem.limits.velocity
+    acceleration = problem.limits.acceleration
+    s = np.linspace(0.0, total, len(position))
+    if problem.tool_speed is not None:
+        position = np.column_stack([position, s])
+        velocity = np.append(velocity, problem.tool_speed * total / problem.length[-1])
+        acceleration = np.append(acceleration, FREE_ACCELERATION * acceleration.max())
+    path = toppra.SplineInterpolator(s, position)
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.column_stack([-velocity, velocity])),
+        toppra.constraint.JointAccelerationConstraint(
+            np.column_stack([-acceleration, acceleration])
+        ),
+    ]
+    grid = np.linspace(0.0, total, max(GRIDPOINTS, problem.knots) + 1)
+    solver = toppra.algorithm.TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel")
+    _, speed, _ = solver.compute_parameterization(0, 0)
+    if speed is None or not np.isfinite(speed).all() or (speed[1:-1] <= 0).any():
+        raise DualArmError(
+            f"toppra finds no profile for the line from {problem.position[0].tolist()} to "
+            f"{problem.position[-1].tolist()} of {', '.join(problem.joints)}; use --timing ruckig"
+        )
+    time = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / (speed[:-1] + speed[1:]))])
+    n = len(problem.joints)
+    q = np.array(path(grid)[:, :n], dtype=np.float64)
+    q[0], q[-1] = problem.position[0], problem.position[-1]
+    v = np.asarray(path(grid, 1)[:, :n], dtype=np.float64) * speed[:, None]
+    return time, q, v, np.asarray(speed, dtype=np.float64)
+
+
+def _import_toppra() -> Any:
+    """Returns toppra; it loads matplotlib for its plots, so no window and no cache in HOME."""
     os.environ.setdefault("MPLBACKEND", "Agg")
     if not os.access(os.environ.get("HOME", "/nonexistent"), os.W_OK):
         os.environ.setdefault("MPLCONFIGDIR", tempfile.gettempdir())
     import toppra
-    from toppra import algorithm, constraint
+    import toppra.algorithm
+    import toppra.constraint
 
-    step = np.linalg.norm(np.diff(problem.position, axis=0), axis=1)
-    s = np.concatenate([[0.0], np.cumsum(step)])
-    path = toppra.SplineInterpolator(s, problem.position)
-    constraints = [
-        constraint.JointVelocityConstraint(_both_ways(_path_velocity(problem))),
-        constraint.JointAccelerationConstraint(_both_ways(problem.limits.acceleration)),
-    ]
-    grid = np.linspace(0.0, s[-1], GRIDPOINTS + 1)
-    solver = algorithm.TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel")
-    _, speed, _ = solver.compute_parameterization(0, 0)
-    if speed is None or not np.isfinite(speed).all() or (speed[1:-1] <= 0).any():
-        raise DualArmError("toppra finds no profile for a line; use --timing ruckig")
-    time = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(grid) / (speed[:-1] + speed[1:]))])
-    q = np.asarray(path(grid), dtype=np.float64)
-    q[0], q[-1] = problem.position[0], problem.position[-1]
-    return time, q, np.asarray(path(grid, 1), dtype=np.float64) * speed[:, None]
-
-
-def _path_velocity(problem: LineProblem) -> FloatArray:
-    """Returns joint speed limits, lowered so that a tool-speed cap holds where it binds most."""
-    if problem.tool_speed is None:
-        return problem.limits.velocity
-    rate = np.abs(np.gradient(problem.position, problem.length, axis=0)).max(axis=0)
-    return np.minimum(problem.limits.velocity, np.maximum(rate * problem.tool_speed, 1e-9))
-
-
-def _both_ways(limit: FloatArray) -> FloatArray:
-    return np.column_stack([-limit, limit])
+    return toppra

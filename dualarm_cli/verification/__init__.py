@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Schedule, ScheduleArm, ScheduleRobot
+from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
@@ -18,6 +18,7 @@ from dualarm_cli.verification.motion_checks import (
 )
 from dualarm_cli.verification.sequence_checks import (
     check_arms,
+    check_bound,
     check_dwells,
     check_ends,
     check_order,
@@ -72,6 +73,7 @@ def verify(schedule: Schedule, job: Job | None = None) -> Verification:
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_segments(schedule),
+        check_bound(schedule),
         *_job_checks(schedule, job),
         not_checked("collisions", COLLISIONS),
     ]
@@ -84,19 +86,11 @@ def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:
     Raises:
         InputError: the job's robot has other joints than the schedule.
     """
-    robot, cell = job.cell.robot, job.cell
-    if set(robot.joints) != set(joints):
-        other = sorted(set(robot.joints) ^ set(joints))
+    other = sorted(set(job.cell.robot.joints) ^ set(joints))
+    if other:
         message = f"schedule and tasks are for different robots: {', '.join(other[:4])}"
         raise InputError([Diagnostic("schedule", 0, 0, "E301", message)])
-    arms = {
-        arm.name: ScheduleArm(arm.flange, cell.tools[arm.name].tcp, arm.joints)
-        for arm in robot.arms
-    }
-    limits = robot.limits.scaled(job.speed)
-    return ScheduleRobot(
-        robot.name, robot.urdf, cell.base, arms, limits, robot.platform, job.tool_speed
-    )
+    return ScheduleRobot.of_job(job)
 
 
 def _of_known_arms(schedule: Schedule) -> Schedule:

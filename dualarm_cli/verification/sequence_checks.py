@@ -99,6 +99,15 @@ def check_dwells(schedule: Schedule, job: Job) -> Check:
     return judge("dwells", worst, tol.SAME_TIME, "s", where)
 
 
+def check_bound(schedule: Schedule) -> Check:
+    """Checks that the stated lower bound is not above the schedule's own duration."""
+    bound = schedule.lower_bound
+    if bound is None:
+        return not_checked("lower_bound", "none is stated")
+    where = f"stated {bound:g} s, the schedule takes {schedule.duration:g} s"
+    return judge("lower_bound", bound - schedule.duration, tol.SAME_TIME, "s", where)
+
+
 def check_ends(schedule: Schedule, job: Job) -> list[Check]:
     """Checks the start posture and, for a closed cycle, that the motion returns to it."""
     trajectory = schedule.trajectory

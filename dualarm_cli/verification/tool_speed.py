@@ -56,8 +56,8 @@ def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: FloatArray) -
     before, after = (
         np.clip(times + shift, trajectory.time[0], trajectory.time[-1]) for shift in (-HALF, HALF)
     )
-    moved = model.poses(arm, trajectory.at(after)[0])[1] - model.poses(arm, trajectory.at(before)[0])[1]
+    here, there = (model.poses(arm, trajectory.at(t)[0])[1] for t in (before, after))
     width = after - before
     return np.divide(
-        np.linalg.norm(moved, axis=1), width, out=np.zeros_like(width), where=width > 0
+        np.linalg.norm(there - here, axis=1), width, out=np.zeros_like(width), where=width > 0
     )

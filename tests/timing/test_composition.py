@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate, hold, merge
 from dualarm_cli.timing.problem import TransferProblem
@@ -65,3 +66,51 @@ def test_strangers_are_refused(limits):
         concatenate([one, two])
     with pytest.raises(ValueError, match="groups hold"):
         merge([one, one], ("s",))
+
+
+def test_what_does_not_follow_is_refused():
+    """Nothing at all, and a start that is not where the last one ended."""
+    with pytest.raises(ValueError, match="no trajectories"):
+        concatenate([])
+    here, there = (hold(("s",), np.array([q]), 0.5) for q in (0.0, 0.1))
+    with pytest.raises(ValueError, match=r"starts at \[0.1\], 0.5 s after the first"):
+        concatenate([here, there])
+
+
+def test_a_chain_of_near_knots_does_not_swallow_a_far_one():
+    """Knots 0.8 ns apart: every second one stays, since each is compared with the last one kept."""
+    time = np.array([0.0, 0.8e-9, 1.6e-9, 2.4e-9, 1.0])
+    rest = np.zeros((5, 1))
+    both = merge([Trajectory(("s",), time, rest, rest, rest)], ("s",))
+    assert both.time.tolist() == [0.0, 1.6e-9, 1.0]
+
+
+def test_only_the_joint_whose_acceleration_jumps_has_two_values(limits, without_jerk):
+    """A jerk-limited group beside one without: double knots, but the first goes on smoothly."""
+    smooth = transfer(limits, 8, ("s", "l"), 2.0)
+    jumping = transfer(without_jerk, 9, ("e", "u"), 2.0)
+    both = merge([smooth, jumping], ("s", "l", "e", "u"))
+    double = np.flatnonzero(np.diff(both.time) == 0)
+    assert len(double) >= 4
+    assert np.array_equal(both.acceleration[double, :2], both.acceleration[double + 1, :2])
+    assert (both.acceleration[double, 2:] != both.acceleration[double + 1, 2:]).any(axis=1).all()
+
+
+def test_a_thousand_stages_are_what_their_pieces_are(limits):
+    """Knots add up, and the thousandth piece is where it should be."""
+    there = transfer(limits, 10, ("s", "l"))
+    back = transfer(limits, 10, ("s", "l"))
+    back = Trajectory(
+        back.joints,
+        back.duration - back.time[::-1],
+        back.position[::-1],
+        -back.velocity[::-1],
+        back.acceleration[::-1],
+    )
+    chain = concatenate([there, back] * 500)
+    whole = merge([chain, hold(("e",), np.zeros(1), chain.duration)], ("s", "l", "e"))
+    assert len(chain.time) == 500 * (len(there.time) + len(back.time)) - 999
+    assert len(whole.time) == len(chain.time)
+    last = 998 * there.duration
+    times = np.linspace(0, there.duration, 50)
+    assert np.abs(whole.at(last + times)[0][:, :2] - there.at(times)[0]).max() < 1e-9

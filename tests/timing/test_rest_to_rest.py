@@ -92,3 +92,19 @@ def test_the_slowest_joint_decides_and_sides_are_equal():
     moves = np.random.default_rng(4).normal(size=(5, 6, 2))
     assert law.per_joint(moves).shape == (5, 6, 2)
     assert np.array_equal(law.duration(moves), law.per_joint(-moves).max(axis=-1))
+
+
+@given(st.floats(1e-6, 1e3), positive, positive, positive, st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_the_reachable_distance_inverts_the_time(distance, velocity, acceleration, jerk, limited):
+    """How far one gets in the time of a way is that way."""
+    law = RestToRest(*([x] for x in (velocity, acceleration, jerk if limited else INF)))
+    reached = law.reachable_distance(law.per_joint(np.array([distance])))
+    assert reached[0] == pytest.approx(distance, rel=1e-9)
+
+
+def test_no_time_reaches_nothing():
+    """Zero, with a jerk limit and without."""
+    law = RestToRest([1.0, 1.0], [2.0, 2.0], [3.0, INF])
+    assert np.array_equal(law.reachable_distance(np.zeros(2)), [0.0, 0.0])
+    assert np.array_equal(law.per_joint(np.zeros(2)), [0.0, 0.0])

@@ -1,0 +1,129 @@
+"""Where an arm can make a stop at all: over all platform angles, exactly over the arm angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.redundancy import StopProblem
+
+SCAN_STEP = np.radians(1.0)
+"""Spacing of the platform angles that are looked at [rad]."""
+SCAN_YAWS = 8
+"""Yaws that are looked at where any will do."""
+SCAN_TRIES = 24
+"""Reachable angles, nearest first, at which the whole stage is tried."""
+
+
+@dataclass(frozen=True)
+class _PointReach:
+    """One point of a stop over all platform angles (a) and yaws (y)."""
+
+    name: str
+    """How a person calls it."""
+    feasible: BoolArray
+    """Whether some arm angle of some branch keeps all joints within limits, shape (a, y)."""
+    miss: FloatArray
+    """How far the wrist is beyond the reach [m]: positive too far, negative too near, shape (a, y)."""
+
+
+def reachable_positions(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
+) -> Iterator[FloatArray]:
+    """Yields platform positions, nearest first, at which every arm reaches target and line ends.
+
+    Only a platform of one revolute joint is turned.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stops: the arms' stops as seen with the platform where it is.
+    """
+    if not model.platform.is_turntable:
+        return
+    angles, here = _angles(model, position)
+    usable = np.ones(len(angles), dtype=np.bool_)
+    for stop in stops.values():
+        usable &= _together(_points(stop, angles - here))
+    nearest = np.argsort(np.abs(angles - here), kind="stable")
+    for k in [i for i in nearest if usable[i]][:SCAN_TRIES]:
+        yield angles[[k]]
+
+
+def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> str | None:
+    """Returns why one arm, whatever the other does, cannot make its stop; None if it can.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stop: the arm's stop as seen with the platform where it is.
+    """
+    angles, here = _angles(model, position)
+    points = _points(stop, angles - here)
+    if _together(points).any():
+        return None
+    for point in points:
+        if point.feasible.any():
+            continue
+        a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
+        miss = float(point.miss[a, y])
+        where = f"at best, with the platform at {np.degrees(angles[a]):.1f} deg"
+        if not model.platform.is_turntable:
+            where = "with the platform where it is" if model.platform.joints else "from its base"
+        if miss > 0:
+            return f"{point.name} is {miss * 1000:.1f} mm beyond the arm's reach ({where})"
+        if miss < 0:
+            return (
+                f"{point.name} is {-miss * 1000:.1f} mm too near the shoulder for the elbow "
+                f"joint's limits ({where})"
+            )
+        return f"{point.name}: no arm angle and branch keeps all joints within their limits"
+    return "its target and the ends of its lines are in reach, but not from one platform angle"
+
+
+def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the platform angles to look at, and where the platform is; one where it cannot turn."""
+    if not model.platform.is_turntable:
+        return np.zeros(1), 0.0
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    here = float(position[model.platform_columns][0])
+    low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
+    return np.append(np.arange(low, high, SCAN_STEP), high), here
+
+
+def _together(points: list[_PointReach]) -> BoolArray:
+    """Returns the platform angles at which all points are feasible for one yaw, shape (a,)."""
+    feasible = np.logical_and.reduce([point.feasible for point in points])
+    return np.asarray(feasible.any(axis=1))
+
+
+def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
+    """Returns reach of target, approach and retract after further turns of the platform (a,)."""
+    if stop.configurations is not None:
+        # Joint targets turn with the platform: what holds at one angle holds at all.
+        turn = np.zeros(len(turn))
+    yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
+    R_turn = rotation_z(-turn)
+    depths = {"the target": 0.0}
+    if stop.approach > 0:
+        depths[f"the start of the {stop.approach * 1000:g} mm approach"] = stop.approach
+    if stop.retract > 0:
+        depths[f"the end of the {stop.retract * 1000:g} mm retract"] = stop.retract
+    least, most = stop.arm.reach
+    points = []
+    for name, depth in depths.items():
+        R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
+        p_tool = (R_turn @ stop.p_base_tool[0])[:, None] - R_tool[..., :, 2] * depth
+        R = R_tool @ stop.R_tool_flange
+        p = p_tool + R_tool @ stop.p_tool_flange
+        feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
+        distance = np.linalg.norm(stop.arm.wrist_center(R, p) - stop.arm.geometry.shoulder, axis=-1)
+        miss = np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
+        points.append(_PointReach(name, feasible, miss))
+    return points

@@ -1,0 +1,61 @@
+"""Transfers in closed form: double S or trapezoid, all joints in the same time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.phases import Phases, transfer_trajectory
+from dualarm_cli.timing.problem import TransferProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+def solve_transfer(problem: TransferProblem) -> Trajectory:
+    """Returns the transfer: every joint's fastest motion, slowed until all take the same time.
+
+    That time is the least time of the slowest joint, or the minimum duration. Slowing by k divides velocity by k,
+    acceleration by k² and jerk by k³, so that joints in no hurry move gently, and no phase is ever
+    shorter than in the joint's fastest motion.
+    """
+    distance, limits = problem.goal - problem.start, problem.limits
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    duration = max(float(law.duration(distance)), problem.minimum_duration)
+    if not distance.any():
+        return hold(problem.joints, problem.start, duration)
+    return transfer_trajectory(problem, fastest_phases(distance, law).slowed(duration), duration)
+
+
+def fastest_phases(distance: FloatArray, law: RestToRest) -> Phases:
+    """Returns the phases of each joint's fastest motion from rest to rest.
+
+    The cases are those of `RestToRest`, which gives the duration; see there for the source.
+
+    Args:
+        distance: displacements [rad], shape (n,); their signs are the directions.
+        law: the limits of the n joints.
+    """
+    d, sign = np.abs(distance), np.sign(distance)
+    v, a, j = law.velocity, law.acceleration, law.jerk
+    reaches_a, full = v * j >= a * a, a / j
+    # Jerk phases, and phases of constant acceleration, of a ramp to the speed limit.
+    ramp = np.where(reaches_a, full, np.sqrt(v / j))
+    constant = np.where(reaches_a, v / a - full, 0.0)
+    cruise = d / v - 2.0 * ramp - constant
+    slower = cruise < 0.0
+    medium = slower & reaches_a & (d > 2.0 * a * full * full)
+    short = slower & ~medium
+    # Peak speed w from w²/a + w a/j = d, and w/a - a/j of constant acceleration.
+    half = 0.5 * a * full
+    constant[medium] = ((np.sqrt(half * half + a * d) - half) / a - full)[medium]
+    ramp[short], constant[short] = np.cbrt(d / (2.0 * j))[short], 0.0
+    constant, cruise = np.maximum(constant, 0.0), np.maximum(cruise, 0.0)
+    limited = np.isfinite(j)
+    top = sign * np.where(limited, np.where(limited, j, 0.0) * ramp, a)
+    rise, none = sign * np.where(limited, j, 0.0), np.zeros_like(d)
+    return Phases(
+        np.column_stack([ramp, constant, ramp, cruise, ramp, constant, ramp]),
+        np.column_stack([none, top, top, none, none, -top, -top]),
+        np.column_stack([rise, none, -rise, none, -rise, none, rise]),
+    )

@@ -1,0 +1,56 @@
+"""Normalised double-S shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dualarm_cli.timing.shapes import Shapes, symmetric_grid
+
+
+def random_shapes(count=200):
+    """Shapes of all kinds, some without a cruise or without constant acceleration."""
+    rng = np.random.default_rng(5)
+    start = rng.uniform(0.02, 0.9, count)
+    end = rng.uniform(0.02, 1.0, count) * (1 - start)
+    end[::5] = 1 - start[::5]
+    jerks = rng.uniform(0.02, 0.5, (2, count))
+    jerks[:, ::3] = 0.5
+    return Shapes(start, jerks[0], end, jerks[1])
+
+
+def test_each_rate_is_the_integral_of_the_next():
+    """Jerk is constant in a phase, so Taylor's series from each phase's start meets the next one's."""
+    shapes = random_shapes()
+    s, v, a, j = shapes.phases()
+    dt = np.diff(shapes.breakpoints(), axis=1)
+    after = (s + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j)
+    for rate, integral, end in zip((s, v, a), after, (1.0, 0.0, 0.0), strict=True):
+        # Accelerations of short ramps are large: compare with the largest.
+        scale = np.maximum(1.0, np.abs(rate).max(axis=1, keepdims=True))
+        assert (np.abs(integral[:, :-1] - rate[:, 1:]) / scale).max() < 1e-12
+        assert (np.abs(integral[:, -1:] - end) / scale).max() < 1e-12
+
+
+def test_instants_and_phases_agree():
+    """`at` finds the phase that `within_phases` is in, and both start and end at rest."""
+    shapes = random_shapes()
+    edges = shapes.breakpoints()
+    middle = (edges[:, :-1] + edges[:, 1:]) / 2
+    in_phases = [rate.reshape(-1, 7, 3)[:, :, 1] for rate in shapes.within_phases(3)]
+    # A phase of no length has no middle of its own.
+    real = np.diff(edges, axis=1) > 1e-9
+    for found, expected in zip(shapes.at(middle), in_phases, strict=True):
+        assert found[real] == pytest.approx(expected[real], rel=1e-9, abs=1e-9)
+    ends = np.tile([0.0, 1.0], (len(edges), 1))
+    way, speed, _, _ = shapes.at(ends)
+    assert np.abs(way - [0, 1]).max() < 1e-12
+    assert np.abs(speed).max() < 1e-12
+
+
+def test_the_symmetric_shape_is_the_one_by_hand():
+    """Ramp 1/3, jerk share 1/2: peak 1 / (1 - 1/3) = 1.5; acceleration 1.5 / (1/3 - 1/6) = 9."""
+    shape = symmetric_grid(np.array([1 / 3]), np.array([0.5]))
+    _, speed, acceleration, _ = shape.at(np.array([[1 / 6, 0.5]]))
+    assert acceleration[0, 0] == pytest.approx(9.0)
+    assert speed[0] == pytest.approx([0.75, 1.5])

@@ -1,0 +1,189 @@
+"""Order, pairing, dwells, segments, start and end: every fault is found by its own check."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.schedule import Event
+from dualarm_cli.verification import verify
+
+
+def replaced(rows, index, **changes):
+    """Returns rows with one of them changed."""
+    rows = list(rows)
+    rows[index] = dataclasses.replace(rows[index], **changes)
+    return tuple(rows)
+
+
+def find(schedule, arm, kind, action):
+    """Returns the index of a segment."""
+    return [(s.arm, s.kind, s.action) for s in schedule.segments].index((arm, kind, action))
+
+
+def test_stops_in_another_order_are_found(clean, failing):
+    """The job wants the left arm to place before it picks: order, and with it the stages."""
+    task = clean.job.tasks[0]
+    job = dataclasses.replace(
+        clean.job, tasks=(dataclasses.replace(task, stops=task.stops[::-1]), clean.job.tasks[1])
+    )
+    found = failing(clean.schedule, job)
+    assert set(found) == {"order", "pairing"}
+    assert found["order"] == "left arm: left-part place is due, left-part pick is done"
+
+
+def test_an_event_that_is_missing_is_named_as_due(clean, failing):
+    """The last of the left arm; its lines then lead nowhere, its stage has no such target."""
+    events = tuple(
+        event for event in clean.schedule.events if (event.arm, event.action) != ("left", "place")
+    )
+    found = failing(dataclasses.replace(clean.schedule, events=events), clean.job)
+    assert set(found) == {"order", "pairing", "lines_straight"}
+    assert found["order"] == "left arm: left-part place is due, nothing  is done"
+
+
+def test_an_event_that_nobody_asked_for_is_named(clean, failing):
+    """The right arm picks twice; everything about the second is right but that it is there."""
+    again = clean.schedule.events[1]
+    schedule = dataclasses.replace(clean.schedule, events=(*clean.schedule.events, again))
+    found = failing(schedule, clean.job)
+    assert found == {"order": "right arm: right-part place is due, right-part pick is done"}
+
+
+@pytest.mark.parametrize("what", ["events", "segments"])
+def test_work_of_an_arm_that_the_robot_does_not_have_is_a_finding(clean, failing, what):
+    """Not a crash: `arms` names it, all other work is judged as before."""
+    rows = replaced(getattr(clean.schedule, what), 0, arm="middle")
+    found = failing(dataclasses.replace(clean.schedule, **{what: rows}), clean.job)
+    kind = what[:-1]
+    assert found["arms"] == f"{kind} of left-part names arm 'middle'; the robot has left, right"
+    assert ("order" in found) == (what == "events")
+
+
+def test_a_gap_between_stages_is_found(clean, failing):
+    """The second starts 10 ms after the first has ended."""
+    start = clean.schedule.stages[1].start + 0.01
+    stages = replaced(clean.schedule.stages, 1, start=start)
+    found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
+    assert found == {"pairing": "stage 2 does not start where the one before ends"}
+
+
+def test_a_last_stage_that_ends_before_the_motion_is_found(clean, failing):
+    """By 0.1 s."""
+    stages = replaced(clean.schedule.stages, -1, end=clean.schedule.duration - 0.1)
+    found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
+    assert found == {"pairing": "the last stage does not end the motion"}
+
+
+def test_a_stage_that_is_missing_is_named(clean, failing):
+    """One stage for two pairs of targets."""
+    stage = dataclasses.replace(clean.schedule.stages[0], end=clean.schedule.duration)
+    found = failing(dataclasses.replace(clean.schedule, stages=(stage,)), clean.job)
+    assert found == {"pairing": "stage 2 is missing"}
+
+
+def test_a_target_outside_its_stage_is_named(clean, failing):
+    """The first stage ends at 1 s, before the picks at 1.2 s."""
+    stages = replaced(clean.schedule.stages, 0, end=1.0)
+    stages = replaced(stages, 1, start=1.0)
+    found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
+    assert found == {"pairing": "left-part (pick) is outside stage 1"}
+
+
+def test_segments_that_overlap_are_found(clean, failing):
+    """The left arm's transfer ends 0.1 s after its approach has begun; the same of the other arm is none."""
+    k = find(clean.schedule, "left", "transfer", "pick")
+    segments = replaced(clean.schedule.segments, k, end=0.9)
+    found = failing(dataclasses.replace(clean.schedule, segments=segments), clean.job)
+    assert found == {"segments": "left approach of left-part at 0.800 s"}
+
+
+@pytest.mark.parametrize("times", [{"start": -0.1}, {"start": 0.5, "end": 0.4}])
+def test_segments_before_the_start_or_with_negative_length_are_found(clean, failing, times):
+    """Of the right arm's first transfer."""
+    k = find(clean.schedule, "right", "transfer", "pick")
+    segments = replaced(clean.schedule.segments, k, **times)
+    found = failing(dataclasses.replace(clean.schedule, segments=segments), clean.job)
+    assert found == {"segments": f"right transfer of right-part at {times['start']:.3f} s"}
+
+
+def test_segments_beyond_the_end_are_found(clean, failing):
+    """The return of the right arm lasts 0.1 s longer than the motion."""
+    end = clean.schedule.duration + 0.1
+    segments = replaced(clean.schedule.segments, -1, end=end)
+    found = failing(dataclasses.replace(clean.schedule, segments=segments), clean.job)
+    assert found == {"segments": "right arm works beyond the end"}
+
+
+def test_a_dwell_beyond_the_end_is_found(clean, failing):
+    """The tool rests where it is when the motion is over, but the next cycle begins: 0.5 s are not there."""
+    schedule, job = clean.schedule, clean.job
+    end = schedule.duration
+    from dualarm_cli.verification.tool_model import ToolModel
+
+    pose = ToolModel(schedule).pose("left", schedule.trajectory.position[-1])
+    late = Event(end, "left", "left-part", "move", "left_tcp", pose, 0.5)
+    found = failing(dataclasses.replace(schedule, events=(*schedule.events, late)))
+    assert found == {"segments": "dwell of left-part (move) goes beyond the end"}
+    assert job.returns
+
+
+def test_a_schedule_without_segments_and_events_is_not_judged_by_them(clean):
+    """The reason is given."""
+    bare = dataclasses.replace(clean.schedule, segments=(), events=(), stages=())
+    check = next(c for c in verify(bare).checks if c.name == "segments")
+    assert (check.verdict, check.detail) == ("not checked", "the schedule lists none")
+
+
+def test_a_dwell_that_is_too_short_is_named(clean, failing):
+    """0.4 s where the job asks for 0.41 s; longer than asked is allowed."""
+    for gripper, expected in ((0.31, {"dwells"}), (0.29, set())):
+        task = clean.job.tasks[1]
+        stops = replaced(task.stops, 0, dwell=Dwell(gripper, 0.06, 0.04))
+        job = dataclasses.replace(
+            clean.job, tasks=(clean.job.tasks[0], dataclasses.replace(task, stops=stops))
+        )
+        found = failing(clean.schedule, job)
+        assert set(found) == expected
+        assert found.get("dwells", "right-part (pick)").startswith("right-part (pick)")
+
+
+def test_a_start_in_another_posture_names_the_joint(clean, failing):
+    """l3 of the posture is 1e-8 rad elsewhere; `free` leaves the start open."""
+    robot = clean.job.cell.robot
+    posture = np.array(robot.postures["ready"])
+    posture[3] += 1e-8
+    robot = dataclasses.replace(robot, postures={"ready": posture})
+    job = dataclasses.replace(clean.job, cell=dataclasses.replace(clean.job.cell, robot=robot))
+    assert failing(clean.schedule, job) == {"start_posture": "l3 from posture 'ready'"}
+    free = dataclasses.replace(job, start="free")
+    assert failing(clean.schedule, free) == {}
+    check = next(c for c in verify(clean.schedule, free).checks if c.name == "start_posture")
+    assert check.verdict == "not checked"
+
+
+def test_a_motion_that_does_not_return_names_the_joint(clean, moved, failing):
+    """The last move takes r3 0.01 rad further; a job that does not return does not mind."""
+    arrays = {
+        name: np.array(getattr(clean.schedule.trajectory, name))
+        for name in ("position", "velocity", "acceleration")
+    }
+    h, d = 0.2, 0.01
+    arrays["position"][-4:, 6] += d * np.array([1 / 12, 1 / 2, 11 / 12, 1])
+    arrays["velocity"][-4:, 6] += d / h * np.array([1 / 4, 1 / 2, 1 / 4, 0])
+    arrays["acceleration"][-4:, 6] += d / h**2 * np.array([1 / 2, 0, -1 / 2, 0])
+    schedule = moved(clean.schedule, **arrays)
+    assert failing(schedule, clean.job) == {"return": "r3"}
+    assert failing(schedule, dataclasses.replace(clean.job, returns=False)) == {}
+
+
+@pytest.mark.parametrize(
+    ("over", "expected"), [(-0.1, set()), (0.0, set()), (0.1, {"lower_bound"})]
+)
+def test_a_bound_above_the_duration_is_no_bound(clean, failing, over, expected):
+    """A schedule cannot be faster than a bound on every schedule."""
+    bound = clean.schedule.duration + over
+    assert set(failing(dataclasses.replace(clean.schedule, lower_bound=bound))) == expected

@@ -1,0 +1,130 @@
+"""The judgement as a whole: what is believed, what is not, and what it is built on."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.errors import InputError
+from dualarm_cli.model.cell import Tool
+from dualarm_cli.verification import verify
+
+
+def with_cell(job, **changes):
+    """Returns the job in another cell."""
+    return dataclasses.replace(job, cell=dataclasses.replace(job.cell, **changes))
+
+
+def test_a_schedule_without_fault_passes_every_check(clean):
+    """Made by hand, without the planner; collisions, cap and bound are said not to be checked."""
+    verification = verify(clean.schedule, clean.job)
+    assert verification.passed
+    verdicts = {check.name: check.verdict for check in verification.checks}
+    unchecked = {name for name, verdict in verdicts.items() if verdict != "passed"}
+    assert unchecked == {"collisions", "tool_speed", "lower_bound"}
+    assert len(verdicts) == len(verification.checks)
+    assert all(check.detail for check in verification.checks)
+
+
+def test_measurements_of_a_clean_schedule_are_rounding(clean):
+    """Every length, angle and time is below 1e-13: the tools' poses come from trigonometry."""
+    for check in verify(clean.schedule, clean.job).checks:
+        if check.measured is not None and check.unit != "share of the limit":
+            assert check.measured < 1e-13, check
+
+
+def test_without_a_job_six_checks_are_not_made_and_say_why(clean):
+    """What only a task file can tell."""
+    verification = verify(clean.schedule)
+    assert verification.passed
+    reasons = {
+        check.name: check.detail for check in verification.checks if check.verdict == "not checked"
+    }
+    tasks = ("events_at_targets", "order", "pairing", "dwells", "start_posture", "return")
+    assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
+    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound"}
+
+
+def test_the_same_checks_in_the_same_order_with_and_without_a_job(clean):
+    """A reader of many verifications finds every line at its place."""
+    with_job, without = (verify(clean.schedule, job).checks for job in (clean.job, None))
+    assert [check.name for check in with_job] == [check.name for check in without]
+
+
+def test_a_schedule_that_states_another_tool_than_the_job_is_held_to_the_jobs(clean, failing):
+    """Consistent in itself, 10 mm off in the cell: lines, dwells, events, all by the job's tool."""
+    job = with_cell(
+        clean.job,
+        tools={
+            arm: Tool(pin.SE3(np.eye(3), np.array([0.01, 0.0, 0.1]))) for arm in ("left", "right")
+        },
+    )
+    assert failing(clean.schedule) == {}
+    assert {"tool_position_at_events", "tool_still_in_dwells", "lines_straight"} <= set(
+        failing(clean.schedule, job)
+    )
+
+
+def test_a_schedule_that_states_another_base_is_held_to_the_jobs(clean, failing):
+    """The robot stands 1 mm higher in the cell than the schedule says."""
+    base = clean.job.cell.base
+    raised = pin.SE3(base.rotation, base.translation + [0, 0, 1e-3])
+    found = failing(clean.schedule, with_cell(clean.job, base=raised))
+    assert {"tool_position_at_events", "line_lengths", "lines_straight"} & set(found)
+    assert "tool_position_at_events" in found
+
+
+def test_a_schedule_that_states_another_urdf_is_held_to_the_jobs(clean, failing):
+    """The forearms of the cell's robot are 1 mm longer."""
+    robot = clean.job.cell.robot
+    urdf = robot.urdf.replace('xyz="0.4 0 0"', 'xyz="0.401 0 0"')
+    assert urdf != robot.urdf
+    job = with_cell(clean.job, robot=dataclasses.replace(robot, urdf=urdf))
+    assert "tool_position_at_events" in failing(clean.schedule, job)
+
+
+def test_a_job_for_another_robot_is_bad_input_that_names_joints(clean):
+    """Nothing can be measured: exit 2."""
+    trajectory = clean.schedule.trajectory
+    joints = ("waist", *trajectory.joints[1:])
+    schedule = dataclasses.replace(
+        clean.schedule, trajectory=dataclasses.replace(trajectory, joints=joints)
+    )
+    with pytest.raises(InputError, match="different robots: turn, waist"):
+        verify(schedule, clean.job)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_garbage_of_finite_numbers_is_judged_and_never_passes(clean, moved, seed):
+    """Random numbers of every size in the trajectory: findings, no crash, no NaN among the results."""
+    rng = np.random.default_rng(seed)
+    shape = clean.schedule.trajectory.position.shape
+    size = 10.0 ** rng.integers(-3, 150)
+    arrays = {
+        name: rng.normal(size=shape) * size for name in ("position", "velocity", "acceleration")
+    }
+    with np.errstate(all="ignore"):
+        verification = verify(moved(clean.schedule, **arrays), clean.job)
+    assert {"position_agreement", "velocity_agreement", "return"} <= {
+        check.name for check in verification.failures
+    }
+    assert all(c.measured is None or np.isfinite(c.measured) for c in verification.checks)
+
+
+def test_the_verifier_loads_no_solver():
+    """It shares readers, nouns and pinocchio with the planner: a solver's fault cannot hide in its judge."""
+    code = (
+        "import sys, dualarm_cli.verification; "
+        "print([m for m in sys.modules if m.split('.')[:2] in "
+        "[['dualarm_cli', n] for n in ('planning', 'timing', 'platform_angle', 'redundancy', "
+        "'kinematics')] or m in ('ruckig', 'toppra', 'casadi', 'scipy')])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
