@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dualarm_cli.errors import OutputError
@@ -25,10 +25,8 @@ def check_writable(folder: Path, force: bool) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"--out {folder}: is a file; name a folder")
-    if (folder / SCHEDULE).exists() and not force:
-        raise OutputError(
-            f"--out {folder}: already holds a schedule; add --force to replace it, or name another"
-        )
+    if not force:
+        _refuse_existing(folder, (SCHEDULE, TABLE, URDF))
     parent = folder
     while not parent.exists():
         parent = parent.parent
@@ -56,6 +54,8 @@ def write_schedule_set(
         OutputError: nothing could be written, or not everything; what was there is whole.
     """
     check_writable(folder, force)
+    if not force:
+        _refuse_existing(folder, others)
     files = {URDF: schedule.robot.urdf.encode(), TABLE: to_csv(schedule, rate), **others}
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
     files[SCHEDULE] = to_json(schedule, URDF, hashes)
@@ -64,6 +64,16 @@ def write_schedule_set(
     except OSError as error:
         raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
     _replace_all(folder, files)
+
+
+def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
+    """Raises OutputError where a folder has one of the files: it may be somebody's own."""
+    for name in names:
+        if (folder / name).exists():
+            what = "a schedule" if name == SCHEDULE else f"a file {name}"
+            raise OutputError(
+                f"--out {folder}: already holds {what}; add --force to replace it, or name another"
+            )
 
 
 def write_file(path: Path, content: bytes, force: bool) -> None:

@@ -10,7 +10,7 @@ SAME_SAMPLE = 1e-9
 """Samples nearer than this to an exact time give way to it [s]."""
 BLOCK = 10_000
 """Rows that are written at a time."""
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
+FORMULA = ("=", "+", "-", "@", "\t")
 """First characters that make a spreadsheet run a cell."""
 
 
@@ -50,5 +50,5 @@ def to_csv(schedule: Schedule, rate: float) -> bytes:
 
 def _safe(name: str) -> str:
     """Returns a joint's name that no spreadsheet takes for a formula and no comma splits."""
-    text = name.replace(",", "_").replace('"', "_").replace("\n", "_")
+    text = "".join("_" if c in ',"\r\n' else c for c in name)
     return f"'{text}" if text.startswith(FORMULA) else text

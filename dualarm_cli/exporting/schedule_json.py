@@ -66,7 +66,8 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
             )
             text = f"[\n  {rows}\n ]"
         lines.append(f" {json.dumps(key)}: {text}")
-    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+    # A file name that is no UTF-8 arrives as lone surrogates, which JSON can only escape.
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode("utf-8", "backslashreplace")
 
 
 def _robot(robot: ScheduleRobot, joints: tuple[str, ...], urdf: str) -> dict[str, Any]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
@@ -27,8 +25,6 @@ from dualarm_cli.model.schedule import (
 )
 from dualarm_cli.model.trajectory import Trajectory
 
-LARGEST_FILE = 500_000_000
-"""Largest schedule that is read [bytes]."""
 SEGMENT_KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return")
 UNIT_TOLERANCE = 1e-6
 """How far a quaternion may be from unit length."""
@@ -61,8 +57,8 @@ def read_schedule(path: Path) -> Schedule:
         events=tuple(reader.each(document, "events", reader.event)),
         provenance=_provenance(document.get("provenance")),
         lower_bound=reader.number(document, "lower_bound", "lower_bound", None),
-        notes=tuple(str(note) for note in document.get("notes") or ()),
-        extra={key: document[key] for key in ("duration", "files") if key in document},
+        notes=tuple(reader.names(document, "notes", "notes", ())),
+        extra=reader.stated(document),
     )
 
 
@@ -98,81 +94,19 @@ def _provenance(value: object) -> Provenance:
     )
 
 
-class _Reader:
-    """Reads members of one document and names the path of what it cannot understand."""
+class _Reader(JsonReader):
+    """Reads the members of a schedule."""
 
-    def __init__(self, file: str) -> None:
-        self._file = file
-
-    def fail(self, where: str, what: str, line: int = 0) -> NoReturn:
-        raise InputError([Diagnostic(self._file, line, 0, "E310", f"{where}: {what}")])
-
-    def document(self, file: Path) -> dict[str, Any]:
-        try:
-            if not file.is_file():
-                self.fail("schedule", "there is no such file")
-            if file.stat().st_size > LARGEST_FILE:
-                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
-            document = json.loads(file.read_bytes())
-        except OSError as error:
-            self.fail("schedule", f"cannot be read: {error.strerror}")
-        except json.JSONDecodeError as error:
-            self.fail("schedule", f"is not JSON: {error.msg}", error.lineno)
-        except (UnicodeDecodeError, RecursionError, ValueError):
-            self.fail("schedule", "is not JSON in UTF-8, or is nested too deep")
-        if not isinstance(document, dict):
-            self.fail("schedule", "must be an object")
-        return document
-
-    def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:
-        value = parent.get(key)
-        if not isinstance(value, kind):
-            self.fail(
-                path or key, "is missing" if key not in parent else f"must be a {_word(kind)}"
-            )
-        return value
-
-    def text(self, parent: dict[str, Any], key: str, path: str, default: str = "") -> str:
-        value = parent.get(key, default)
-        if not isinstance(value, str):
-            self.fail(path, "must be text")
-        return value
-
-    def names(self, parent: dict[str, Any], key: str, path: str) -> list[str]:
-        value = parent.get(key)
-        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-            self.fail(path, "must be a list of names")
-        return value
-
-    def number(
-        self, parent: dict[str, Any], key: str, path: str, default: float | None
-    ) -> float | None:
-        value = parent.get(key, default)
-        if value is None:
-            return default
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
-            self.fail(path, f"must be a finite number, not {value!r}")
-        return float(value)
-
-    def instant(self, parent: dict[str, Any], key: str, path: str) -> float:
-        value = self.number(parent, key, path, None)
-        if value is None:
-            self.fail(path, "is missing")
-        return value
-
-    def array(self, value: object, path: str, shape: tuple[int, ...]) -> FloatArray:
-        """Returns numbers of a shape; NaN and infinities pass, anything else does not."""
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            self.fail(path, "must be numbers, in rows of equal length")
-        if array.shape != shape:
-            self.fail(path, f"must have shape {shape}, not {array.shape}")
-        return array
+    def stated(self, document: dict[str, Any]) -> dict[str, Any]:
+        """Returns what the file says of itself: its duration and the hashes of the files beside it."""
+        stated: dict[str, Any] = {}
+        duration = self.number(document, "duration", "duration", None)
+        if duration is not None:
+            stated["duration"] = duration
+        if "files" in document:
+            files = self.member(document, "files", dict)
+            stated["files"] = {name: self.text(files, name, f"files.{name}") for name in files}
+        return stated
 
     def trajectory(self, document: dict[str, Any], joints: tuple[str, ...]) -> Trajectory:
         part = self.member(document, "trajectory", dict)
@@ -200,8 +134,8 @@ class _Reader:
 
     def robot(self, part: dict[str, Any], joints: tuple[str, ...], folder: Path) -> ScheduleRobot:
         arms = self.member(part, "arms", dict, "robot.arms")
-        platform = part.get("platform", [])
-        if not isinstance(platform, list) or not set(platform) <= set(joints):
+        platform = self.names(part, "platform", "robot.platform", ())
+        if not set(platform) <= set(joints):
             self.fail("robot.platform", "must name joints of robot.joints")
         return ScheduleRobot(
             name=self.text(part, "name", "robot.name", "unnamed"),
@@ -215,19 +149,25 @@ class _Reader:
 
     def urdf(self, name: str, folder: Path) -> str:
         """Reads the URDF beside the schedule; never from outside its folder."""
-        file = (folder / name).resolve()
-        if not name or not file.is_relative_to(folder.resolve()):
-            self.fail("robot.urdf", f"'{name}' must lie in the schedule's own folder")
         try:
-            return file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError):
-            self.fail("robot.urdf", f"'{name}' cannot be read beside the schedule")
+            file = (folder / name).resolve()
+            inside = bool(name) and file.is_relative_to(folder.resolve())
+            # Only a plain file: a pipe would be waited for without end.
+            text = file.read_text(encoding="utf-8") if inside and file.is_file() else None
+        except (OSError, ValueError, RuntimeError):
+            # Not UTF-8, a name that no file can have, or links that go round in a circle.
+            inside, text = True, None
+        if not inside:
+            self.fail("robot.urdf", f"{name!r} must lie in the schedule's own folder")
+        if text is None:
+            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule")
+        return text
 
     def arm(self, value: object, path: str, joints: tuple[str, ...]) -> ScheduleArm:
         if not isinstance(value, dict):
             self.fail(path, "must be an object")
-        own = value.get("joints", [])
-        if not isinstance(own, list) or not set(own) <= set(joints):
+        own = self.names(value, "joints", f"{path}.joints", ())
+        if not set(own) <= set(joints):
             self.fail(f"{path}.joints", "must name joints of robot.joints")
         return ScheduleArm(
             self.text(value, "flange", f"{path}.flange"),
@@ -259,17 +199,6 @@ class _Reader:
             )
         except ValueError as error:
             self.fail("robot.limits", str(error))
-
-    def each(self, document: dict[str, Any], key: str, read: Any) -> list[Any]:
-        rows = document.get(key) or []
-        if not isinstance(rows, list):
-            self.fail(key, "must be a list")
-        found = []
-        for k, row in enumerate(rows):
-            if not isinstance(row, dict):
-                self.fail(f"{key}[{k}]", "must be an object")
-            found.append(read(row, f"{key}[{k}]"))
-        return found
 
     def event(self, row: dict[str, Any], path: str) -> Event:
         return Event(
@@ -325,7 +254,3 @@ class _Reader:
             joint_times=self.times(row, "joint_times", path),
             bottleneck=self.text(row, "bottleneck", f"{path}.bottleneck"),
         )
-
-
-def _word(kind: type) -> str:
-    return {"dict": "object", "list": "list"}.get(kind.__name__, kind.__name__)

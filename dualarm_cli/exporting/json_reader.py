@@ -1,0 +1,141 @@
+"""Members of a JSON document, each refused with its path where it cannot be understood."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.geometry.arrays import FloatArray
+
+Row = TypeVar("Row")
+
+LARGEST_FILE = 500_000_000
+"""Largest document that is read [bytes]."""
+_WORDS = {dict: "an object", list: "a list"}
+
+
+class JsonReader:
+    """Reads one document; every method but `document` takes the path that a message names."""
+
+    def __init__(self, file: str) -> None:
+        """Stores the file's name for messages."""
+        self._file = file
+
+    def fail(self, where: str, what: str, line: int = 0) -> NoReturn:
+        """Raises InputError for a member."""
+        raise InputError([Diagnostic(self._file, line, 0, "E310", f"{where}: {what}")])
+
+    def document(self, file: Path) -> dict[str, Any]:
+        """Returns the object in a file; NaN and infinities are read as such."""
+        try:
+            if not file.is_file():
+                self.fail("schedule", "there is no such file")
+            if file.stat().st_size > LARGEST_FILE:
+                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
+            document = json.loads(file.read_bytes(), object_pairs_hook=self._object)
+        except OSError as error:
+            self.fail("schedule", f"cannot be read: {error.strerror}")
+        except json.JSONDecodeError as error:
+            self.fail("schedule", f"is not JSON: {error.msg}", error.lineno)
+        except (UnicodeDecodeError, RecursionError, ValueError):
+            self.fail("schedule", "is not JSON in UTF-8, or is nested too deep")
+        if not isinstance(document, dict):
+            self.fail("schedule", "must be an object")
+        return document
+
+    def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        members = dict(pairs)
+        if len(members) < len(pairs):
+            keys = [key for key, _ in pairs]
+            self.fail(next(key for key in keys if keys.count(key) > 1), "stands there twice")
+        return members
+
+    def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:
+        """Returns a member that must be there and of a kind (dict or list)."""
+        value = parent.get(key)
+        if not isinstance(value, kind):
+            self.fail(path or key, "is missing" if key not in parent else f"must be {_WORDS[kind]}")
+        return value
+
+    def text(self, parent: dict[str, Any], key: str, path: str, default: str = "") -> str:
+        """Returns a member that must be text, if it is there."""
+        value = parent.get(key, default)
+        if not isinstance(value, str):
+            self.fail(path, "must be text")
+        return value
+
+    def names(
+        self,
+        parent: dict[str, Any],
+        key: str,
+        path: str,
+        default: Sequence[str] | None = None,
+    ) -> list[str]:
+        """Returns a member that must be a list of texts; without a default it must be there."""
+        value = parent.get(key)
+        if value is None and default is not None:
+            return list(default)
+        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+            self.fail(path, "must be a list of names" if key in parent else "is missing")
+        return value
+
+    def number(
+        self, parent: dict[str, Any], key: str, path: str, default: float | None
+    ) -> float | None:
+        """Returns a member that must be a finite number, or the default where it is null or not there."""
+        value = parent.get(key, default)
+        if value is None:
+            return default
+        if key not in parent:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fail(path, "must be a finite number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.fail(path, "must be a finite number")
+        return number
+
+    def instant(self, parent: dict[str, Any], key: str, path: str) -> float:
+        """Returns a finite number that must be there."""
+        value = self.number(parent, key, path, None)
+        if value is None:
+            self.fail(path, "is missing")
+        return value
+
+    def array(self, value: object, path: str, shape: tuple[int, ...]) -> FloatArray:
+        """Returns numbers of a shape; NaN and infinities pass, anything else does not."""
+        try:
+            array = np.array(value)
+        except (TypeError, ValueError, OverflowError):
+            self.fail(path, "must be numbers, in rows of equal length")
+        # Text, null and booleans would be turned into numbers if numpy were asked for numbers.
+        if array.size and array.dtype.kind not in "iuf":
+            self.fail(path, "is missing" if value is None else "must be numbers")
+        if array.shape != shape:
+            self.fail(path, f"must have shape {shape}, not {array.shape}")
+        return array.astype(np.float64)
+
+    def each(
+        self, parent: dict[str, Any], key: str, read: Callable[[dict[str, Any], str], Row]
+    ) -> list[Row]:
+        """Returns what `read` makes of every object in a list, none where there is no list."""
+        rows = parent.get(key)
+        if rows is None:
+            return []
+        if not isinstance(rows, list):
+            self.fail(key, "must be a list")
+        found = []
+        for k, row in enumerate(rows):
+            if not isinstance(row, dict):
+                self.fail(f"{key}[{k}]", "must be an object")
+            found.append(read(row, f"{key}[{k}]"))
+        return found
