@@ -124,7 +124,7 @@ def _lines(limits: JointLimits, repeat: int) -> None:
     ]
     ratio = np.array([ours(p).duration / toppra(p).duration for p in without])
     print(f"  toppra / line profile: {seconds[2] / seconds[1]:.1f} times as long to compute")
-    print(f"  motions last {ratio.mean():.3f} ({ratio.min():.3f} to {ratio.max():.3f}) of optimal")
+    print(f"  motions last {ratio.mean():.3f} ({ratio.min():.3f} to {ratio.max():.3f}) of toppra's")
     coarse = np.linspace(0, SAMPLES - 1, COARSE).astype(int)
     many = np.tile(np.stack(paths)[:, coarse], (MANY // LINES + 1, 1, 1))[:MANY]
     share = length[coarse]

@@ -12,12 +12,12 @@ from dualarm_cli.timing.interpolation import interpolate_samples
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.shapes import Shapes
 
-EXPONENTS = np.array([0.0, 1.0])
-"""Powers of the slowness of the joints that coordinates rise with; 0 is the path length itself."""
+COORDINATES = 3
+"""Path length, slowness of the deciding joint, and slowness by what each place allows."""
 NORM = 8
 """Norm over the joints: high, so that the slowest decides; even, so that it stays smooth."""
-LEAST_SLOWNESS = 1e-3
-"""Floor of the slowness, as a share of its mean: where no joint moves a coordinate still rises."""
+LEAST_SLOWNESS = 0.02
+"""Floor of the slowness, as a share of its largest: where no joint moves a coordinate still rises."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,10 @@ class PathCoordinates:
     """c coordinates of one path, and what the joints do per unit of each of them.
 
     A joint that alone decides moves fastest if its own angle follows a double S. So a good coordinate rises with
-    the deciding joint's angle rather than with the path length. Each joint's speed along the path is weighted by the
-    joint's own least time over its whole way; the NORM-norm over joints, to the power of an exponent, is the slope of a
-    coordinate. Our own derivation.
+    the deciding joint's angle rather than with the path length: each joint's speed along the path is weighted
+    by the joint's own least time over its whole way, and the NORM-norm over the joints is the slope of the second
+    coordinate. The third rises by the least time that velocity, acceleration and jerk limits allow each bit
+    of the path at a steady pace, which matters where the path bends sharply in joint space. Our own derivation.
     """
 
     share: FloatArray
@@ -39,7 +40,7 @@ class PathCoordinates:
 
     @classmethod
     def measure(cls, position: FloatArray, law: RestToRest) -> PathCoordinates:
-        """Returns the coordinates of a path for all EXPONENTS.
+        """Returns all COORDINATES of a path.
 
         Args:
             position: joints at equidistant gridpoints [rad], shape (m, n), m at least 8.
@@ -79,15 +80,20 @@ class PathCoordinates:
 def _shares(position: FloatArray, law: RestToRest) -> FloatArray:
     """Returns the share of the length at equidistant values of every coordinate, shape (c, m)."""
     m = len(position)
-    grid = np.linspace(0.0, 1.0, m)
-    rate = np.abs(_differences(m)[0] @ position)
-    way = rate.mean(axis=0)
+    first, second, third = np.abs(_differences(m) @ position)
+    way = first.mean(axis=0)
     weight = law.per_joint(way) ** 3 / np.where(way > 0.0, way, 1.0)
-    slowness = ((rate * weight) ** NORM).sum(axis=1) ** (1.0 / NORM)
-    slowness = np.maximum(slowness, max(LEAST_SLOWNESS * float(slowness.mean()), 1e-300))
-    share = np.tile(grid, (len(EXPONENTS), 1))
-    for k, exponent in enumerate(EXPONENTS[1:], start=1):
-        slope = (slowness / slowness.max()) ** exponent
+    deciding = ((first * weight) ** NORM).sum(axis=1)
+    # Velocity, acceleration and jerk of a steady pace p are q' p, q'' p², q''' p³.
+    steady = (
+        (first / law.velocity) ** NORM
+        + (second / law.acceleration) ** (NORM / 2)
+        + (third / law.jerk) ** (NORM / 3)
+    ).sum(axis=1)
+    grid = np.linspace(0.0, 1.0, m)
+    share = np.tile(grid, (COORDINATES, 1))
+    for k, power in enumerate((deciding, steady), start=1):
+        slope = np.maximum((power / power.max()) ** (1.0 / NORM), LEAST_SLOWNESS)
         coordinate = np.zeros(m)
         np.cumsum((slope[1:] + slope[:-1]) / 2.0, out=coordinate[1:])
         slope *= (m - 1) / coordinate[-1]

@@ -90,7 +90,8 @@ def why_jerk_limits_unsupported(limits: JointLimits) -> str | None:
     ]
     if not limited:
         return None
+    named = ", ".join(limited[:3]) + ("..." if len(limited) > 3 else "")
     return (
-        f"{len(limited)} joints have jerk limits ({', '.join(limited[:3])}...), which it does not "
-        "keep; use --timing ruckig"
+        f"{len(limited)} joints have jerk limits ({named}), which it does not keep; "
+        "use --timing ruckig"
     )

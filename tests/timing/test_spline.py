@@ -1,0 +1,39 @@
+"""Cubic splines from rest to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
+
+
+def test_speed_is_largest_where_acceleration_changes_its_sign():
+    """From 1 rad/s with 1 rad/s² down to -1 rad/s² in 2 s: after 1 s the speed is 1 + 1/2."""
+    time = np.array([0.0, 2.0])
+    v, a, j = largest_rates(time, np.array([[1.0], [1.0]]), np.array([[1.0], [-1.0]]))
+    assert [v[0], a[0], j[0]] == pytest.approx([1.5, 1.0, 1.0])
+
+
+def test_a_jump_of_acceleration_is_no_jerk():
+    """Two knots at one time: acceleration 1 before, -3 after, constant elsewhere."""
+    time = np.array([0.0, 1.0, 1.0, 1.5])
+    v = np.array([[0.0], [1.0], [1.0], [-0.5]])
+    a = np.array([[1.0], [1.0], [-3.0], [-3.0]])
+    assert [rate[0] for rate in largest_rates(time, v, a)] == [1.0, 3.0, 0.0]
+
+
+def test_splines_rest_at_both_ends_and_pass_all_but_two_knots():
+    """Uneven knots: position and velocity agree with piecewise linear acceleration."""
+    rng = np.random.default_rng(31)
+    time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.02, 0.2, 20))])
+    goal = np.sin(time[:, None] * np.array([1.0, 2.0, 3.0]))
+    q, v, a = rest_to_rest_spline(time, goal)
+    h = np.diff(time)[:, None]
+    inner = [0, *range(2, 19), 20]
+    assert np.array_equal(q[inner], goal[inner])
+    assert np.abs(v[:-1] + h * (a[:-1] + a[1:]) / 2 - v[1:]).max() < 1e-12
+    by_position = q[:-1] + h * (v[:-1] + h * (2 * a[:-1] + a[1:]) / 6)
+    assert np.abs(by_position - q[1:]).max() < 1e-12
+    for rate in (v, a):
+        assert np.abs(rate[[0, -1]]).max() == 0.0
