@@ -39,7 +39,10 @@ def verify_command(
 
     found = read_schedule(schedule)
     judged = verify(found, load_job(tasks) if tasks else None)
-    judged = replace(judged, checks=(*judged.checks, *_file_checks(schedule, found)))
+    checks = (*judged.checks, *_file_checks(schedule, found))
+    judged = replace(
+        judged, checks=tuple(replace(check, detail=_printable(check.detail)) for check in checks)
+    )
     if json_output:
         document = verification_document(judged) or {}
         print_json({"format": "dualarm.verification/1", **document})
@@ -69,6 +72,13 @@ def _file_checks(path: Path, schedule: Schedule) -> list[Check]:
         where = "; ".join(torn) or "as written"
         checks.append(Check("files", verdict, float(len(torn)), 0.0, "", where))
     return checks
+
+
+def _printable(text: str) -> str:
+    """Returns text in which what would steer a terminal, or is no text at all, is spelt out."""
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
 
 
 def _table(judged: Verification) -> Any:

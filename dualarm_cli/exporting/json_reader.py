@@ -17,7 +17,7 @@ Row = TypeVar("Row")
 
 LARGEST_FILE = 500_000_000
 """Largest document that is read [bytes]."""
-_WORDS = {dict: "an object", list: "a list"}
+_WORDS: dict[type, str] = {dict: "an object", list: "a list"}
 
 
 class JsonReader:

@@ -19,10 +19,19 @@ ROOT_TOLERANCE = 5e-10
 """Largest difference of displacements at a root [rad]."""
 FALSE_ROOT = 0.05
 """Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
+NEARLY_STRETCHED = 1e-3
+"""Distance of |x| from 1 below which the first step is taken on the squared equation."""
+CLOSE_PAIR = 1e-3
+"""Zeros of the squared equation this near to each other may both be nearest to the same true one [rad]."""
 STIFF = 1e-7
 """Sine of an elbow angle below which an arm counts as stretched or folded."""
 ALIKE = 1e-11
 """Difference of displacements below which a sign's equation counts as true at every angle."""
+FIXED_POINT_STEPS = 4
+"""Each gains the factor SQUARE or more."""
+SQUARE = 1e-4
+"""Size of h, relative to the swing of x_1 - m x_2, up to which the squared equation is nearly a square, its zeros
+nearly double and inaccurate."""
 SAME_ROOT = 1e-8
 """Roots nearer than this are one [rad]."""
 
@@ -45,15 +54,25 @@ def balanced_angles(
     sign, start = np.repeat([1.0, -1.0], n), np.tile(angle_0, 2)
     arms = np.tile(coefficients.reshape(n, 6).T, 2)  # u1, v1, w1, u2, v2, w2
     target = np.tile(elbow_0[:, 0], 2) - sign * np.tile(elbow_0[:, 1], 2)
-    mirror, weight, alike = _difference_form(arms, target, sign)
+    mirror, half, alike = _difference_form(arms, target, sign)
+    weight = 4.0 * mirror * half * half
     zeros, imaginary = second_order_zeros(_squared(arms, mirror, weight))
+    swing = np.hypot(arms[1] - mirror * arms[4], arms[2] - mirror * arms[5])
+    square = np.flatnonzero((np.abs(half) <= SQUARE * swing) & (mirror == sign))
+    if square.size:
+        zeros[square, :2], exist = _first_order(arms[:, square], sign[square], half[square])
+        imaginary[square] = np.inf
+        imaginary[square, :2] = np.where(exist, 0.0, np.inf)
     # Where every angle is equal the start stands for all, if it is a solution.
     every = alike | np.tile(is_degenerate(coefficients), 2)
     zeros[every, 0] = start[every]
     imaginary[every] = [0.0, np.inf, np.inf, np.inf]
     row, column = np.nonzero(imaginary <= NEARLY_REAL)
-    form = np.vstack([arms, sign, target, start])
-    kept, phi = _polish(form[:, row], zeros[row, column])
+    # Both factors of the quartic give their zeros side by side: columns 0 and 1, 2 and 3.
+    partner = nearest_turn(zeros - zeros[:, [1, 0, 3, 2]], np.zeros(1))
+    split = np.where(np.abs(partner) < CLOSE_PAIR, [-1.0, 1.0, -1.0, 1.0], 0.0)[row, column]
+    form = np.vstack([arms, sign, target, start, mirror, weight])[:, row]
+    kept, phi = _polish(np.vstack([form, split]), zeros[row, column])
     row, column = row[kept], column[kept]
     roots, true = np.zeros_like(zeros), np.zeros(zeros.shape, dtype=np.bool_)
     roots[row, column], true[row, column] = phi, True
@@ -68,7 +87,7 @@ def balanced_angles(
 def _difference_form(
     arms: FloatArray, target: FloatArray, sign: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns m and 4 m h² of the squared equation without cancellation, and where it says nothing.
+    """Returns m and h of the squared equation without cancellation, and where it says nothing.
 
     With m the sign of cos K and h = sin(K/2) for m = 1, cos(K/2) for m = -1, the squared equation is
 
@@ -81,7 +100,7 @@ def _difference_form(
     half = np.where(mirror > 0.0, np.sin(target / 2.0), np.cos(target / 2.0))
     gap = np.abs(arms[:3] - mirror * arms[3:]).sum(axis=0)
     alike = (gap <= ALIKE) & (np.abs(half) <= ALIKE) & (mirror == sign)
-    return mirror, 4.0 * mirror * half * half, alike
+    return mirror, half, alike
 
 
 def _squared(arms: FloatArray, mirror: FloatArray, weight: FloatArray) -> FloatArray:
@@ -100,11 +119,41 @@ def _squared(arms: FloatArray, mirror: FloatArray, weight: FloatArray) -> FloatA
     return rows.T
 
 
+def _first_order(
+    arms: FloatArray, sign: FloatArray, half: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Returns the zeros of a nearly square equation from its root, (m, 2), and which exist.
+
+    For s = m sums of cosines as products give the unsquared equation itself,
+
+        x_1 - x_2 = -2 h sin((q4_1 + q4_2) / 2)  or  x_1 + x_2 = 2 h cos((q4_1 - q4_2) / 2),
+
+    whose left side is of first order and whose right side is small and changes little: a fixed point.
+    """
+    f0, f1, f2 = (row[:, None] for row in arms[:3] - sign * arms[3:])
+    swing, middle = np.hypot(f1, f2), np.arctan2(f2, f1)
+    u, v, w = (arms[[k, k + 3]][:, :, None] for k in range(3))
+    s, right = sign[:, None], np.zeros((len(half), 2))
+    for _ in range(FIXED_POINT_STEPS):
+        ratio = (right - f0) / np.where(swing > 0.0, swing, 1.0)
+        opening = np.arccos(np.clip(ratio, -1.0, 1.0))
+        phi = middle + opening * [-1.0, 1.0]
+        q = np.arccos(np.clip(u + v * np.cos(phi) + w * np.sin(phi), -1.0, 1.0))
+        mean = np.where(s > 0.0, -np.sin((q[0] + q[1]) / 2.0), np.cos((q[0] - q[1]) / 2.0))
+        right = 2.0 * half[:, None] * mean
+    # At an extremum rounding decides whether there is a zero: the unsquared equation is to say.
+    return phi, (np.abs(ratio) <= 1.0 + 1e-9) & (swing > 0.0)
+
+
 def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
     """Returns which zeros of the squared equation solve q4_1 - s q4_2 = K, and those angles.
 
+    Newton's method on the unsquared equation. With an arm nearly stretched, or just beyond that by the closed
+    form's rounding, the slope there is no help: such zeros first take a step on the squared equation, which is smooth.
+
     Args:
-        form: u1, v1, w1, u2, v2, w2, s, K and the start angle of every zero, shape (9, m).
+        form: u1, v1, w1, u2, v2, w2, s, K, the start angle, m, 4 m h² and the way out of a close pair (-1 and 1; 0 for
+            others) of every zero, shape (12, m).
         phi: the zeros [rad], shape (m,).
     """
     # Wrapped before it is looked at, so that the angle looked at last is the angle given.
@@ -118,11 +167,19 @@ def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
         true[busy] = (np.abs(difference) <= ROOT_TOLERANCE) & inside
         # Most zeros belong to the false branch: they go at once.
         size = np.abs(difference)
-        on = np.flatnonzero((size > SOLVED) & (size < FALSE_ROOT))
+        near = size < FALSE_ROOT
+        if step == 0:
+            stretched: BoolArray = np.asarray((np.abs(x) > 1.0 - NEARLY_STRETCHED).any(axis=0))
+            near |= stretched
+        on = np.flatnonzero((size > SOLVED) & near)
         if on.size == 0 or step == NEWTON_STEPS:
             break
         busy = busy[on]
-        move = _newton_step(part[:, on], x[:, on], slope[:, on], difference[on])
+        part, x, slope = part[:, on], x[:, on], slope[:, on]
+        move = _newton_step(part, x, slope, difference[on])
+        if step == 0:
+            some = np.flatnonzero(stretched[on])
+            move[some] = _squared_step(part[:, some], x[:, some], slope[:, some])
         phi[busy] = nearest_turn(phi[busy] + move, form[8, busy])
     return kept[true], phi[true]
 
@@ -150,6 +207,27 @@ def _newton_step(
     move = -difference / np.where(np.abs(change) > 1e-9, change, np.inf)
     good = (np.abs(move) < FALSE_ROOT) & (np.minimum(sine[0], sine[1]) > STIFF)
     return np.where(good, move, 0.0)
+
+
+def _squared_step(form: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
+    """Returns steps to a zero of the squared equation's local quadratic [rad].
+
+    The nearer one; of a close pair each member goes to one of its own. Exact for simple and for double zeros
+    alike; none where it is not small.
+    """
+    mirror, weight, swing = form[9], form[10], x - form[[0, 3]]
+    gap, gap_1 = x[0] - mirror * x[1], slope[0] - mirror * slope[1]
+    gap_2 = mirror * swing[1] - swing[0]
+    f = gap * gap + weight * (x[0] * x[1] - (mirror - weight / 4.0))
+    f1 = 2.0 * gap * gap_1 + weight * (slope[0] * x[1] + x[0] * slope[1])
+    f2 = 2.0 * (gap_1 * gap_1 + gap * gap_2)
+    f2 += weight * (2.0 * slope[0] * slope[1] - swing[0] * x[1] - x[0] * swing[1])
+    root = np.sqrt(np.maximum(f1 * f1 - 2.0 * f * f2, 0.0))
+    larger = f1 + np.where(f1 < 0.0, -root, root)
+    nearer = -2.0 * f / np.where(larger == 0.0, np.inf, larger)
+    own = (form[11] * root - f1) / np.where(f2 == 0.0, np.inf, f2)
+    step = np.where(form[11] == 0.0, nearer, own)
+    return np.where(np.abs(step) < FALSE_ROOT, step, 0.0)
 
 
 def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:

@@ -24,7 +24,7 @@ KEPT = 48
 """Target postures, quickest transfer first, whose lines are looked at."""
 SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
 """Changes of the arm angle along a line that are tried first [rad]."""
-DENSE_SAMPLES = 65
+DENSE_SAMPLES = 33
 """Samples of a line at which the posture that is taken must keep its limits."""
 REFINEMENTS = 5
 """Rounds of local refinement, each half as wide as the one before."""
@@ -46,8 +46,12 @@ def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
     spread = _with_swings(coarse)
     value = evaluate(problem, spread)
     for best in _best_pairs(spread, value, len(coarse.branch)):
-        if _holds_between_samples(problem, best):
-            return _refine(problem, best)
+        if not problem.refine:
+            return _posture(best, evaluate(problem, best))
+        for one in reversed(_refinements(problem, best)):
+            # Nearly always the first, the most refined one.
+            if _holds_between_samples(problem, one):
+                return _posture(one, evaluate(problem, one))
     return NoPosture("no posture at the target can follow its approach and retract lines")
 
 
@@ -118,39 +122,42 @@ def _best_pairs(candidates: Candidates, value: Evaluation, n: int) -> Iterator[C
 
 def _holds_between_samples(problem: StopProblem, one: Candidates) -> bool:
     """Returns whether one candidate's lines keep all limits at many more samples."""
-    for psi_end, length in (
-        (one.psi_approach, problem.approach),
-        (one.psi_retract, problem.retract),
-    ):
-        if length > 0:
-            _, ok = follow_line(problem, one, psi_end, np.array([length]), DENSE_SAMPLES)
-            if not ok[0]:
-                return False
-    return True
+    twice = one.take(np.zeros(2, dtype=np.int64))
+    psi_end = np.concatenate([one.psi_approach, one.psi_retract])
+    length = np.array([problem.approach, problem.retract])
+    psi_end = np.where(length > 0, psi_end, twice.psi_target)
+    _, ok = follow_line(problem, twice, psi_end, length, DENSE_SAMPLES if length.any() else 1)
+    return bool(ok.all())
 
 
-def _refine(problem: StopProblem, best: Candidates) -> StopPosture:
-    """Returns the best posture after rounds of ever narrower variation around the best so far."""
-    value = evaluate(problem, best)
-    if problem.configurations is None and problem.refine:
-        for k in range(REFINEMENTS):
-            cloud = _vary(best, REFINEMENT_WIDTH * 0.5**k, problem.free_yaw)
-            values = evaluate(problem, cloud)
-            total = values.approach_cost + values.retract_cost
-            i = np.array([int(np.argmin(total))])
-            better = total[i[0]] < value.approach_cost[0] + value.retract_cost[0]
-            if better and _holds_between_samples(problem, cloud.take(i)):
-                best = cloud.take(i)
-                value = Evaluation(
-                    *(getattr(values, name)[i] for name in values.__dataclass_fields__)
-                )
+def _refinements(problem: StopProblem, best: Candidates) -> list[Candidates]:
+    """Returns ever better candidates from rounds of ever narrower variation, the given one first."""
+    found = [best]
+    if problem.configurations is not None:
+        return found
+    cost = np.inf
+    for k in range(REFINEMENTS):
+        # The best so far is in the cloud itself, so that the first round knows its cost.
+        cloud = _vary(found[-1], REFINEMENT_WIDTH * 0.5**k, problem.free_yaw)
+        values = evaluate(problem, cloud)
+        total = values.approach_cost + values.retract_cost
+        i = int(np.argmin(total))
+        cost = min(cost, float(total[0]))
+        if total[i] < cost:
+            cost = float(total[i])
+            found.append(cloud.take(np.array([i])))
+    return found
+
+
+def _posture(one: Candidates, value: Evaluation) -> StopPosture:
+    """Returns one candidate with its evaluation as the solution."""
     return StopPosture(
-        target=int(best.target[0]),
-        yaw=float(best.yaw[0]),
-        branch=int(best.branch[0]),
-        psi_target=float(best.psi_target[0]),
-        psi_approach=float(best.psi_approach[0]),
-        psi_retract=float(best.psi_retract[0]),
+        target=int(one.target[0]),
+        yaw=float(one.yaw[0]),
+        branch=int(one.branch[0]),
+        psi_target=float(one.psi_target[0]),
+        psi_approach=float(one.psi_approach[0]),
+        psi_retract=float(one.psi_retract[0]),
         q_approach=value.q_approach[0],
         q_target=value.q_target[0],
         q_retract=value.q_retract[0],
@@ -159,7 +166,7 @@ def _refine(problem: StopProblem, best: Candidates) -> StopPosture:
 
 
 def _vary(best: Candidates, width: float, free_yaw: bool) -> Candidates:
-    """Returns a fixed cloud of variations of one candidate, every coordinate within ±width."""
+    """Returns one candidate and a fixed cloud of variations, every coordinate within ±width."""
     cloud = width * _CLOUD
     n = len(cloud)
     same = best.take(np.zeros(n, dtype=np.int64))
@@ -184,4 +191,6 @@ def _halton(n: int, base: int) -> FloatArray:
     return value
 
 
-_CLOUD = 2.0 * np.column_stack([_halton(64, base) for base in (2, 3, 5, 7)]) - 1.0
+_CLOUD = np.vstack(
+    [np.zeros((1, 4)), 2.0 * np.column_stack([_halton(64, base) for base in (2, 3, 5, 7)]) - 1.0]
+)

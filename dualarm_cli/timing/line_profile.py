@@ -41,6 +41,9 @@ SEARCH_RAMPS = np.array([0.5, 0.42, 0.34, 0.25, 0.17, 0.1])
 SEARCH_JERKS = np.array([0.5, 0.35, 0.2, 0.08])
 ESTIMATE_SHAPES = symmetric_grid(np.array([0.5, 0.4, 0.3]), np.array([0.5, 0.3]))
 """The few shapes by which many lines are compared."""
+ESTIMATE_BLOCK = 48
+"""Lines that are estimated in one product of matrices: small enough for a linear algebra library not to start
+threads, which on a busy machine would cost a hundred times the product."""
 
 
 def solve_line(problem: LineProblem) -> Trajectory:
@@ -89,12 +92,20 @@ def estimate_line_durations(
         length: path length at the samples [m], shape (m,); only their number counts.
         limits: of the d joints.
     """
-    operators = _estimate_operators(len(length))
-    flat = np.moveaxis(position, 1, 0).reshape(len(length), -1)
+    lines = range(0, len(position), ESTIMATE_BLOCK)
+    return np.concatenate(
+        [_estimate_block(position[k : k + ESTIMATE_BLOCK], limits) for k in lines]
+    )
+
+
+def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
+    """Returns the estimates of a few lines [s], shape (n,)."""
+    n, samples, joints = position.shape
+    flat = np.moveaxis(position, 1, 0).reshape(samples, -1)
     g = len(ESTIMATE_SHAPES.start)
     rates = [
-        np.abs(operator @ flat).reshape(g, -1, len(position), position.shape[2]).max(axis=1)
-        for operator in operators
+        np.abs(operator @ flat).reshape(g, -1, n, joints).max(axis=1)
+        for operator in _estimate_operators(samples)
     ]
     time = np.maximum(
         (rates[0] / limits.velocity).max(axis=-1),

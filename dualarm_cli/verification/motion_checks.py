@@ -30,11 +30,11 @@ def check_time(trajectory: Trajectory) -> Check:
     time = trajectory.time
     step = np.diff(time)
     backwards = float(max(0.0, -step.min())) if step.size else 0.0
-    worst = max(abs(float(time[0])), backwards)
-    where = f"starts at {time[0]:g} s"
     if backwards > 0:
+        # Not by any tolerance: where the robot stands still, nothing else would show it.
         where = f"runs backwards at knot {int(np.argmin(step)) + 1}"
-    return judge("time", worst, tol.SAME_TIME, "s", where)
+        return judge("time", backwards, 0.0, "s", where)
+    return judge("time", abs(float(time[0])), tol.SAME_TIME, "s", f"starts at {time[0]:g} s")
 
 
 def check_agreement(trajectory: Trajectory) -> list[Check]:

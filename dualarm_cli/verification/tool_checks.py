@@ -25,11 +25,19 @@ class _Worst:
 
     value: float = 0.0
     where: str = "everywhere"
+    count: int = 0
 
     def add(self, value: float, where: str) -> None:
+        self.count += 1
         # A NaN is worse than any number, and stays.
         if not value <= self.value and not np.isnan(self.value):
             self.value, self.where = value, where
+
+    def judge(self, name: str, allowed: float, unit: str, nothing: str) -> Check:
+        """Returns the check; one of which nothing was measured is not passed."""
+        if self.count == 0:
+            return not_checked(name, nothing)
+        return judge(name, self.value, allowed, unit, self.where)
 
 
 def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
@@ -40,22 +48,20 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
     for event in schedule.events:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
         knot.add(float(np.abs(knots - event.time).min()), where)
-        _measure(schedule, model, event, np.array([event.time]), (distance, angle), where)
+        # The instant by pinocchio, the dwell by arrays: two ways that must agree.
+        pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
+        distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
+        angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
         if event.dwell > 0:
             times = _dense(knots, event.time, event.time + event.dwell)
             _measure(schedule, model, event, times, (still_distance, still_angle), where)
+    none, short = "the schedule lists no events", "no event has a dwell"
     return [
-        judge("events_at_knots", knot.value, tol.SAME_TIME, "s", knot.where),
-        judge("tool_position_at_events", distance.value, tol.POSE_DISTANCE, "m", distance.where),
-        judge("tool_angle_at_events", angle.value, tol.POSE_ANGLE, "rad", angle.where),
-        judge(
-            "tool_still_in_dwells",
-            still_distance.value,
-            tol.POSE_DISTANCE,
-            "m",
-            still_distance.where,
-        ),
-        judge("tool_steady_in_dwells", still_angle.value, tol.POSE_ANGLE, "rad", still_angle.where),
+        knot.judge("events_at_knots", tol.SAME_TIME, "s", none),
+        distance.judge("tool_position_at_events", tol.POSE_DISTANCE, "m", none),
+        angle.judge("tool_angle_at_events", tol.POSE_ANGLE, "rad", none),
+        still_distance.judge("tool_still_in_dwells", tol.POSE_DISTANCE, "m", short),
+        still_angle.judge("tool_steady_in_dwells", tol.POSE_ANGLE, "rad", short),
     ]
 
 
@@ -83,7 +89,8 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
             continue  # check_order names it
         where = f"{event.task} ({event.action})"
         worst.add(_target_error(schedule, job, event, stop), where)
-    return judge("events_at_targets", worst.value, tol.POSE_DISTANCE, "m, rad", worst.where)
+    nothing = "no event is one of the job's"
+    return worst.judge("events_at_targets", tol.POSE_DISTANCE, "m, rad", nothing)
 
 
 def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> float:
@@ -127,11 +134,12 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
+    none = "the schedule lists no approach or retract that an event belongs to"
     return [
-        judge("lines_straight", beside.value, tol.LINE_DISTANCE, "m", beside.where),
-        judge("lines_steady", turned.value, tol.LINE_ANGLE, "rad", turned.where),
-        judge("line_lengths", length.value, tol.LINE_DISTANCE, "m", length.where),
-        judge("lines_at_events", apart.value, tol.SAME_TIME, "s", apart.where),
+        beside.judge("lines_straight", tol.LINE_DISTANCE, "m", none),
+        turned.judge("lines_steady", tol.LINE_ANGLE, "rad", none),
+        length.judge("line_lengths", tol.LINE_DISTANCE, "m", none),
+        apart.judge("lines_at_events", tol.SAME_TIME, "s", none),
     ]
 
 
@@ -204,4 +212,5 @@ def check_platform_still(schedule: Schedule) -> Check:
         q, v, _ = (rate[:, columns] for rate in trajectory.at(_dense(trajectory.time, start, end)))
         moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
         worst.add(moved, f"{what} at {start:.3f} s")
-    return judge("platform_still", worst.value, tol.SAME_JOINTS, "rad, rad/s", worst.where)
+    nothing = "the schedule lists no lines and no dwells"
+    return worst.judge("platform_still", tol.SAME_JOINTS, "rad, rad/s", nothing)

@@ -8,6 +8,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.verification.tool_chain import tool_chain
 
 
 class ToolModel:
@@ -35,9 +36,10 @@ class ToolModel:
         if model.nq != model.nv:
             raise _input_error("robot.urdf: continuous joints are not supported; give them limits")
         for arm, part in robot.arms.items():
-            # A joint may have the same name: only the link is meant.
-            if not model.existFrame(part.flange, pin.FrameType.BODY):
-                raise _input_error(f"robot.arms.{arm}.flange: '{part.flange}' is not in the URDF")
+            # A joint may have the same name: only the link is meant. Not every text is a name to pinocchio.
+            links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+            if part.flange not in links:
+                raise _input_error(f"robot.arms.{arm}.flange: {part.flange!r} is not in the URDF")
         self._model, self._data = model, model.createData()
         self._order = [joints.index(name) for name in model.names[1:]]
         self._frames = {
@@ -46,9 +48,13 @@ class ToolModel:
         }
         self._tcp = {arm: part.tcp for arm, part in robot.arms.items()}
         self._base = robot.base
+        self._chains = {
+            arm: tool_chain(model, self._frames[arm], robot.base, part.tcp, joints)
+            for arm, part in robot.arms.items()
+        }
 
     def pose(self, arm: str, position: FloatArray) -> pin.SE3:
-        """Returns the tool centre point in the world for joints (n,) in the trajectory's order."""
+        """Returns the tool centre point in the world by pinocchio, for joints (n,) as in the trajectory."""
         q = np.ascontiguousarray(position[self._order])
         pin.forwardKinematics(self._model, self._data, q)
         flange = pin.updateFramePlacement(self._model, self._data, self._frames[arm])
@@ -56,11 +62,7 @@ class ToolModel:
 
     def poses(self, arm: str, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns rotations (m, 3, 3) and positions (m, 3) [m] for many joint vectors (m, n)."""
-        R, p = np.empty((len(positions), 3, 3)), np.empty((len(positions), 3))
-        for k, position in enumerate(positions):
-            pose = self.pose(arm, position)
-            R[k], p[k] = pose.rotation, pose.translation
-        return R, p
+        return self._chains[arm].poses(positions)
 
 
 def rotation_angle(R: FloatArray) -> FloatArray:

@@ -41,23 +41,24 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     times = np.union1d(uniform, trajectory.time)
     worst, where = 0.0, "everywhere"
     for block in np.array_split(times, len(times) // BLOCK + 1):
-        for arm in schedule.robot.arms:
-            speed = _speeds(schedule, model, arm, block)
+        for arm, speed in _speeds(schedule, model, block).items():
             k = int(np.argmax(speed))
             if not speed[k] <= worst:
                 worst, where = float(speed[k]), f"{arm} tool at {block[k]:.3f} s"
     return judge("tool_speed", worst, allowed, "m/s", where)
 
 
-def _speeds(schedule: Schedule, model: ToolModel, arm: str, times: FloatArray) -> FloatArray:
-    """Returns the speed of a tool at some times [m/s], by central differences."""
+def _speeds(schedule: Schedule, model: ToolModel, times: FloatArray) -> dict[str, FloatArray]:
+    """Returns the speed of every tool at some times [m/s], by central differences."""
     trajectory = schedule.trajectory
     # At the ends of the motion the window is cut short.
     before, after = (
         np.clip(times + shift, trajectory.time[0], trajectory.time[-1]) for shift in (-HALF, HALF)
     )
-    here, there = (model.poses(arm, trajectory.at(t)[0])[1] for t in (before, after))
     width = after - before
-    return np.divide(
-        np.linalg.norm(there - here, axis=1), width, out=np.zeros_like(width), where=width > 0
-    )
+    earlier, later = trajectory.at(before)[0], trajectory.at(after)[0]
+    speeds = {}
+    for arm in schedule.robot.arms:
+        way = np.linalg.norm(model.poses(arm, later)[1] - model.poses(arm, earlier)[1], axis=1)
+        speeds[arm] = np.divide(way, width, out=np.zeros_like(width), where=width > 0)
+    return speeds

@@ -18,6 +18,7 @@ FAMILIES = (
     "reach",
     "alike",
     "opposed",
+    "square",
     "double",
     "small",
     "extreme",
@@ -52,6 +53,7 @@ def hard_moves(count, seed, family):
         "reach": touch_the_reach,
         "alike": make_alike,
         "opposed": oppose,
+        "square": square,
         "small": shrink,
         "extreme": straighten,
     }.get(family)
@@ -110,6 +112,32 @@ def oppose(rng, a):
     a["elbow_0"][:, 1] = np.pi - a["elbow_0"][:, 0] + error * (rng.random(count) < 0.7)
     a["theta"][:, 1] += error * (rng.random(count) < 0.5)
     a["rho"][:, 1] *= 1 + error * (rng.random(count) < 0.5)
+
+
+def square(rng, a):
+    """Mirrored arms with equal elbows: the squared equation is a square with zeros 0 and pi.
+
+    Both arms are stretched or folded at one of the zeros, up to 1e-12 to 1e-1; one target is off by
+    1e-15 to 1e-10, so that rounding shows, and most starts by 1e-15 to 1e-1.
+    """
+    for name in ("radius", "rho", "rise", "height", "elbow_0"):
+        a[name][:, 1] = a[name][:, 0]
+    for name in ("offset", "theta"):
+        a[name][:, 1] = -a[name][:, 0]
+    count = len(a["radius"])
+    zero = np.where(rng.random(count) < 0.5, 0.0, np.pi)
+    radius, rho = a["radius"][:, 0], a["rho"][:, 0]
+    turn = zero + a["offset"][:, 0] - a["theta"][:, 0]
+    distance = np.sqrt(radius**2 + rho**2 - 2 * radius * rho * np.cos(turn) + a["rise"][:, 0] ** 2)
+    inside = np.abs(tiny(rng, -12, -1, count))
+    fold = rng.random(count) < 0.3
+    share = np.where(fold, 0.0, rng.uniform(0.3, 0.7, count))
+    fore = np.where(fold, a["fore"][:, 0], share * distance * (1 + inside))
+    upper = np.where(fold, fore + distance * (1 - inside), (1 - share) * distance * (1 + inside))
+    a["upper"][:], a["fore"][:] = upper[:, None], fore[:, None]
+    a["theta"][:, 1] += tiny(rng, -15, -10, count)
+    a["rho"][:, 1] *= 1 + tiny(rng, -15, -10, count)
+    a["elbow_0"][:, 1] += tiny(rng, -15, -1, count) * (rng.random(count) < 0.6)
 
 
 def shrink(rng, a):
@@ -256,7 +284,8 @@ def assert_all_roots(count, seed, family, least):
 
 
 @pytest.mark.parametrize(
-    ("family", "least"), list(zip(FAMILIES, (0.4, 0.8, 0.5, 0.8, 0.02, 0.5, 1.2, 1.0), strict=True))
+    ("family", "least"),
+    list(zip(FAMILIES, (0.4, 0.8, 0.5, 0.25, 0.8, 0.02, 0.5, 1.2, 1.0), strict=True)),
 )
 def test_no_root_is_missed_where_roots_are_hard_to_find(family, least):
     """1,500 moves of each difficulty against a scan that is refined at limits and extrema."""
@@ -264,10 +293,10 @@ def test_no_root_is_missed_where_roots_are_hard_to_find(family, least):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 10))
+@pytest.mark.parametrize("seed", range(1, 9))
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_root_is_missed_in_a_hundred_thousand_hard_moves(family, seed):
-    """The same on 72 times 1,500 moves."""
+    """The same on 72 times 1,500 moves: nine difficulties, eight seeds."""
     assert_all_roots(1_500, seed, family, 0.02)
 
 

@@ -55,6 +55,17 @@ def test_time_that_runs_backwards_is_found_at_its_knot(clean, moved, failing):
     assert failing(schedule, clean.job) == {"time": f"runs backwards at knot {MIDDLE + 1}"}
 
 
+def test_time_that_runs_backwards_by_half_a_nanosecond_is_found_in_a_stand_still(
+    clean, refined, moved, failing
+):
+    """In the first dwell no position, velocity or acceleration shows it: only time itself does."""
+    schedule = refined(clean.schedule, [1.25])
+    time = np.array(schedule.trajectory.time)
+    knot = int(np.searchsorted(time, 1.25))
+    time[knot] = time[knot - 1] - 5e-10
+    assert failing(moved(schedule, time=time)) == {"time": f"runs backwards at knot {knot}"}
+
+
 def test_time_that_does_not_start_at_zero_is_found(clean, moved, failing):
     """All knots a second later."""
     schedule = moved(clean.schedule, time=clean.schedule.trajectory.time + 1.0)
@@ -285,9 +296,7 @@ def test_extrema_are_those_of_dense_sampling(pieces, start):
     """A thousand instants per piece miss a summit by at most |a| δ²/8, a velocity by |j| δ²/8."""
     jerks, steps = np.array(pieces).T
     trajectory = random_trajectory(jerks, steps, start)
-    times = np.unique(
-        [np.linspace(a, b, 1001) for a, b in zip(trajectory.time, trajectory.time[1:])]
-    )
+    times = np.unique(np.linspace(trajectory.time[:-1], trajectory.time[1:], 1001))
     q, v, a = (values[:, 0] for values in trajectory.at(times))
     low, high = (float(values[0]) for values in position_extrema(trajectory))
     fastest = float(velocity_extrema(trajectory)[0])
@@ -302,7 +311,7 @@ def test_extrema_are_those_of_dense_sampling(pieces, start):
 
 
 def test_a_summit_by_hand_is_found():
-    """q = 1 + t - t² + 0 t³ on [0, 1]: 1.25 at 0.5 s; v = 1 - 2 t. With jerk: v = t - t² is 0.25 at 0.5 s."""
+    """The position 1 + t - t² on [0, 1]: 1.25 at 0.5 s. The speed t - t²: 0.25 at 0.5 s."""
     trajectory = random_trajectory([0.0], [1.0], (1.0, 1.0, -2.0))
     low, high = position_extrema(trajectory)
     assert (low[0], high[0]) == pytest.approx((1.0, 1.25), abs=1e-15)

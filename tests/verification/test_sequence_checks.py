@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.job import Dwell
-from dualarm_cli.model.schedule import Event
+from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.sequence_checks import check_dwells
+from dualarm_cli.verification.tool_model import ToolModel
 
 
 def replaced(rows, index, **changes):
@@ -41,7 +43,8 @@ def test_an_event_that_is_missing_is_named_as_due(clean, failing):
         event for event in clean.schedule.events if (event.arm, event.action) != ("left", "place")
     )
     found = failing(dataclasses.replace(clean.schedule, events=events), clean.job)
-    assert set(found) == {"order", "pairing", "lines_straight"}
+    assert set(found) == {"order", "pairing", "lines_straight", "dwells"}
+    assert found["dwells"] == "left-part (place) stands still without an event"
     assert found["order"] == "left arm: left-part place is due, nothing  is done"
 
 
@@ -68,14 +71,15 @@ def test_a_gap_between_stages_is_found(clean, failing):
     start = clean.schedule.stages[1].start + 0.01
     stages = replaced(clean.schedule.stages, 1, start=start)
     found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
-    assert found == {"pairing": "stage 2 does not start where the one before ends"}
+    assert found == {"stages": "stage 2 does not start where the one before ends"}
 
 
 def test_a_last_stage_that_ends_before_the_motion_is_found(clean, failing):
     """By 0.1 s."""
     stages = replaced(clean.schedule.stages, -1, end=clean.schedule.duration - 0.1)
     found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
-    assert found == {"pairing": "the last stage does not end the motion"}
+    assert found == {"stages": "the last stage does not end the motion"}
+    assert failing(dataclasses.replace(clean.schedule, stages=stages)) == found
 
 
 def test_a_stage_that_is_missing_is_named(clean, failing):
@@ -107,7 +111,10 @@ def test_segments_before_the_start_or_with_negative_length_are_found(clean, fail
     k = find(clean.schedule, "right", "transfer", "pick")
     segments = replaced(clean.schedule.segments, k, **times)
     found = failing(dataclasses.replace(clean.schedule, segments=segments), clean.job)
-    assert found == {"segments": f"right transfer of right-part at {times['start']:.3f} s"}
+    assert found == {
+        "segments": f"right transfer of right-part at {times['start']:.3f} s",
+        "pairing": "the arms do not start stage 1 together",
+    }
 
 
 def test_segments_beyond_the_end_are_found(clean, failing):
@@ -120,15 +127,12 @@ def test_segments_beyond_the_end_are_found(clean, failing):
 
 def test_a_dwell_beyond_the_end_is_found(clean, failing):
     """The tool rests where it is when the motion is over, but the next cycle begins: 0.5 s are not there."""
-    schedule, job = clean.schedule, clean.job
+    schedule = clean.schedule
     end = schedule.duration
-    from dualarm_cli.verification.tool_model import ToolModel
-
     pose = ToolModel(schedule).pose("left", schedule.trajectory.position[-1])
     late = Event(end, "left", "left-part", "move", "left_tcp", pose, 0.5)
     found = failing(dataclasses.replace(schedule, events=(*schedule.events, late)))
     assert found == {"segments": "dwell of left-part (move) goes beyond the end"}
-    assert job.returns
 
 
 def test_a_schedule_without_segments_and_events_is_not_judged_by_them(clean):
@@ -149,6 +153,21 @@ def test_a_dwell_that_is_too_short_is_named(clean, failing):
         found = failing(clean.schedule, job)
         assert set(found) == expected
         assert found.get("dwells", "right-part (pick)").startswith("right-part (pick)")
+
+
+def test_a_dwell_that_is_too_short_is_named_also_where_no_segments_are_listed(clean, failing):
+    """Events alone say 0.4 s; the job asks the right arm for 0.41 s and for no lines."""
+
+    def bare(stop, gripper):
+        return dataclasses.replace(stop, approach=0, retract=0, dwell=Dwell(gripper, 0.06, 0.04))
+
+    tasks = tuple(
+        dataclasses.replace(task, stops=tuple(bare(stop, gripper) for stop in task.stops))
+        for task, gripper in zip(clean.job.tasks, (0.3, 0.31), strict=True)
+    )
+    job = dataclasses.replace(clean.job, tasks=tasks)
+    schedule = dataclasses.replace(clean.schedule, segments=())
+    assert failing(schedule, job) == {"dwells": "right-part (pick) dwells 0.4 s"}
 
 
 def test_a_start_in_another_posture_names_the_joint(clean, failing):
@@ -178,6 +197,109 @@ def test_a_motion_that_does_not_return_names_the_joint(clean, moved, failing):
     schedule = moved(clean.schedule, **arrays)
     assert failing(schedule, clean.job) == {"return": "r3"}
     assert failing(schedule, dataclasses.replace(clean.job, returns=False)) == {}
+
+
+def test_a_stage_that_runs_backwards_is_found(clean, failing):
+    """The first ends after the second, which starts there: no gap, but the second has negative length."""
+    late = clean.schedule.duration + 1
+    stages = replaced(replaced(clean.schedule.stages, 0, end=late), 1, start=late)
+    found = failing(dataclasses.replace(clean.schedule, stages=stages))
+    assert found == {"stages": "stage 2 ends before it starts"}
+
+
+def test_arms_that_do_not_start_a_stage_together_are_found(clean, failing):
+    """The right arm waits for 0.1 s before its first transfer; nothing is missing or overlaps."""
+    k = find(clean.schedule, "right", "transfer", "pick")
+    segments = list(replaced(clean.schedule.segments, k, start=0.1))
+    segments.insert(k, Segment("right", "wait", "", "", 0.0, 0.1))
+    found = failing(dataclasses.replace(clean.schedule, segments=tuple(segments)), clean.job)
+    assert found == {"pairing": "the arms do not start stage 1 together"}
+
+
+@pytest.mark.parametrize(
+    ("stage", "tasks", "detail"),
+    [
+        (
+            0,
+            ("ghost", "right-part"),
+            "names ghost, right-part; the tasks are left-part, right-part",
+        ),
+        (1, (), "names no task; the tasks are left-part, right-part"),
+        (2, ("left-part",), "names left-part; the tasks are no task"),
+    ],
+)
+def test_a_stage_that_names_other_tasks_is_found(clean, failing, stage, tasks, detail):
+    """Two stages of work and the return, which works on nothing."""
+    stages = replaced(clean.schedule.stages, stage, tasks=tasks)
+    found = failing(dataclasses.replace(clean.schedule, stages=stages), clean.job)
+    assert found == {"pairing": f"stage {stage + 1} {detail}"}
+
+
+@pytest.mark.parametrize("kind", ["transfer", "wait"])
+def test_time_of_an_arm_of_which_nothing_is_said_is_found(clean, failing, kind):
+    """0.1 s less of the transfer that follows a retract; as a wait of its own it is no fault."""
+    k = find(clean.schedule, "left", "transfer", "place")
+    start = clean.schedule.segments[k].start
+    segments = list(clean.schedule.segments)
+    segments[k] = dataclasses.replace(segments[k], start=start + 0.1)
+    if kind == "wait":
+        segments.insert(k, Segment("left", "wait", "", "", start, start + 0.1))
+    found = failing(dataclasses.replace(clean.schedule, segments=tuple(segments)))
+    gap = {"segments": f"left transfer of left-part at {start + 0.1:.3f} s"}
+    assert found == ({} if kind == "wait" else gap)
+
+
+def test_an_arm_whose_segments_end_early_is_found(clean, failing):
+    """The return of the right arm is not listed."""
+    segments = clean.schedule.segments[:-1]
+    found = failing(dataclasses.replace(clean.schedule, segments=segments))
+    end = clean.schedule.segments[-1].start
+    assert found == {"segments": f"nothing is said of the right arm from {end:.3f} s to the end"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "detail"),
+    [
+        ({"dwell": Dwell(9.0, 0.06, 0.04)}, "has shares that are not its length"),
+        ({"dwell": Dwell(0.2, 0.16, 0.04)}, "has too short a share: gripper"),
+        ({"kind": "wait"}, "has no dwell listed"),
+        ({"task": "ghost"}, "stands still without an event"),
+        ({"dwell": None}, ""),
+    ],
+)
+def test_a_dwell_that_is_listed_wrongly_is_found(clean, failing, changes, detail):
+    """The left arm's first, 0.3 s of gripper, 0.06 s of settling, 0.04 s of handshake."""
+    k = find(clean.schedule, "left", "dwell", "pick")
+    segments = replaced(clean.schedule.segments, k, **changes)
+    found = failing(dataclasses.replace(clean.schedule, segments=segments), clean.job)
+    task = changes.get("task", "left-part")
+    assert found == ({"dwells": f"{task} (pick) {detail}"} if detail else {})
+
+
+@pytest.mark.parametrize(
+    ("changes", "off", "detail"),
+    [
+        ({"start": 1.25, "end": 1.65}, 0.05, "does not stand still from its event on"),
+        ({"end": 1.55}, 0.05, "is listed with 0.35 s, its event with 0.4 s"),
+        ({"end": 1.7}, 0.1, "is listed with 0.5 s, its event with 0.4 s"),
+    ],
+)
+def test_a_dwell_that_is_not_the_time_of_its_event_is_found(clean, changes, off, detail):
+    """The left arm picks from 1.2 s to 1.6 s; shares are not stated, so that they cannot tell."""
+    k = find(clean.schedule, "left", "dwell", "pick")
+    segments = replaced(clean.schedule.segments, k, dwell=None, **changes)
+    check = check_dwells(dataclasses.replace(clean.schedule, segments=segments), clean.job)
+    assert (check.verdict, check.detail) == ("failed", f"left-part (pick) {detail}")
+    assert check.measured == pytest.approx(off)
+
+
+def test_a_short_dwell_is_found_by_its_event_alone(clean):
+    """No segments are listed; the event stands still for 0.3 s where the job asks for 0.4 s."""
+    events = replaced(clean.schedule.events, 0, dwell=0.3)
+    schedule = dataclasses.replace(clean.schedule, events=events, segments=())
+    check = check_dwells(schedule, clean.job)
+    assert (check.verdict, check.detail) == ("failed", "left-part (pick) dwells 0.3 s")
+    assert check.measured == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

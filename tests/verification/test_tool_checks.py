@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.job import Dwell, JointTarget
+from dualarm_cli.model.schedule import Segment
 from dualarm_cli.verification import verify
 
 LINK, TCP, LINE = 0.4, 0.1, 0.05
@@ -136,7 +137,7 @@ def test_a_tool_that_turns_in_a_dwell_is_found(clean, bumped, failing):
 
 
 def test_a_tool_that_moves_in_a_dwell_between_knots_only_is_found(clean, failing):
-    """c t² (t - h) and back, c t (h - t)²: zero at the knots, 4 c h³ / 27 between them."""
+    """Out by c t² (t - h) and back by c t (h - t)²: zero at the knots, 4 c h³ / 27 between them."""
     trajectory = clean.schedule.trajectory
     columns = {name: np.array(getattr(trajectory, name)) for name in ("position", "velocity")}
     h, shape = 0.1, np.zeros(7)
@@ -199,10 +200,15 @@ def test_lines_that_are_too_short_too_long_or_not_asked_for_are_found(clean, fai
 
 @pytest.mark.parametrize("kind", ["approach", "retract"])
 def test_a_line_that_is_missing_is_named(clean, failing, kind):
-    """One segment is taken out of the schedule."""
+    """One segment is called a wait."""
     key = ("right", "pick", kind)
     schedule = with_segments(
-        clean.schedule, lambda s: None if (s.arm, s.action, s.kind) == key else s
+        clean.schedule,
+        lambda s: (
+            dataclasses.replace(s, kind="wait", task="", action="")
+            if (s.arm, s.action, s.kind) == key
+            else s
+        ),
     )
     found = failing(schedule, clean.job)
     assert found == {"line_lengths": f"{kind} of right-part (pick) is missing"}
@@ -229,11 +235,27 @@ def test_a_tool_that_wanders_between_its_stand_still_and_its_line_is_found(
 
     def shorter(segment):
         pick = segment.kind == "dwell" and segment.action == "pick"
-        return dataclasses.replace(segment, end=1.4) if pick else segment
+        return dataclasses.replace(segment, end=1.4, dwell=None) if pick else segment
 
     schedule = bumped(with_segments(schedule, shorter), 12, {"r1": 0.01})
+    waits = tuple(Segment(arm, "wait", "", "", 1.4, 1.6) for arm in ("left", "right"))
+    schedule = dataclasses.replace(schedule, segments=schedule.segments + waits)
     found = failing(schedule, job)
     assert found == {"lines_at_events": "retract of left-part (pick) at 1.600 s"}
+
+
+def test_an_approach_that_is_over_before_its_event_is_found(clean, refined, failing):
+    """The tool has arrived at 1.2 s, the event says 1.25 s, a wait is listed between them."""
+    schedule = with_event(refined(clean.schedule, [1.25]), 0, time=1.25, dwell=0.35)
+
+    def later(segment):
+        mine = (segment.arm, segment.action, segment.kind) == ("left", "pick", "dwell")
+        return dataclasses.replace(segment, start=1.25, dwell=None) if mine else segment
+
+    schedule = with_segments(schedule, later)
+    wait = Segment("left", "wait", "", "", 1.2, 1.25)
+    schedule = dataclasses.replace(schedule, segments=(*schedule.segments, wait))
+    assert failing(schedule) == {"lines_at_events": "approach of left-part (pick) at 0.800 s"}
 
 
 def test_a_platform_that_moves_in_a_dwell_is_found(clean, bumped, failing):
@@ -311,8 +333,33 @@ def test_one_of_several_configurations_is_enough(clean, failing):
     for rows, kept in (
         ([reached + 0.1, reached], True),
         ([reached + 0.1], False),
-        ([reached + [0, 2e-6, 0]], False),
+        ([reached + np.array([0, 2e-6, 0])], False),
     ):
         target = JointTarget(np.array(rows))
         found = failing(clean.schedule, with_stop(clean.job, "left", "pick", target=target))
         assert set(found) == (set() if kept else {"events_at_targets"})
+
+
+def test_what_nothing_was_measured_of_is_not_passed(clean):
+    """Without events and segments no pose, dwell, line or stand-still was looked at: each says so."""
+    bare = dataclasses.replace(clean.schedule, events=(), segments=())
+    verdicts = {check.name: (check.verdict, check.detail) for check in verify(bare).checks}
+    for name in ("events_at_knots", "tool_position_at_events", "tool_angle_at_events"):
+        assert verdicts[name] == ("not checked", "the schedule lists no events")
+    for name in ("tool_still_in_dwells", "tool_steady_in_dwells"):
+        assert verdicts[name] == ("not checked", "no event has a dwell")
+    for name in ("lines_straight", "lines_steady", "line_lengths", "lines_at_events"):
+        assert verdicts[name][0] == "not checked"
+        assert "no approach or retract" in verdicts[name][1]
+    assert verdicts["platform_still"] == (
+        "not checked",
+        "the schedule lists no lines and no dwells",
+    )
+
+
+def test_lines_that_the_job_asks_for_are_missed_where_no_segments_are_listed(clean, failing):
+    """That nothing was measured is no excuse if there was something to measure."""
+    schedule = dataclasses.replace(clean.schedule, segments=())
+    assert failing(schedule, clean.job) == {
+        "line_lengths": "approach of left-part (pick) is missing"
+    }

@@ -10,8 +10,6 @@ import pytest
 
 from dualarm_cli.verification import verify
 
-RIGHT_ARM_OUT = 0.5
-
 
 def fastest(schedule, arm):
     """Returns the largest speed of a tool by pinocchio's Jacobian, every 0.5 ms [m/s]."""

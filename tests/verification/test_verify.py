@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pinocchio as pin
@@ -73,9 +74,8 @@ def test_a_schedule_that_states_another_tool_than_the_job_is_held_to_the_jobs(cl
 def test_a_schedule_that_states_another_base_is_held_to_the_jobs(clean, failing):
     """The robot stands 1 mm higher in the cell than the schedule says."""
     base = clean.job.cell.base
-    raised = pin.SE3(base.rotation, base.translation + [0, 0, 1e-3])
+    raised = pin.SE3(base.rotation, base.translation + np.array([0.0, 0.0, 1e-3]))
     found = failing(clean.schedule, with_cell(clean.job, base=raised))
-    assert {"tool_position_at_events", "line_lengths", "lines_straight"} & set(found)
     assert "tool_position_at_events" in found
 
 
@@ -104,11 +104,12 @@ def test_garbage_of_finite_numbers_is_judged_and_never_passes(clean, moved, seed
     """Random numbers of every size in the trajectory: findings, no crash, no NaN among the results."""
     rng = np.random.default_rng(seed)
     shape = clean.schedule.trajectory.position.shape
-    size = 10.0 ** rng.integers(-3, 150)
+    size = 10.0 ** rng.integers(-3, 300)
     arrays = {
         name: rng.normal(size=shape) * size for name in ("position", "velocity", "acceleration")
     }
-    with np.errstate(all="ignore"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         verification = verify(moved(clean.schedule, **arrays), clean.job)
     assert {"position_agreement", "velocity_agreement", "return"} <= {
         check.name for check in verification.failures

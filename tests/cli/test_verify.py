@@ -1,0 +1,205 @@
+"""`dualarm verify`: exit codes, one JSON document, edits by hand that are noticed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from dualarm_cli.cli.run import run
+
+
+@pytest.fixture(scope="module")
+def first_pick(tasks_folder):
+    """The first task file."""
+    return tasks_folder / "01_first_pick" / "tasks.yaml"
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory, first_pick):
+    """Its plan."""
+    out = tmp_path_factory.mktemp("verify") / "out"
+    assert run(["plan", str(first_pick), "--out", str(out), "--quiet"]) == 0
+    return out
+
+
+@pytest.fixture
+def copied(planned, tmp_path):
+    """A copy of the plan that a test may edit."""
+    return shutil.copytree(planned, tmp_path / "copy")
+
+
+def edit(folder, change):
+    """Lets `change` edit schedule.json."""
+    file = folder / "schedule.json"
+    document = json.loads(file.read_bytes())
+    change(document)
+    file.write_text(json.dumps(document))
+
+
+def judged(capsys, *arguments):
+    """Returns exit code and document of a judgement as JSON; stdout holds nothing else."""
+    code = run(["verify", *map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+
+
+def failures(document):
+    """Returns the names of the checks that failed, with their details."""
+    return {c["name"]: c["detail"] for c in document["checks"] if c["verdict"] == "failed"}
+
+
+@pytest.mark.parametrize("name", ["", "schedule.json"])
+@pytest.mark.parametrize("with_tasks", [False, True])
+def test_a_plan_passes_by_folder_and_by_file_with_and_without_its_tasks(
+    planned, first_pick, capsys, name, with_tasks
+):
+    """Exit 0 and a table on stdout; nothing on stderr."""
+    arguments = ["verify", str(planned / name)] + ["--tasks", str(first_pick)] * with_tasks
+    assert run(arguments) == 0
+    captured = capsys.readouterr()
+    assert "verification: passed" in captured.out
+    assert "tool_position_at_events" in captured.out
+    assert ("no task file was given (--tasks)" in captured.out) is not with_tasks
+    assert captured.err == ""
+
+
+def test_json_is_one_document_with_every_check(planned, first_pick, capsys):
+    """Format, judgement, and for each check what was measured and what is allowed."""
+    code, document = judged(capsys, planned, "--tasks", first_pick)
+    assert (code, document["format"], document["passed"]) == (0, "dualarm.verification/1", True)
+    names = [check["name"] for check in document["checks"]]
+    assert len(set(names)) == len(names)
+    assert {"jerk", "order", "return", "lines_straight", "duration", "files"} <= set(names)
+    for check in document["checks"]:
+        assert check["verdict"] in ("passed", "not checked")
+        assert check["detail"]
+
+
+def test_quiet_says_nothing_and_keeps_the_exit_code(planned, copied, capsys):
+    """0 and 1."""
+    edit(copied, lambda d: d.update(duration=1.0))
+    assert run(["verify", str(planned), "--quiet"]) == 0
+    assert run(["verify", str(copied), "--quiet"]) == 1
+    captured = capsys.readouterr()
+    assert captured.out + captured.err == ""
+
+
+def push(document):
+    """Moves one joint by a microradian at a knot in the middle."""
+    rows = document["trajectory"]["position"]
+    rows[len(rows) // 2][0] += 1e-6
+
+
+def swap(document):
+    """Lets two events change their names."""
+    one, two = (e for e in document["events"] if e["arm"] == "left")
+    one["action"], two["action"] = two["action"], one["action"]
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (push, "position_agreement"),
+        (swap, "order"),
+        (lambda d: d["events"][0].update(arm="third"), "arms"),
+        (lambda d: d["events"][0]["xyz"].__setitem__(2, d["events"][0]["xyz"][2] + 1e-5),
+         "tool_position_at_events"),
+        (lambda d: d.update(duration=d["duration"] + 1e-6), "duration"),
+        (lambda d: d["trajectory"]["velocity"][3].__setitem__(0, float("nan")), "finite"),
+        (lambda d: d["trajectory"]["time"].__setitem__(3, -1.0), "time"),
+    ],
+    ids=["knot", "order", "arm", "event", "duration", "nan", "time"],
+)  # fmt: skip
+def test_what_was_edited_by_hand_is_found(copied, first_pick, capsys, change, name):
+    """Exit 1, the check that failed by name, still one document of plain JSON."""
+    edit(copied, change)
+    code, document = judged(capsys, copied, "--tasks", first_pick)
+    assert code == 1
+    assert document["passed"] is False
+    assert name in failures(document)
+    assert run(["verify", str(copied), "--tasks", str(first_pick)]) == 1
+    assert "verification: FAILED" in capsys.readouterr().out
+
+
+def test_stated_limits_are_not_believed_where_the_tasks_know_better(copied, first_pick, capsys):
+    """Limits of 1 µrad/s break the schedule's own word; with the tasks the robot's count."""
+
+    def tighten(document):
+        for row in document["robot"]["limits"].values():
+            row["velocity"] = 1e-6
+
+    edit(copied, tighten)
+    code, document = judged(capsys, copied)
+    assert (code, set(failures(document))) == (1, {"velocity"})
+    assert judged(capsys, copied, "--tasks", first_pick)[0] == 0
+
+
+@pytest.mark.parametrize("name", ["schedule.csv", "report.json"])
+def test_an_edited_or_lost_file_beside_the_schedule_is_noticed(copied, capsys, name):
+    """Against the hashes that the schedule was written with."""
+    with (copied / name).open("a") as file:
+        file.write("0\n")
+    code, document = judged(capsys, copied)
+    assert (code, failures(document)) == (1, {"files": f"{name} was changed"})
+    (copied / name).unlink()
+    code, document = judged(capsys, copied)
+    assert (code, failures(document)) == (1, {"files": f"{name} is missing"})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda f: (f / "schedule.json").write_text("{\n1"), "schedule.json:2"),
+        (lambda f: (f / "schedule.json").unlink(), "there is no such file"),
+        (lambda f: (f / "robot.urdf").unlink(), "'robot.urdf' cannot be read"),
+        (lambda f: (f / "robot.urdf").write_text("<robot/>"), "robot.urdf"),
+        (lambda f: edit(f, lambda d: d.update(duration=float("inf"))), "duration: must be"),
+        (lambda f: edit(f, lambda d: d.pop("trajectory")), "trajectory: is missing"),
+        (lambda f: edit(f, lambda d: d["robot"].update(urdf="../x")), "own folder"),
+        (lambda f: edit(f, lambda d: d["robot"]["arms"]["left"].update(flange="x")), "flange"),
+    ],
+    ids=["text", "lost", "urdf", "empty", "infinite", "motion", "outside", "flange"],
+)
+def test_what_cannot_be_read_is_exit_2_and_with_json_a_document_too(copied, capsys, spoil, words):
+    """One sentence on stderr, no traceback; on stdout nothing, or the error as JSON."""
+    spoil(copied)
+    assert run(["verify", str(copied)]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err
+    assert "Traceback" not in captured.err
+    assert captured.out == ""
+    code, document = judged(capsys, copied)
+    assert (code, document["format"], document["exit_code"]) == (2, "dualarm.error/1", 2)
+    assert words in document["message"]
+
+
+def test_tasks_for_another_robot_are_exit_2(planned, tasks_folder, capsys):
+    """The joints that differ are named."""
+    other = tasks_folder / "03_bottin_planar" / "tasks.yaml"
+    assert run(["verify", str(planned), "--tasks", str(other)]) == 2
+    assert "schedule and tasks are for different robots" in capsys.readouterr().err
+
+
+def test_names_out_of_a_file_are_shown_and_not_obeyed(copied, capsys):
+    """Markup in the name of an arm stays text."""
+    edit(copied, lambda d: d["events"][0].update(arm="[red]x[/red]"))
+    assert run(["verify", str(copied)]) == 1
+    assert "[red]x[/red]" in capsys.readouterr().out.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("task", "shown"),
+    [("a\x1b[31mred", "a\\x1b[31mred"), ("\ud800", "\\ud800"), ("über", "über")],
+)
+def test_names_that_steer_a_terminal_or_are_no_text_are_spelt_out(copied, capsys, task, shown):
+    """Escape codes and lone surrogates, in the table and in the document; other letters stay."""
+    # The check of arms says whose task it is.
+    edit(copied, lambda d: d["events"][0].update(task=task, arm="middle"))
+    code, document = judged(capsys, copied)
+    assert code == 1
+    assert any(shown in detail for detail in failures(document).values())
+    assert run(["verify", str(copied)]) == 1
+    out = capsys.readouterr().out
+    assert "\x1b[31mred" not in out
+    assert shown in out

@@ -1,0 +1,111 @@
+"""schedule.json: lossless, the same bytes every time, never a NaN."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.exporting.schedule_json import to_json
+from dualarm_cli.exporting.schedule_reader import read_schedule
+
+
+def test_what_is_read_is_what_was_written_bit_for_bit(schedule, folder):
+    """Every field; -0.0, the smallest and the largest double among the positions."""
+    read = read_schedule(folder)
+    for name in ("time", "position", "velocity", "acceleration"):
+        one, two = (getattr(s.trajectory, name) for s in (schedule, read))
+        assert one.tobytes() == two.tobytes(), name
+    for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+        one, two = (getattr(s.robot.limits, name) for s in (schedule, read))
+        assert one.tobytes() == two.tobytes(), name
+    assert read.robot.limits.joints == schedule.robot.limits.joints
+    assert read.robot.limits.source == schedule.robot.limits.source
+    for name in ("name", "urdf", "platform", "tool_speed"):
+        assert getattr(read.robot, name) == getattr(schedule.robot, name)
+    for name in ("stages", "segments", "provenance", "lower_bound", "notes"):
+        assert getattr(read, name) == getattr(schedule, name)
+    assert read.trajectory.joints == schedule.trajectory.joints
+    for one, two in zip(schedule.events, read.events, strict=True):
+        assert dataclasses.replace(two, pose=one.pose) == one
+    left, again = schedule.robot.arms["left"], read.robot.arms["left"]
+    assert (left.flange, left.joints) == (again.flange, again.joints)
+
+
+def test_poses_survive_as_quaternions_to_the_last_digits(schedule, folder):
+    """Translations bit for bit, rotations within rounding of a quaternion's square."""
+    read = read_schedule(folder)
+    pairs = [
+        (schedule.robot.base, read.robot.base),
+        (schedule.robot.arms["left"].tcp, read.robot.arms["left"].tcp),
+        *((one.pose, two.pose) for one, two in zip(schedule.events, read.events, strict=True)),
+    ]
+    for one, two in pairs:
+        assert one.translation.tobytes() == two.translation.tobytes()
+        assert np.abs(one.rotation - two.rotation).max() < 2e-15
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("angle", [0.1, np.pi - 0.1, np.pi, np.pi + 0.1, 6.0])
+def test_every_rotation_is_written_with_w_not_negative(schedule, axis, angle):
+    """One of two quaternions: cos(angle / 2) is negative beyond half a turn."""
+    R = pin.utils.rotate(axis, angle)
+    base = pin.SE3(R, np.zeros(3))
+    robot = dataclasses.replace(schedule.robot, base=base)
+    document = json.loads(to_json(dataclasses.replace(schedule, robot=robot), "robot.urdf", {}))
+    x, y, z, w = document["robot"]["base"]["quat_xyzw"]
+    assert w >= 0
+    assert w == pytest.approx(abs(np.cos(angle / 2)), abs=1e-15)
+    assert np.allclose(pin.Quaternion(w, x, y, z).toRotationMatrix(), R, rtol=0, atol=1e-14)
+
+
+def test_the_same_schedule_gives_the_same_bytes(schedule):
+    """Twice."""
+    files = {"schedule.csv": "00"}
+    assert to_json(schedule, "robot.urdf", files) == to_json(schedule, "robot.urdf", files)
+
+
+def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
+    """Format first, motion late, judgement last; one event, stage and segment per line."""
+    text = to_json(schedule, "robot.urdf", {}).decode()
+    assert list(json.loads(text)) == [
+        "format",
+        "robot",
+        "duration",
+        "lower_bound",
+        "stages",
+        "segments",
+        "events",
+        "trajectory",
+        "provenance",
+        "notes",
+        "files",
+        "verification",
+    ]
+    assert sum('"action":' in line for line in text.splitlines()) == 4
+    assert json.loads(text)["verification"]["passed"] is True
+    assert json.loads(text)["robot"]["limits"]["turn"]["jerk"] is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_nan_is_ever_written(schedule, value):
+    """A plan with a NaN is a bug: the writer refuses it."""
+    position = np.array(schedule.trajectory.position)
+    position[3, 1] = value
+    trajectory = dataclasses.replace(schedule.trajectory, position=position)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        to_json(dataclasses.replace(schedule, trajectory=trajectory), "robot.urdf", {})
+
+
+def test_a_file_name_that_is_no_utf8_is_written_and_read(schedule, tmp_path):
+    """The byte E9 arrives from the file system as a lone surrogate; the document stays UTF-8."""
+    name = b"caf\xe9.yaml".decode("utf-8", "surrogateescape")
+    provenance = dataclasses.replace(schedule.provenance, inputs={name: "ab"})
+    content = to_json(dataclasses.replace(schedule, provenance=provenance), "robot.urdf", {})
+    content.decode("utf-8")
+    (tmp_path / "schedule.json").write_bytes(content)
+    (tmp_path / "robot.urdf").write_text(schedule.robot.urdf)
+    assert read_schedule(tmp_path).provenance.inputs == {name: "ab"}

@@ -1,0 +1,274 @@
+"""The reader: every defect of the structure is bad input with its path, every defect of the motion a finding."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from dualarm_cli.errors import InputError
+from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
+from dualarm_cli.verification import verify
+
+MISSING = object()
+
+
+def edit(folder, path, value):
+    """Sets or removes a member of schedule.json; a path is a list of keys and indices."""
+    file = folder / "schedule.json"
+    document = json.loads(file.read_bytes())
+    *parents, last = path
+    part = document
+    for step in parents:
+        part = part[step]
+    if value is MISSING:
+        del part[last]
+    else:
+        part[last] = value
+    file.write_text(json.dumps(document))
+
+
+def message(folder):
+    """Returns what the reader says of a folder that it refuses."""
+    with pytest.raises(InputError) as caught:
+        read_schedule(folder)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.file == str(folder / "schedule.json")
+    assert len(diagnostic.message) < 200
+    return diagnostic.message
+
+
+ROW = [0.0, 0.0]
+HUGE = 10**400
+DEFECTS = [
+    (["format"], MISSING, "format: "),
+    (["format"], "dualarm.schedule/2", "format: "),
+    (["format"], 1, "format: "),
+    (["robot"], MISSING, "robot: is missing"),
+    (["robot"], [], "robot: must be an object"),
+    (["robot", "name"], 3, "robot.name: must be text"),
+    (["robot", "joints"], MISSING, "robot.joints: is missing"),
+    (["robot", "joints"], "turn", "robot.joints: must be a list of names"),
+    (["robot", "joints"], ["turn", 1], "robot.joints: must be a list of names"),
+    (["robot", "joints"], [], "robot.joints: must name every joint once"),
+    (["robot", "joints"], ["turn", "turn"], "robot.joints: must name every joint once"),
+    (["robot", "joints"], ["turn"], "trajectory.position: must have shape (7, 1), not (7, 2)"),
+    (["robot", "urdf"], MISSING, "robot.urdf: "),
+    (["robot", "urdf"], "", "robot.urdf: "),
+    (["robot", "urdf"], 7, "robot.urdf: must be text"),
+    (["robot", "urdf"], "../robot.urdf", "robot.urdf: '../robot.urdf' must lie in"),
+    (["robot", "urdf"], "/etc/passwd", "robot.urdf: '/etc/passwd' must lie in"),
+    (["robot", "urdf"], "other.urdf", "robot.urdf: 'other.urdf' cannot be read"),
+    (["robot", "urdf"], ".", "robot.urdf: '.' cannot be read"),
+    (["robot", "urdf"], "a\0b", "robot.urdf: "),
+    (["robot", "urdf"], "\ud800", "robot.urdf: "),
+    (["robot", "base"], MISSING, "robot.base: must have xyz and quat_xyzw"),
+    (["robot", "base", "xyz"], MISSING, "robot.base.xyz: is missing"),
+    (["robot", "base", "xyz"], [0, 0], "robot.base.xyz: must have shape (3,), not (2,)"),
+    (["robot", "base", "xyz"], ["1", "2", "3"], "robot.base.xyz: must be numbers"),
+    (["robot", "base", "xyz"], [None, 0, 0], "robot.base.xyz: must be numbers"),
+    (["robot", "base", "xyz"], [0, 0, float("nan")], "robot.base: must be finite"),
+    (["robot", "base", "quat_xyzw"], [0, 0, 0, 0], "robot.base.quat_xyzw: must be of unit length"),
+    (["robot", "base", "quat_xyzw"], [0, 0, 0, 1.00001], "robot.base.quat_xyzw: must be of unit"),
+    (["robot", "base", "quat_xyzw"], [0, 0, 0, HUGE], "robot.base.quat_xyzw: must be numbers"),
+    (["robot", "platform"], ["waist"], "robot.platform: must name joints of robot.joints"),
+    (["robot", "platform"], [["turn"]], "robot.platform: must be a list of names"),
+    (["robot", "platform"], "turn", "robot.platform: must be a list of names"),
+    (["robot", "arms"], MISSING, "robot.arms: is missing"),
+    (["robot", "arms", "left"], 1, "robot.arms.left: must be an object"),
+    (["robot", "arms", "left", "flange"], None, "robot.arms.left.flange: must be text"),
+    (["robot", "arms", "left", "tcp"], MISSING, "robot.arms.left.tcp: must have xyz"),
+    (["robot", "arms", "left", "joints"], [{}], "robot.arms.left.joints: must be a list of names"),
+    (["robot", "arms", "left", "joints"], ["x"], "robot.arms.left.joints: must name joints of"),
+    (["robot", "limits"], [1], "robot.limits: must be an object"),
+    (["robot", "limits", "turn"], 5, "robot.limits.turn: must be an object"),
+    (["robot", "limits", "turn", "jerk"], "9", "robot.limits.turn.jerk: must be a finite number"),
+    (["robot", "limits", "turn", "jerk"], HUGE, "robot.limits.turn.jerk: must be a finite number"),
+    (["robot", "limits", "turn", "jerk"], True, "robot.limits.turn.jerk: must be a finite number"),
+    (["robot", "limits", "turn", "velocity"], 0.0, "robot.limits: velocity limits must be positive"),
+    (["robot", "limits", "lift", "upper"], -5.0, "robot.limits: a lower position limit is above"),
+    (["robot", "tool_speed"], "fast", "robot.tool_speed: must be a finite number"),
+    (["duration"], float("nan"), "duration: must be a finite number"),
+    (["duration"], "long", "duration: must be a finite number"),
+    (["lower_bound"], [1], "lower_bound: must be a finite number"),
+    (["trajectory"], MISSING, "trajectory: is missing"),
+    (["trajectory", "time"], MISSING, "trajectory.time: is missing"),
+    (["trajectory", "time"], [], "trajectory.time: is empty"),
+    (["trajectory", "time"], [[0.0]] * 7, "trajectory.time: must have shape (7,), not (7, 1)"),
+    (["trajectory", "time", 3], "0.3", "trajectory.time: must be numbers"),
+    (["trajectory", "time", 3], None, "trajectory.time: must be numbers"),
+    (["trajectory", "position"], MISSING, "trajectory.position: is missing"),
+    (["trajectory", "position"], [ROW] * 6, "trajectory.position: must have shape (7, 2)"),
+    (["trajectory", "velocity", 2], [0.0], "trajectory.velocity: must be numbers, in rows of"),
+    (["trajectory", "velocity", 2], {}, "trajectory.velocity: must be numbers"),
+    (["trajectory", "acceleration", 2, 1], "1", "trajectory.acceleration: must be numbers"),
+    (["stages"], {}, "stages: must be a list"),
+    (["stages", 1], 0, "stages[1]: must be an object"),
+    (["stages", 1, "start"], MISSING, "stages[1].start: is missing"),
+    (["stages", 1, "end"], None, "stages[1].end: is missing"),
+    (["stages", 0, "tasks"], "a", "stages[0].tasks: must be a list of names"),
+    (["stages", 0, "arm_times"], [1], "stages[0].arm_times: must be an object"),
+    (["stages", 0, "arm_times", "left"], "x", "stages[0].arm_times.left: must be a finite number"),
+    (["stages", 0, "bottleneck"], 4, "stages[0].bottleneck: must be text"),
+    (["segments", 0, "kind"], "fly", "segments[0].kind: 'fly' is not one of transfer, approach"),
+    (["segments", 1, "dwell", "settle"], "x", "segments[1].dwell.settle: must be a finite number"),
+    (["segments", 1, "start"], float("inf"), "segments[1].start: must be a finite number"),
+    (["events"], 3, "events: must be a list"),
+    (["events", 1, "time"], float("nan"), "events[1].time: must be a finite number"),
+    (["events", 1, "time"], HUGE, "events[1].time: must be a finite number"),
+    (["events", 1, "arm"], ["left"], "events[1].arm: must be text"),
+    (["events", 1, "xyz"], "here", "events[1].xyz: must be numbers"),
+    (["events", 1, "quat_xyzw"], [1, 0, 0], "events[1].quat_xyzw: must have shape (4,)"),
+    (["events", 0, "dwell"], "1", "events[0].dwell: must be a finite number"),
+    (["notes"], 5, "notes: must be a list of names"),
+    (["files"], [], "files: must be an object"),
+    (["files", "report.json"], 1, "files.report.json: must be text"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "expected"),
+    DEFECTS,
+    ids=[f"{'.'.join(map(str, path))}-{k}" for k, (path, _, _) in enumerate(DEFECTS)],
+)
+def test_a_defect_of_the_structure_is_bad_input_with_its_path(folder, path, value, expected):
+    """Missing, of the wrong type, of the wrong shape, or impossible."""
+    edit(folder, path, value)
+    assert message(folder).startswith(expected)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        ["lower_bound"],
+        ["duration"],
+        ["stages"],
+        ["segments"],
+        ["events"],
+        ["notes"],
+        ["files"],
+        ["provenance"],
+        ["verification"],
+        ["robot", "limits"],
+        ["robot", "platform"],
+        ["robot", "tool_speed"],
+        ["robot", "name"],
+        ["robot", "limits", "turn"],
+        ["robot", "arms", "left", "joints"],
+        ["segments", 1, "dwell"],
+        ["events", 0, "dwell"],
+    ],
+)
+def test_what_other_programs_may_leave_out_may_be_missing(folder, path):
+    """A schedule made elsewhere states motion, robot and arms; the rest is optional."""
+    edit(folder, path, MISSING)
+    read_schedule(folder)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected", "line"),
+    [
+        (b"", "schedule: is not JSON: Expecting value", 1),
+        (b'{\n"format": 1,\n}', "schedule: is not JSON: ", 3),
+        (b"[]", "schedule: must be an object", 0),
+        (b"null", "schedule: must be an object", 0),
+        (b'{"a": "\xff"}', "schedule: is not JSON in UTF-8, or is nested too deep", 0),
+        (b"[" * 100_000, "schedule: is not JSON in UTF-8, or is nested too deep", 0),
+        (b'{"a":' * 100_000, "schedule: is not JSON in UTF-8, or is nested too deep", 0),
+        (b'{"a": ' + b"9" * 5000 + b"}", "schedule: is not JSON in UTF-8, or is nested", 0),
+        (b'{"format": 1, "format": 2}', "format: stands there twice", 0),
+    ],
+    ids=["empty", "comma", "list", "null", "latin", "lists", "objects", "digits", "twice"],
+)
+def test_what_is_no_json_is_refused_with_its_line(folder, content, expected, line):
+    """No crash at any depth or length."""
+    (folder / "schedule.json").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_schedule(folder)
+    (diagnostic,) = caught.value.diagnostics
+    if line:  # the wording is Python's own and varies; the place does not
+        assert diagnostic.line in (line, line - 1)
+    assert diagnostic.message.startswith(expected)
+
+
+def test_a_schedule_nested_deep_within_a_member_is_refused(folder):
+    """Numbers within a thousand lists."""
+    text = (folder / "schedule.json").read_text()
+    deep = text.replace('"time": [0.0', '"time": [' + "[" * 500 + "0.0" + "]" * 500, 1)
+    assert deep != text
+    (folder / "schedule.json").write_text(deep)
+    assert message(folder).startswith(("trajectory.time: must", "schedule: is not JSON"))
+
+
+def test_a_file_that_is_not_there_a_pipe_and_a_giant_are_refused(tmp_path, monkeypatch):
+    """None is opened; a pipe would be waited for without end."""
+    with pytest.raises(InputError, match="there is no such file"):
+        read_schedule(tmp_path)
+    os.mkfifo(tmp_path / "schedule.json")
+    with pytest.raises(InputError, match="there is no such file"):
+        read_schedule(tmp_path)
+    (tmp_path / "schedule.json").unlink()
+    with (tmp_path / "schedule.json").open("wb") as file:
+        file.truncate(600_000_000)  # sparse: takes no space
+    with pytest.raises(InputError, match="is larger than 500 MB"):
+        read_schedule(tmp_path)
+
+
+def test_a_urdf_that_is_a_pipe_or_a_link_out_or_around_is_refused(folder):
+    """What the name leads to counts, not the name."""
+    urdf = folder / "robot.urdf"
+    text = urdf.read_text()
+    urdf.unlink()
+    os.mkfifo(urdf)
+    assert "cannot be read" in message(folder)
+    urdf.unlink()
+    (folder.parent / "secret.urdf").write_text(text)
+    urdf.symlink_to(folder.parent / "secret.urdf")
+    assert "must lie in the schedule's own folder" in message(folder)
+    urdf.unlink()
+    urdf.symlink_to(urdf)
+    assert message(folder).startswith("robot.urdf: ")
+    urdf.unlink()
+    urdf.write_bytes(b"\xff\xfe")
+    assert "cannot be read" in message(folder)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("name", ["time", "position", "velocity", "acceleration"])
+def test_numbers_of_the_motion_that_are_not_finite_are_findings_and_no_crash(folder, name, value):
+    """They are read as they are; the verifier says where they are."""
+    path = ["trajectory", name, 3] + ([] if name == "time" else [1])
+    edit(folder, path, value)
+    schedule = read_schedule(folder)
+    assert np.array_equal(
+        np.ravel(getattr(schedule.trajectory, name)[3])[-1], value, equal_nan=True
+    )
+    failed = {check.name: check.detail for check in verify(schedule).failures}
+    assert failed == {"finite": f"1 in {name} not finite"}
+
+
+def test_the_stated_judgement_is_not_believed(folder):
+    """`passed` in the file is nothing that the reader takes over."""
+    assert read_schedule(folder).verification is None
+
+
+def test_a_schedule_is_found_by_its_folder_and_by_its_name(folder, schedule):
+    """Both give the same motion."""
+    one, two = read_schedule(folder), read_schedule(folder / "schedule.json")
+    assert np.array_equal(one.trajectory.position, two.trajectory.position)
+    assert one.duration == schedule.duration
+
+
+def test_files_that_were_changed_or_lost_are_named(folder):
+    """Against the hashes in schedule.json; nothing outside the folder is looked at."""
+    schedule = read_schedule(folder)
+    assert torn_files(folder, schedule) == []
+    assert torn_files(folder / "schedule.json", schedule) == []
+    with (folder / "schedule.csv").open("a") as file:
+        file.write("\n")
+    (folder / "report.json").unlink()
+    assert torn_files(folder, schedule) == ["report.json is missing", "schedule.csv was changed"]
+    edit(folder, ["files"], {"../../etc/passwd": "00"})
+    assert torn_files(folder, read_schedule(folder)) == ["../../etc/passwd is missing"]
