@@ -11,6 +11,7 @@ import typer
 from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
+    from dualarm_cli.kinematics.srs_geometry import SrsGeometry
     from dualarm_cli.model.robot import Robot
 
 robot_app = typer.Typer(
@@ -99,32 +100,14 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     model = pin.buildModelFromXML(robot.urdf)
     base = pin.SE3.Identity()
     platform = PlatformChain.from_model(model, robot.platform, base)
-    arms: dict[str, Any] = {}
+    arms = {}
     for arm in robot.arms:
         arms[arm.name] = {"kind": arm.kind, "joints": list(arm.joints), "flange": arm.flange}
-        if arm.kind != "srs":
+        if arm.kind == "srs":
+            geometry = measure_arm(model, robot, arm, platform, base)
+            arms[arm.name] |= _describe_srs(geometry, geometry.is_srs(SRS_TOLERANCE))
+        else:
             arms[arm.name]["summary"] = f"kind {arm.kind}, {len(arm.joints)} axes"
-            continue
-        geometry = measure_arm(model, robot, arm, platform, base)
-        x, y, z = (float(v) for v in geometry.shoulder)
-        exact = geometry.is_srs(SRS_TOLERANCE)
-        arms[arm.name] |= {
-            "upper": geometry.upper,
-            "fore": geometry.fore,
-            "shoulder_radius": math.hypot(x, y),
-            "shoulder_azimuth": math.atan2(y, x),
-            "shoulder_height": z,
-            "is_srs": exact,
-            "deviation": str(geometry.deviation),
-            "summary": (
-                f"spherical-revolute-spherical{'' if exact else ' claimed, but NOT'}; "
-                f"measured deviation: {geometry.deviation}; "
-                f"links {geometry.upper * 1000:.1f} and {geometry.fore * 1000:.1f} mm; shoulder "
-                f"{math.hypot(x, y) * 1000:.2f} mm from the platform axis at "
-                f"{math.degrees(math.atan2(y, x)):.3f} deg, height {z * 1000:.1f} mm; "
-                "inverse kinematics: closed form (arm_angle)"
-            ),
-        }
     limits = robot.limits
     return {
         "format": "dualarm.robot_description/1",
@@ -143,6 +126,29 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
             for k, name in enumerate(robot.joints)
         },
         "postures": sorted(robot.postures),
+    }
+
+
+def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
+    """Returns the measured geometry of an arm that is called srs."""
+    x, y, z = (float(v) for v in geometry.shoulder)
+    radius, azimuth = math.hypot(x, y), math.atan2(y, x)
+    summary = (
+        f"spherical-revolute-spherical{'' if exact else ' claimed, but NOT'}; "
+        f"measured deviation: {geometry.deviation}; "
+        f"links {geometry.upper * 1000:.1f} and {geometry.fore * 1000:.1f} mm; shoulder "
+        f"{radius * 1000:.2f} mm from the platform axis at {math.degrees(azimuth):.3f} deg, "
+        f"height {z * 1000:.1f} mm; inverse kinematics: closed form (arm_angle)"
+    )
+    return {
+        "upper": geometry.upper,
+        "fore": geometry.fore,
+        "shoulder_radius": radius,
+        "shoulder_azimuth": azimuth,
+        "shoulder_height": z,
+        "is_srs": exact,
+        "deviation": str(geometry.deviation),
+        "summary": summary,
     }
 
 

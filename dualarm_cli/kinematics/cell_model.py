@@ -16,6 +16,8 @@ from dualarm_cli.kinematics.srs_geometry import SrsGeometry
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
 
+ROUNDED_ANGLE = 1e-4
+"""Deviations below this are what rounded angles in a URDF leave [m and rad]."""
 SRS_TOLERANCE = 1e-6
 """Largest deviation from exact SRS geometry that closed forms may ignore [m and rad]."""
 
@@ -127,9 +129,14 @@ def find_false_srs(robot: Robot) -> list[str]:
 
 def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
     """Returns what is wrong with an arm that is called srs, with what was measured."""
+    hint = ""
+    if geometry.deviation.largest < ROUNDED_ANGLE:
+        hint = (
+            " (angles that are rounded, such as 1.5708 for pi/2, do this: write 1.5707963267948966)"
+        )
     return (
         f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-revolute-spherical: "
-        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad); mend the URDF, or call it "
+        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; mend the URDF, or call it "
         "kind: general, which this version reads but does not plan"
     )
 

@@ -166,7 +166,7 @@ class Schedule:
     notes: tuple[str, ...] = ()
     """What a reader should know: choices, assumptions, what was not used."""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """Members of the file that this version does not know, kept as read."""
+    """What a file states and the noun derives itself: `duration` and `files`, kept to be checked."""
 
     @property
     def duration(self) -> float:
