@@ -60,8 +60,22 @@ def plan(
         segments=motion.segments,
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
-        notes=(*job.notes, *notes, *_platform_notes(model, stages)),
+        notes=(*job.notes, *_job_notes(job), *notes, *_platform_notes(model, stages)),
     )
+
+
+def _job_notes(job: Job) -> list[str]:
+    """Returns what makes a cycle time look better than the cell's: picks and places that take no time."""
+    idle = [
+        f"{task.id} ({stop.action})"
+        for task in job.tasks
+        for stop in task.stops
+        if stop.action != "move" and stop.dwell.total == 0.0
+    ]
+    if not idle:
+        return []
+    some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
+    return [f"dwell: {len(idle)} picks and places take no time at all ({some}); is that meant?"]
 
 
 def _turns_for_both(model: CellModel) -> bool:

@@ -12,6 +12,8 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 
 FORMAT = "dualarm.report/1"
+SHORTEST_CYCLE = 1e-3
+"""Below this a throughput means nothing [s]."""
 COLLISIONS = "not checked"
 """What this version says about collisions."""
 
@@ -32,7 +34,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "cycle_time": duration,
         "closes": job.returns,
         "parts": parts,
-        "parts_per_hour": 3600.0 * parts / duration if duration > 0 else None,
+        "parts_per_hour": 3600.0 * parts / duration if duration > SHORTEST_CYCLE else None,
         "lower_bound": bound,
         "gap": (duration - bound) / duration if bound is not None and duration > 0 else None,
         "collisions": COLLISIONS,

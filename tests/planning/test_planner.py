@@ -185,6 +185,23 @@ def test_an_arm_without_work_stays_where_it_is(tasks_folder):
     assert np.abs(v[:, right]).max() < 1e-12
 
 
+def test_picks_without_a_dwell_are_noted(packing):
+    """A gripper that takes no time flatters the cycle."""
+    from dualarm_cli.model.job import Dwell
+
+    first = packing.tasks[0]
+    hasty = dataclasses.replace(
+        first, stops=tuple(dataclasses.replace(stop, dwell=Dwell()) for stop in first.stops)
+    )
+    job = dataclasses.replace(packing, tasks=(hasty, *packing.tasks[1:2]))
+    notes = plan(job, PlanSettings(platform="fixed")).notes
+    assert (
+        f"2 picks and places take no time at all ({first.id} (pick), {first.id} (place))"
+        in notes[0]
+    )
+    assert not any("no time at all" in note for note in plan(packing, PlanSettings()).notes)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_random_jobs_are_verified_or_refused(packing, seed):
