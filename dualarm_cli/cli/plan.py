@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
 
+MAX_ROWS = 1_000_000
+"""Most rows of the CSV file: about a gigabyte for fifteen joints."""
 MAX_RATE = 10_000.0
 """Highest sampling rate of the CSV file [Hz]."""
 
@@ -41,7 +43,7 @@ def plan_command(
         str | None,
         typer.Option(
             "--platform",
-            help="Platform solver; default: try all, keep the fastest.",
+            help="Platform solver; default: the fastest by estimate.",
             show_default=False,
         ),
     ] = None,
@@ -71,6 +73,12 @@ def plan_command(
     job = load_job(tasks)
     settings = PlanSettings(platform, redundancy, timing, seed)
     schedule = _plan_and_verify(job, settings, quiet)
+    rows = schedule.duration * rate
+    if rows > MAX_ROWS:
+        raise UsageError(
+            f"schedule.csv would have {rows:,.0f} rows ({schedule.duration:,.0f} s at {rate:g} Hz); at most "
+            f"{MAX_ROWS:,} are written: lower --rate, or raise speed: in the task file"
+        )
     report = build_report(schedule, job)
     write_results(folder, schedule, report, rate, force)
     if json_output:

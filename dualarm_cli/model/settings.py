@@ -11,7 +11,7 @@ class PlanSettings:
     """Solver names and tunables of one plan."""
 
     platform: str | None = None
-    """Platform solver; None tries every one that fits and keeps the fastest plan."""
+    """Platform solver; None compares every one that fits, before postures are refined, and plans with the fastest."""
     redundancy: str = "arm_angle"
     """Redundancy solver."""
     timing: str = "ruckig"

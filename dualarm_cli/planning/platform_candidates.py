@@ -17,8 +17,8 @@ def platform_candidates(
 ) -> Iterator[tuple[str, FloatArray]]:
     """Yields the solver's platform positions in order of preference, each with the method's name.
 
-    A stage with one arm at work, and a platform that is not one revolute joint, stays where it is: no solver of
-    the family has two elbows to balance there.
+    No solver of the family has two elbows to balance, and the platform stays where it is, in a stage of joint
+    targets only (they turn with it), in a stage with one arm at work, and where it is not one revolute joint.
 
     Args:
         model: the cell.
@@ -27,7 +27,8 @@ def platform_candidates(
         solver: name of the platform solver.
     """
     here = position[model.platform_columns]
-    if not model.platform.is_turntable or len(stops) < 2 or solver == "fixed":
+    in_world = sum(stop.configurations is None for stop in stops.values())
+    if not model.platform.is_turntable or len(stops) < 2 or not in_world or solver == "fixed":
         yield "fixed", here
         return
     solution = PLATFORM_SOLVERS[solver].solve(stage_problem(model, position, stops))
@@ -50,10 +51,18 @@ def stage_problem(
     shoulder, upper, fore, wrist, elbow = [], [], [], [], []
     for name, stop in stops.items():
         arm = model.arms[name].kinematics
-        shoulder.append(arm.geometry.shoulder)
         upper.append(arm.geometry.upper)
         fore.append(arm.geometry.fore)
-        wrist.append(in_axis_frame(_wrist_before_approach(stop), angle))
+        before = _wrist_before_approach(stop)
+        if stop.configurations is None:
+            shoulder.append(arm.geometry.shoulder)
+            wrist.append(in_axis_frame(before, angle))
+        else:
+            # Joint targets turn with the platform: as for a shoulder on the axis, no angle changes the elbow.
+            height = arm.geometry.shoulder[2]
+            reach = float(np.linalg.norm(before - arm.geometry.shoulder))
+            shoulder.append(np.array([0.0, 0.0, height]))
+            wrist.append(np.array([reach, 0.0, height]))
         elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
     points = np.array(shoulder)
     return PlatformProblem.broadcast(

@@ -12,8 +12,6 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonl
 
 REACH_SLACK = 1e-9
 """How far |x| = |cos q4| may exceed one by rounding before an arm counts as too short."""
-DEGENERATE = 1e-12
-"""Below this change of x over a whole turn the platform angle does not matter to an arm."""
 
 
 class Kind(IntEnum):

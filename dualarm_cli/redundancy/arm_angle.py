@@ -52,6 +52,11 @@ def choose_posture(problem: StopProblem) -> StopPosture | NoPosture:
             # Nearly always the first, the most refined one.
             if _holds_between_samples(problem, one):
                 return _posture(one, evaluate(problem, one))
+    if problem.configurations is not None:
+        return NoPosture(
+            "no given configuration can follow its approach and retract lines (a straight wrist or "
+            "shoulder cannot: give others, or approach: 0 and retract: 0)"
+        )
     return NoPosture("no posture at the target can follow its approach and retract lines")
 
 

@@ -14,6 +14,8 @@ LINE_SAMPLES = 7
 """Samples of a line while postures are compared."""
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
+SAME_POSTURE = 1e-6
+"""Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
 TRAVEL_WEIGHT = 1e-3
 """Share of the summed joint times in the cost: among equals, the one that moves least."""
 
@@ -121,8 +123,15 @@ def follow_line(
     steps -= turn * np.round(steps / turn)
     q = np.concatenate([first[:, None], first[:, None] + np.cumsum(steps, axis=1)], axis=1)
     jumps = np.abs(steps).max(axis=(1, 2), initial=0.0) > LARGEST_STEP
-    ok = reachable.all(axis=1) & problem.arm.within_limits(q).all(axis=1) & ~jumps
-    return q, ok
+    ok = reachable.all(axis=1) & ~jumps
+    if problem.configurations is not None:
+        # The configuration itself counts, also where a singular wrist has others for the same pose; a line
+        # must start in it.
+        ok &= (np.abs(first - reference).max(axis=1) < SAME_POSTURE) | (length == 0)
+        q[length == 0] = reference[length == 0, None]
+        q[:, 0] = reference
+        ok |= length == 0
+    return q, ok & problem.arm.within_limits(q).all(axis=1)
 
 
 def evaluate(problem: StopProblem, candidates: Candidates) -> Evaluation:

@@ -46,19 +46,28 @@ def check_agreement(trajectory: Trajectory) -> list[Check]:
     return [
         _judge_knots(
             "position_agreement",
-            np.abs(q[1:] - by_position),
+            _with_drift(q[1:] - by_position, tol.POSITION_AGREEMENT),
             tol.POSITION_AGREEMENT,
             "rad",
             trajectory,
         ),
         _judge_knots(
             "velocity_agreement",
-            np.abs(v[1:] - by_velocity),
+            _with_drift(v[1:] - by_velocity, tol.VELOCITY_AGREEMENT),
             tol.VELOCITY_AGREEMENT,
             "rad/s",
             trajectory,
         ),
     ]
+
+
+def _with_drift(error: FloatArray, allowed: float) -> FloatArray:
+    """Returns the size of each knot's error or, where all are allowed, of all errors up to it.
+
+    Any number of knots may stand within an instant: each by itself agrees, together they would move a joint.
+    """
+    size = np.abs(error)
+    return size if size.max(initial=0.0) > allowed else np.abs(np.cumsum(error, axis=0))
 
 
 def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
@@ -88,7 +97,8 @@ def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
     """Returns the largest share of its jerk limit that each joint uses, shape (n,); 0 without one.
 
     Knots may be a nanosecond apart, where a quotient of differences means nothing: the change of acceleration is
-    measured against jerk times time and a millionth of the acceleration limit.
+    measured against jerk times time and a millionth of the acceleration limit. What it exceeds jerk times time by
+    is also summed up over every run of knots, so that many small excesses are one large one.
 
     Args:
         trajectory: the motion.
@@ -100,8 +110,13 @@ def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
     slack = tol.JUMP_SLACK * np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
     limited = np.isfinite(limits.jerk)
     allowed = np.where(limited, limits.jerk, 0.0) * step + slack
-    share = np.abs(np.diff(trajectory.acceleration, axis=0)) / allowed
-    return np.where(limited, share.max(axis=0), 0.0)
+    change = np.abs(np.diff(trajectory.acceleration, axis=0))
+    share = (change / allowed).max(axis=0)
+    total = np.cumsum(change - (allowed - slack), axis=0)
+    total = np.vstack([np.zeros((1, total.shape[1])), total])
+    run = (total - np.minimum.accumulate(total, axis=0)).max(axis=0)
+    share = np.where(share > 1.0, share, np.maximum(share, run / (tol.RUN_SLACK * slack)))
+    return np.where(limited, share, 0.0)
 
 
 def check_rest(trajectory: Trajectory) -> Check:

@@ -13,6 +13,8 @@ RATE_SLACK = 1e-9
 JUMP_SLACK = 1e-6
 """Share of the acceleration limit by which an acceleration may change beyond jerk times time: knots may be a
 nanosecond apart, where a quotient of differences means nothing."""
+RUN_SLACK = 10.0
+"""How often that share may be used up within one run of knots."""
 AT_REST = 1e-9
 """Speed [rad/s] and acceleration [rad/s²] that count as none."""
 SAME_JOINTS = 1e-9

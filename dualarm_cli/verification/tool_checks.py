@@ -169,9 +169,11 @@ def _measure_line(
     asked = float(depth[-1])
     if stop is not None:
         asked = stop.retract if segment.kind == "retract" else stop.approach
-    backwards = float(max(0.0, -np.diff(depth).min(initial=0.0)))
+    # All the way back from the farthest point so far, not sample by sample: a slow return is one too.
+    backwards = float((np.maximum.accumulate(depth) - depth).max())
+    beyond = max(-float(depth.min()), float(depth.max()) - asked)
     ends = max(abs(float(depth[0])), abs(float(depth[-1]) - asked))
-    worst[2].add(max(ends, backwards), where)
+    worst[2].add(max(ends, backwards, beyond), where)
 
 
 def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]) -> str:

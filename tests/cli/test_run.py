@@ -132,6 +132,22 @@ def test_bad_usage_is_exit_2_with_what_was_wrong(arguments, code, words, capsys)
     assert captured.out == ""
 
 
+def test_a_motion_of_hours_is_refused_before_its_table_fills_the_disk(
+    tasks_folder, tmp_path, capsys
+):
+    """A thousandth of full speed: how many rows there would be, and what to change."""
+    (tmp_path / ".git").mkdir()
+    folder = tasks_folder / "04_packing"
+    (tmp_path / "cell.yaml").write_text((folder / "cell.yaml").read_text())
+    text = (folder / "tasks.yaml").read_text().replace("return: true", "return: true\nspeed: 0.1%")
+    (tmp_path / "tasks.yaml").write_text(text)
+    out = tmp_path / "out"
+    assert run(["plan", str(tmp_path / "tasks.yaml"), "--out", str(out)]) == 2
+    assert "rows" in (message := capsys.readouterr().err)
+    assert "lower --rate" in message
+    assert not out.exists()
+
+
 def test_json_also_on_failure(capsys):
     """One document with the exit code and the message."""
     assert run(["plan", "nowhere.yaml", "--json"]) == 2

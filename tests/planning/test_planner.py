@@ -68,7 +68,7 @@ def test_transfers_last_as_long_as_their_slowest_joint(packing):
 def test_the_default_is_no_slower_than_any_platform_solver_by_estimate(packing):
     """Without --platform every solver is compared and the note says so."""
     best = plan(packing, PlanSettings())
-    assert "is the fastest of the family" in best.notes[-1]
+    assert "is the fastest by estimate" in best.notes[-1]
     single = [
         plan(packing, PlanSettings(platform=name)) for name in ("fixed", "linearised", "exact")
     ]
@@ -183,6 +183,48 @@ def test_an_arm_without_work_stays_where_it_is(tasks_folder):
     q, v, _ = schedule.trajectory.at(np.linspace(start, end, 200))
     assert np.ptp(q[:, right], axis=0).max() < 1e-12
     assert np.abs(v[:, right]).max() < 1e-12
+
+
+@pytest.mark.parametrize("line", [0.0, 0.04])
+@pytest.mark.parametrize(
+    "joints",
+    [[0.3, 0.4, 0.4, 0.5, 0.2, 0.0, 0.3], [0.3, 0.0, 0.4, 0.5, 0.2, 0.4, 0.3], [0.1] * 7],
+)
+def test_joint_targets_are_taken_as_given(packing, joints, line):
+    """Also with a straight wrist or shoulder, whose pose has other postures; with lines or a clear refusal."""
+    from dualarm_cli.model.job import JointTarget
+
+    first = packing.tasks[0]
+    stop = dataclasses.replace(
+        first.stops[0], target=JointTarget(np.array([joints])), approach=line, retract=line
+    )
+    task = dataclasses.replace(first, stops=(stop,))
+    job = dataclasses.replace(packing, tasks=(task,))
+    try:
+        schedule = plan(job, PlanSettings())
+    except InfeasibleError as error:
+        assert line > 0
+        assert "no given configuration can follow" in str(error)
+    else:
+        verification = verify(schedule, job)
+        assert verification.passed, verification.failures
+        columns = job.cell.robot.columns(job.cell.robot.arm(task.arm).joints)
+        q = schedule.trajectory.at(np.array([schedule.events[0].time]))[0][0, columns]
+        assert np.abs(q - joints).max() < 1e-9
+
+
+def test_joint_targets_of_both_arms_leave_the_platform_alone(packing):
+    """They turn with it: no angle changes an elbow."""
+    from dualarm_cli.model.job import JointTarget
+
+    tasks = []
+    for task, q in zip(packing.tasks[:2], ([0.3] * 7, [0.5] * 7), strict=True):
+        target = JointTarget(np.array([q]))
+        stop = dataclasses.replace(task.stops[0], target=target, approach=0.0, retract=0.0)
+        tasks.append(dataclasses.replace(task, stops=(stop,)))
+    job = dataclasses.replace(packing, tasks=tuple(tasks))
+    schedule = plan(job, PlanSettings(platform="exact"))
+    assert {stage.platform_angle for stage in schedule.stages} == {0.0}
 
 
 def test_picks_without_a_dwell_are_noted(packing):
