@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.errors import UnsupportedError, UsageError
@@ -16,7 +18,7 @@ from dualarm_cli.platform_angle import PlatformProblem
 def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
     """Returns the move into one stage, after the stages before it, and both wrists before it.
 
-    The stages before are planned with the default solvers. The wrists are where the transfer ends: at the start
+    The stages before are planned with the `exact` platform solver. The wrists are where the transfer ends: at the start
     of the approach.
 
     Args:
@@ -40,7 +42,13 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         raise UsageError(f"--stage {stage}: the tasks have stages 1 to {len(work)}")
     if len(work[stage - 1]) != 2:
         raise UsageError(f"--stage {stage}: only one arm works in it; choose a stage with both")
-    position = choose_stages(model, job, "exact", "arm_angle")[stage - 1].start
+    # One stage more than lies before it where there is none: a free start is known only then.
+    before_it = replace(job, returns=False)
+    count = stage - 1 or (1 if job.start == "free" else 0)
+    plans = choose_stages(model, before_it, "exact", "arm_angle", count=count)
+    position = job.cell.robot.postures["home" if job.start == "free" else job.start]
+    if plans:
+        position = plans[-1].end if stage > 1 else plans[0].start
     stops = stop_problems(model, job, position, work[stage - 1])
     angle = float(position[model.platform_columns][0])
     before = [

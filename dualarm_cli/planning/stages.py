@@ -67,7 +67,13 @@ class _Clock:
 
 
 def choose_stages(
-    model: CellModel, job: Job, platform: str, redundancy: str, *, refine: bool = True
+    model: CellModel,
+    job: Job,
+    platform: str,
+    redundancy: str,
+    *,
+    refine: bool = True,
+    count: int | None = None,
 ) -> list[StagePlan]:
     """Returns the stages of a job, decided greedily in their order.
 
@@ -77,6 +83,7 @@ def choose_stages(
         platform: name of the platform solver.
         redundancy: name of the redundancy solver.
         refine: whether postures are refined; without it stages are decided three times as fast, to compare.
+        count: how many stages are decided; all of them by default.
 
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
@@ -84,7 +91,7 @@ def choose_stages(
     robot, clock = job.cell.robot, replace(_clock(job), refine=refine)
     position = np.array(robot.postures["home" if job.start == "free" else job.start])
     plans: list[StagePlan] = []
-    for work in job.stages():
+    for work in job.stages()[:count]:
         plan = _choose_stage(model, clock, position, work, platform, redundancy)
         if not plans and job.start == "free":
             plan = replace(plan, start=plan.arrival)
