@@ -17,6 +17,17 @@ if TYPE_CHECKING:
     from dualarm_cli.platform_angle.table import Row
 
 
+PAPER = {
+    "radius": "50 mm",
+    "alpha": "120 deg",
+    "links": "70 mm, 70 mm",
+    "angle": "-30 deg",
+    "start": "120 mm, 0; 0, 120 mm",
+    "goal": "80 mm, 10 mm; 50 mm, 100 mm",
+}
+"""Table 1 of [Bottin2021], as options."""
+
+
 def platform_command(
     tasks: Annotated[
         Path | None,
@@ -26,18 +37,16 @@ def platform_command(
         ),
     ] = None,
     stage: Annotated[int, typer.Option("--stage", help="Stage of the task file, from 1.")] = 1,
-    radius: Annotated[str, typer.Option(help="Shoulders' distance from the axis.")] = "50 mm",
-    alpha: Annotated[
-        str, typer.Option(help="Second shoulder's azimuth from the first.")
-    ] = "120 deg",
-    links: Annotated[str, typer.Option(help="Upper arm and forearm.")] = "70 mm, 70 mm",
-    angle: Annotated[str, typer.Option(help="Platform angle before the move.")] = "-30 deg",
-    start: Annotated[
-        str, typer.Option(help="Both wrists before: x, y; x, y.")
-    ] = "120 mm, 0; 0, 120 mm",
-    goal: Annotated[
-        str, typer.Option(help="Both wrists after: x, y; x, y.")
-    ] = "80 mm, 10 mm; 50 mm, 100 mm",
+    radius: Annotated[str, typer.Option(help="Shoulders' distance from the axis.")] = PAPER[
+        "radius"
+    ],
+    alpha: Annotated[str, typer.Option(help="Second shoulder's azimuth from the first.")] = PAPER[
+        "alpha"
+    ],
+    links: Annotated[str, typer.Option(help="Upper arm and forearm.")] = PAPER["links"],
+    angle: Annotated[str, typer.Option(help="Platform angle before the move.")] = PAPER["angle"],
+    start: Annotated[str, typer.Option(help="Both wrists before: x, y; x, y.")] = PAPER["start"],
+    goal: Annotated[str, typer.Option(help="Both wrists after: x, y; x, y.")] = PAPER["goal"],
     plot: Annotated[
         Path | None,
         typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
@@ -52,6 +61,9 @@ def platform_command(
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
     from dualarm_cli.platform_angle.table import candidate_rows
 
+    planar = {"radius": radius, "alpha": alpha, "links": links}
+    planar |= {"angle": angle, "start": start, "goal": goal}
+    _refuse_contradictions(tasks, stage, [k for k, v in planar.items() if v != PAPER[k]])
     if tasks is None:
         problem, before = _planar(radius, alpha, links, angle, start, goal)
     else:
@@ -67,6 +79,14 @@ def platform_command(
         print_json(_document(problem, rows))
     else:
         stdout_console().print(_table(rows))
+
+
+def _refuse_contradictions(tasks: Path | None, stage: int, given: list[str]) -> None:
+    """Refuses options that the other ones would make void."""
+    if tasks is not None and given:
+        raise UsageError(f"--{given[0]} describes a planar robot; {tasks} has its own")
+    if tasks is None and stage != 1:
+        raise UsageError(f"--stage {stage}: only a task file has stages; name one")
 
 
 def _write_figure(

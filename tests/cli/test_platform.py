@@ -75,3 +75,12 @@ def test_robots_without_a_platform_are_refused(capsys, tasks_folder):
     task = str(tasks_folder / "05_two_robots" / "tasks.yaml")
     assert run(["platform", task]) == 2
     assert "no angle to choose" in capsys.readouterr().err
+
+
+def test_options_that_would_be_void_are_refused(capsys, tasks_folder):
+    """A planar robot's length beside a task file, a stage without one."""
+    task = str(tasks_folder / "03_bottin_planar" / "tasks.yaml")
+    assert run(["platform", task, "--radius", "60 mm"]) == 2
+    assert "--radius describes a planar robot" in capsys.readouterr().err
+    assert run(["platform", "--stage", "2"]) == 2
+    assert "only a task file has stages" in capsys.readouterr().err
