@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.options import Effort, EffortOption, SeedOption
 from dualarm_cli.cli.output import (
     JsonOption,
     QuietOption,
@@ -40,21 +41,15 @@ def plan_command(
         ),
     ] = None,
     platform: Annotated[
-        str | None,
-        typer.Option(
-            "--platform",
-            help="Platform solver; default: the fastest by estimate.",
-            show_default=False,
-        ),
-    ] = None,
+        str, typer.Option("--platform", help="Method that chooses the platform angles.")
+    ] = "sequence",
     redundancy: Annotated[
         str, typer.Option("--redundancy", help="Redundancy solver.")
     ] = "arm_angle",
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
+    effort: EffortOption = Effort.normal,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
-    ] = 0,
+    seed: SeedOption = 0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -71,7 +66,7 @@ def plan_command(
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
     refuse_existing(folder, force)
     job = load_job(tasks)
-    settings = PlanSettings(platform, redundancy, timing, seed)
+    settings = PlanSettings(platform, redundancy, timing, effort.value, seed)
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
     if rows > MAX_ROWS:

@@ -32,6 +32,7 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
         "robot": _robot(schedule.robot, trajectory.joints, urdf),
         "duration": schedule.duration,
         "lower_bound": schedule.lower_bound,
+        "grid_gap": schedule.grid_gap,
         "stages": [_stage(stage) for stage in schedule.stages],
         "segments": [_segment(segment) for segment in schedule.segments],
         "events": [

@@ -57,6 +57,7 @@ def read_schedule(path: Path) -> Schedule:
         events=tuple(reader.each(document, "events", reader.event)),
         provenance=_provenance(document.get("provenance")),
         lower_bound=reader.number(document, "lower_bound", "lower_bound", None),
+        grid_gap=reader.number(document, "grid_gap", "grid_gap", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),
     )

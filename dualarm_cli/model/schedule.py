@@ -161,6 +161,8 @@ class Schedule:
     """Where it comes from."""
     lower_bound: float | None = None
     """A bound on every plan of the same stages [s], or None."""
+    grid_gap: float | None = None
+    """How far the best plan on the method's grid was from that grid's own bound, as a share, before it was refined."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()

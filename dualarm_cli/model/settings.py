@@ -10,14 +10,16 @@ from typing import Any
 class PlanSettings:
     """Solver names and tunables of one plan."""
 
-    platform: str | None = None
-    """Platform solver; None compares every one that fits, before postures are refined, and plans with the fastest."""
+    platform: str = "sequence"
+    """Method that chooses platform angles (and, for the whole-sequence methods, postures)."""
     redundancy: str = "arm_angle"
     """Redundancy solver."""
     timing: str = "ruckig"
     """Timing solver."""
+    effort: str = "normal"
+    """quick, normal or thorough: how hard methods and the lower bound try."""
     seed: int = 0
-    """Seed of all randomness; the present solvers use none."""
+    """Seed of all randomness."""
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the settings as they are recorded in a schedule."""

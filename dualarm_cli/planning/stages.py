@@ -220,7 +220,7 @@ def _stop_problem(
         R_tool_flange=T_tool_flange.rotation,
         p_tool_flange=T_tool_flange.translation,
         configurations=configurations,
-        yaw=_yaws(stop),
+        yaw=stop_yaws(stop),
         free_yaw=isinstance(stop.target, PoseTarget) and stop.target.free_yaw,
         approach=stop.approach,
         retract=stop.retract,
@@ -246,7 +246,8 @@ def _targets(
     return R[None], p[None], None
 
 
-def _yaws(stop: Stop) -> FloatArray:
+def stop_yaws(stop: Stop) -> FloatArray:
+    """Returns the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
     if isinstance(stop.target, JointTarget):
         return np.zeros(1)
     turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry

@@ -105,7 +105,7 @@ def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
     g = len(ESTIMATE_SHAPES.start)
     rates = [
         np.abs(operator @ flat).reshape(g, -1, n, joints).max(axis=1)
-        for operator in _estimate_operators(samples)
+        for operator in estimate_operators(samples)
     ]
     time = np.maximum(
         (rates[0] / limits.velocity).max(axis=-1),
@@ -119,7 +119,7 @@ def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns matrices from path samples to q', q'', q''' in unit time at all instants."""
     s, sd, sdd, sddd = (values.ravel() for values in ESTIMATE_SHAPES.within_phases(2))
     nodes = np.linspace(0.0, 1.0, samples)

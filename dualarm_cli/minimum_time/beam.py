@@ -1,0 +1,248 @@
+"""A good plan on the nodes: both arms together, stage by stage, guided by what is left to do at least."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.potentials import (
+    ArmLayers,
+    Layer,
+    free_columns,
+    platform_columns,
+    start_coordinates,
+)
+from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
+
+PER_ANGLE = 4
+"""Nodes of each arm that are tried together at each platform angle: their pairs are the candidates."""
+
+
+@dataclass(frozen=True)
+class _States:
+    """Partial plans; b of them."""
+
+    spent: NDArray[np.float32]
+    """Time so far [s], shape (b,)."""
+    node: IntArray
+    """Each arm's last node, -1 before its first stop, shape (arms, b)."""
+    joints: tuple[Coordinates, ...]
+    """Each arm's joints and the platform, in steps, shape (c, b)."""
+    angle: IntArray
+    """Platform angle in the arms' last common coordinates, in steps, shape (b,)."""
+    left: NDArray[np.float32]
+    """What each arm still needs at least [s], shape (arms, b)."""
+
+
+@dataclass(frozen=True)
+class _Step:
+    """How the states of one stage came about."""
+
+    parent: IntArray
+    """Index among the states before, shape (b,)."""
+    node: IntArray
+    """Each arm's node, -1 where idle, shape (arms, b)."""
+    angle_index: IntArray
+    """Platform angle within the grid's, shape (b,)."""
+
+
+@dataclass(frozen=True)
+class NodePath:
+    """A plan on the nodes."""
+
+    decisions: Decisions
+    """What it means."""
+    nodes: IntArray
+    """Each arm's node in every stage, -1 where idle, shape (arms, n)."""
+    total: float
+    """Its time with the nodes' own line times [s]."""
+
+
+def beam_search(
+    problem: SequenceProblem, arms: tuple[ArmLayers, ...], angles: FloatArray, width: int
+) -> NodePath | None:
+    """Returns a plan on the nodes, None where none was found.
+
+    From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
+    needs, plus the larger of what the arms still need at least. The best `width` different states are kept.
+
+    Args:
+        problem: the sequence.
+        arms: layers with potentials.
+        angles: the grid's platform angles [rad], shape (f,).
+        width: how many states are kept.
+    """
+    states = _first(problem, arms)
+    steps: list[_Step] = []
+    for k in range(problem.stages):
+        found = _extend(problem, arms, angles, states, k, width)
+        if found is None:
+            return None
+        step, states = found
+        steps.append(step)
+    total = states.spent + states.left.max(axis=0)
+    best = int(np.argmin(total))
+    return _path(problem, arms, angles, steps, best, float(total[best]))
+
+
+def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
+    joints = tuple(start_coordinates(problem, a, arm.table) for a, arm in enumerate(arms))
+    return _States(
+        np.zeros(1, dtype=np.float32),
+        np.full((len(arms), 1), -1, dtype=np.int64),
+        joints,
+        np.zeros(1, dtype=np.int64),
+        np.zeros((len(arms), 1), dtype=np.float32),
+    )
+
+
+def _extend(
+    problem: SequenceProblem,
+    arms: tuple[ArmLayers, ...],
+    angles: FloatArray,
+    states: _States,
+    k: int,
+    width: int,
+) -> tuple[_Step, _States] | None:
+    """Returns the best states after stage k, None where no pair of nodes fits together."""
+    working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
+    b, f = len(states.spent), len(angles)
+    # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
+    options = [_options(problem, arms[a], states, a, k, f) for a in working]
+    cost, left, nodes = options[0]
+    chosen = [nodes[..., None]]
+    if len(options) == 2:
+        cost_2, left_2, nodes_2 = options[1]
+        cost = np.maximum(cost[..., :, None], cost_2[..., None, :])
+        left = np.maximum(left[..., :, None], left_2[..., None, :])
+        shape = cost.shape
+        chosen = [
+            np.broadcast_to(nodes[..., :, None], shape),
+            np.broadcast_to(nodes_2[..., None, :], shape),
+        ]
+    idle = [a for a in range(len(arms)) if a not in working]
+    for a in idle:
+        left = np.maximum(left, states.left[a].reshape(b, *(1,) * (left.ndim - 1)))
+    spent = states.spent.reshape(b, *(1,) * (cost.ndim - 1)) + cost
+    key = (spent + left).ravel()
+    possible = np.nonzero(np.isfinite(key))[0]
+    if not len(possible):
+        return None
+    # More than wanted, since several ways lead to the same pair of nodes.
+    some = possible[np.argsort(key[possible], kind="stable")[: 4 * width]]
+    parent = some // (key.size // b)
+    angle = (some // (key.size // (b * f))) % f
+    node = np.full((len(arms), len(some)), -1, dtype=np.int64)
+    for a, rows in zip(working, chosen, strict=True):
+        node[a] = rows.ravel()[some]
+    same = np.where(node >= 0, node, states.node[:, parent] + 1_000_000)
+    _, first = np.unique(same, axis=1, return_index=True)
+    kept = np.sort(first)[:width]
+    some, parent, angle, node = some[kept], parent[kept], angle[kept], node[:, kept]
+    step = _Step(parent, node, angle)
+    return step, _moved(problem, arms, states, step, spent.ravel()[some], k)
+
+
+def _options(
+    problem: SequenceProblem, arm: ArmLayers, states: _States, a: int, k: int, f: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32], IntArray]:
+    """Returns one arm's best nodes from every state at every platform angle: cost, what is left, node, each (b, f, w)."""
+    layer, potential = arm.layers[k], arm.potential[k]
+    assert layer is not None
+    assert potential is not None
+    if k == 0 and problem.free_start:
+        cost = np.zeros((1, len(potential)), dtype=np.float32)
+    else:
+        came = int(arm.chain.previous[k])
+        without = free_columns(layer, arm.layers[came] if came >= 0 else None)
+        cost = arm.table.times(states.joints[a], layer.approach, without)
+    cost = cost + layer.work
+    at = _by_angle(layer.angle_index, f)
+    padded = np.concatenate([cost, np.full((len(cost), 1), np.inf, dtype=np.float32)], axis=1)
+    cost = padded[:, at]
+    left = np.append(potential, np.float32(np.inf))[at]
+    total = cost + left
+    w = min(PER_ANGLE, total.shape[2])
+    best = np.argpartition(total, w - 1, axis=2)[..., :w]
+    cost = np.take_along_axis(cost, best, axis=2)
+    nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)
+    left = np.take_along_axis(np.broadcast_to(left, total.shape), best, axis=2)
+    return cost, left, nodes
+
+
+def _by_angle(angle_index: IntArray, f: int) -> IntArray:
+    """Returns the nodes of each platform angle, shape (f, w), padded with the number of nodes."""
+    n = len(angle_index)
+    count = np.bincount(angle_index, minlength=f)
+    table = np.full((f, max(1, int(count.max()))), n, dtype=np.int64)
+    column = np.arange(n) - np.repeat(np.cumsum(count) - count, count)
+    table[angle_index, column] = np.arange(n)
+    return table
+
+
+def _moved(
+    problem: SequenceProblem,
+    arms: tuple[ArmLayers, ...],
+    states: _States,
+    step: _Step,
+    spent: NDArray[np.float32],
+    k: int,
+) -> _States:
+    """Returns the states after a step."""
+    node = np.where(step.node >= 0, step.node, states.node[:, step.parent])
+    joints, left = [], states.left[:, step.parent].copy()
+    platform = None
+    for a, arm in enumerate(arms):
+        layer, potential = arm.layers[k], arm.potential[k]
+        if layer is None or potential is None:
+            joints.append(rows_of(states.joints[a], step.parent))
+            continue
+        joints.append(rows_of(layer.retract, step.node[a]))
+        left[a] = potential[step.node[a]]
+        platform = joints[-1][list(platform_columns(problem))]
+        scale = arm.table.scale
+    for a, arm in enumerate(arms):
+        if arm.layers[k] is None and problem.turns and platform is not None:
+            # The platform carries an idle arm along; each arm's table has its own scale.
+            ratio = arm.table.scale[7] / scale[7]
+            joints[a][7] = np.round(platform[0] * ratio).astype(np.int16)
+    return _States(spent, node, tuple(joints), step.angle_index, left)
+
+
+def _path(
+    problem: SequenceProblem,
+    arms: tuple[ArmLayers, ...],
+    angles: FloatArray,
+    steps: list[_Step],
+    best: int,
+    total: float,
+) -> NodePath:
+    """Returns the plan that led to a final state."""
+    n = problem.stages
+    angle = np.zeros(n)
+    nodes = np.full((len(arms), n), -1, dtype=np.int64)
+    for k in range(n - 1, -1, -1):
+        step = steps[k]
+        angle[k] = angles[step.angle_index[best]]
+        nodes[:, k] = step.node[:, best]
+        best = int(step.parent[best])
+    decisions = tuple(_arm(problem, a, arm, nodes[a]) for a, arm in enumerate(arms))
+    return NodePath(Decisions(angle, decisions), nodes, total)
+
+
+def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
+    n = len(chosen)
+    rows = ArmDecisions(
+        *(np.zeros(n, dtype=kind) for kind in (np.int64, np.float64, np.int64)),
+        *(np.zeros(n) for _ in range(3)),
+        np.tile(problem.arms[a].start, (n, 1)),
+    )
+    for k in np.nonzero(chosen >= 0)[0]:
+        layer = arm.layers[k]
+        assert isinstance(layer, Layer)
+        rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
+    return rows

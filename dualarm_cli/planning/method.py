@@ -1,0 +1,50 @@
+"""What a whole method is asked and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.stages import StagePlan
+
+
+@dataclass(frozen=True)
+class MethodProblem:
+    """A job, and how hard to try."""
+
+    model: CellModel
+    """The job's cell, ready for kinematics."""
+    job: Job
+    """What is to be done."""
+    redundancy: str
+    """Name of the redundancy solver."""
+    effort: str = "normal"
+    """quick, normal or thorough; greedy methods have one effort only."""
+    seed: int = 0
+    """Seed of all randomness."""
+
+    @property
+    def turns_for_both(self) -> bool:
+        """Whether there is a platform angle to choose for two arms."""
+        return self.model.platform.is_turntable and len(self.model.arms) == 2
+
+    @property
+    def simpler(self) -> list[str]:
+        """Names of the greedy methods that differ on this robot."""
+        return ["fixed", "exact", "linearised"] if self.turns_for_both else ["fixed"]
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A method's answer."""
+
+    stages: list[StagePlan]
+    """In their order, the return last where there is one."""
+    grid_gap: float | None = None
+    """How far the best plan on the method's own grid was from that grid's bound, as a share, before it was refined; None
+    for methods without a grid. It says nothing about plans off the grid."""
+    alternatives: tuple[list[StagePlan], ...] = ()
+    """Other plans that may turn out to be faster when they are timed exactly."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""

@@ -1,0 +1,57 @@
+"""Whole methods, from a job to its decided stages: what `--platform` names and `compare solvers` compares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.sequence import solve_sequence
+from dualarm_cli.planning.stages import choose_stages
+from dualarm_cli.platform_angle import PLATFORM_SOLVERS
+from dualarm_cli.registry import Registry, Solver
+
+OWN_REDUNDANCY = "arm_angle"
+"""The redundancy solver whose arm angles the whole-sequence methods choose themselves."""
+
+
+def _needs_turntable(problem: MethodProblem) -> str | None:
+    if problem.turns_for_both:
+        return None
+    return "it is not two arms on one turning platform"
+
+
+def _needs_arm_angles(problem: MethodProblem) -> str | None:
+    if problem.redundancy == OWN_REDUNDANCY:
+        return None
+    return f"it chooses the arm angles itself: leave out --redundancy {problem.redundancy}"
+
+
+def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
+    def solve(problem: MethodProblem) -> Decided:
+        return Decided(choose_stages(problem.model, problem.job, platform, problem.redundancy))
+
+    return solve
+
+
+METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
+    "method",
+    [
+        Solver(
+            name="sequence",
+            solve=solve_sequence,
+            summary="Platform angles and both arms' postures together over the whole cycle, by least time.",
+            reference="ours: node grid, coupled dynamic programming, beam, linear steps",
+            why_unsupported=_needs_arm_angles,
+        ),
+        *(
+            Solver(
+                name=solver.name,
+                solve=_greedy(solver.name),
+                summary=f"Stage by stage: {solver.summary[0].lower()}{solver.summary[1:]}",
+                reference=solver.reference,
+                **({} if solver.name == "fixed" else {"why_unsupported": _needs_turntable}),
+            )
+            for solver in PLATFORM_SOLVERS
+        ),
+    ],
+)

@@ -1,0 +1,87 @@
+"""From a job to the numbers that the search over its whole sequence works on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
+from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.model.job import Job, JointTarget, Stop
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.planning.stages import stop_yaws
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+def sequence_problem(model: CellModel, job: Job) -> SequenceProblem:
+    """Returns a job's stages in their order, under its limits at its speed.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+    """
+    robot = job.cell.robot
+    limits = robot.limits.scaled(job.speed)
+    start = np.array(robot.postures["home" if job.start == "free" else job.start])
+    stages = job.stages()
+    arms = tuple(
+        _arm_work(
+            arm,
+            limits.select(arm.arm.joints),
+            tuple(_target(work[name][1]) if name in work else None for work in stages),
+            start[arm.columns],
+        )
+        for name, arm in model.arms.items()
+    )
+    law, span = None, (0.0, 0.0)
+    if model.platform.is_turntable:
+        platform = limits.select(robot.platform)
+        law = _law(platform)
+        span = (float(platform.lower[0]), float(platform.upper[0]))
+    return SequenceProblem(
+        platform=model.platform,
+        platform_law=law,
+        platform_range=span,
+        platform_start=start[model.platform_columns],
+        arms=arms,
+        free_start=job.start == "free",
+        returns=job.returns,
+    )
+
+
+def _law(limits: JointLimits) -> RestToRest:
+    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+
+
+def _arm_work(
+    arm: ArmModel, limits: JointLimits, stops: tuple[StopTarget | None, ...], start: np.ndarray
+) -> ArmWork:
+    T_tool_flange = arm.T_flange_tcp.inverse()
+    return ArmWork(
+        name=arm.arm.name,
+        kinematics=arm.kinematics,
+        limits=limits,
+        law=_law(limits),
+        R_tool_flange=T_tool_flange.rotation,
+        p_tool_flange=T_tool_flange.translation,
+        stops=stops,
+        start=start,
+    )
+
+
+def _target(stop: Stop) -> StopTarget:
+    target = stop.target
+    if isinstance(target, JointTarget):
+        R, p, free, configurations = np.eye(3), np.zeros(3), False, target.configurations
+    else:
+        R, p = target.pose.rotation, target.pose.translation
+        free, configurations = target.free_yaw, None
+    return StopTarget(
+        R_world_tool=R,
+        p_world_tool=p,
+        configurations=configurations,
+        yaw=stop_yaws(stop),
+        free_yaw=free,
+        approach=stop.approach,
+        retract=stop.retract,
+        dwell=stop.dwell.total,
+    )
