@@ -20,6 +20,8 @@ from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 PER_ANGLE = 4
 """Nodes of each arm that are tried together at each platform angle: their pairs are the candidates."""
+WAYS = 4
+"""How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class NodePath:
 
 
 def beam_search(
-    problem: SequenceProblem, arms: tuple[ArmLayers, ...], angles: FloatArray, width: int
+    problem: SequenceProblem, arms: tuple[ArmLayers, ...], angles: FloatArray, width: int, per_angle: int = PER_ANGLE
 ) -> NodePath | None:
     """Returns a plan on the nodes, None where none was found.
 
@@ -75,11 +77,13 @@ def beam_search(
         arms: layers with potentials.
         angles: the grid's platform angles [rad], shape (f,).
         width: how many states are kept.
+        per_angle: how many nodes of each arm are paired at each platform angle; with all of them and all states kept,
+            the plan is the best one on the nodes.
     """
     states = _first(problem, arms)
     steps: list[_Step] = []
     for k in range(problem.stages):
-        found = _extend(problem, arms, angles, states, k, width)
+        found = _extend(problem, arms, angles, states, k, width, per_angle)
         if found is None:
             return None
         step, states = found
@@ -107,12 +111,13 @@ def _extend(
     states: _States,
     k: int,
     width: int,
+    per_angle: int,
 ) -> tuple[_Step, _States] | None:
     """Returns the best states after stage k, None where no pair of nodes fits together."""
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
     b, f = len(states.spent), len(angles)
     # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
-    options = [_options(problem, arms[a], states, a, k, f) for a in working]
+    options = [_options(problem, arms[a], states, a, k, f, per_angle) for a in working]
     cost, left, nodes = options[0]
     chosen = [nodes[..., None]]
     if len(options) == 2:
@@ -132,8 +137,7 @@ def _extend(
     possible = np.nonzero(np.isfinite(key))[0]
     if not len(possible):
         return None
-    # More than wanted, since several ways lead to the same pair of nodes.
-    some = possible[np.argsort(key[possible], kind="stable")[: 4 * width]]
+    some = possible[np.argsort(key[possible], kind="stable")[: WAYS * len(arms) * width]]
     parent = some // (key.size // b)
     angle = (some // (key.size // (b * f))) % f
     node = np.full((len(arms), len(some)), -1, dtype=np.int64)
@@ -148,7 +152,7 @@ def _extend(
 
 
 def _options(
-    problem: SequenceProblem, arm: ArmLayers, states: _States, a: int, k: int, f: int
+    problem: SequenceProblem, arm: ArmLayers, states: _States, a: int, k: int, f: int, per_angle: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], IntArray]:
     """Returns one arm's best nodes from every state at every platform angle: cost, what is left, node, each (b, f, w)."""
     layer, potential = arm.layers[k], arm.potential[k]
@@ -166,7 +170,7 @@ def _options(
     cost = padded[:, at]
     left = np.append(potential, np.float32(np.inf))[at]
     total = cost + left
-    w = min(PER_ANGLE, total.shape[2])
+    w = min(per_angle, total.shape[2])
     best = np.argpartition(total, w - 1, axis=2)[..., :w]
     cost = np.take_along_axis(cost, best, axis=2)
     nodes = np.take_along_axis(np.broadcast_to(at, total.shape), best, axis=2)

@@ -1,4 +1,4 @@
-"""The best combination of a few small changes at every stage: dynamic programming in a corridor around a plan."""
+"""The best combination of several plans, stage by stage: dynamic programming over what each of them does."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.postures import Postures, postures
-from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
+from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import (
     Chain,
@@ -17,18 +17,16 @@ from dualarm_cli.minimum_time.times import (
     platform_times,
     start_joints,
 )
-from dualarm_cli.minimum_time.variables import Variables, shifted
 
 
 def best_combination(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
-    variables: Variables,
     best: Evaluated,
-    steps: FloatArray,
+    others: list[Decisions],
     frozen: int | None = None,
 ) -> Evaluated:
-    """Returns the fastest plan in which every stage takes one of the steps or none; never slower than `best`.
+    """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
 
     Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a stage, or
     before the return, comes from where `best` has it. So the result is evaluated anew, and taken only if faster.
@@ -36,53 +34,56 @@ def best_combination(
     Args:
         problem: the sequence.
         tables: the arms' stops.
-        variables: numbering of its variables.
         best: a possible plan.
-        steps: changes of all variables [rad], shape (m, count); the stages' parts are combined freely.
-        frozen: a stage that takes none of the steps.
+        others: plans to combine it with.
+        frozen: a stage that stays as it is in `best`.
     """
-    choices = np.vstack([np.zeros(variables.count), steps])
-    padded = np.column_stack([choices, np.zeros(len(choices))])
-    n, m = problem.stages, len(choices)
-    angle = best.decisions.angle[:, None] + padded[:, variables.angle].T
-    if problem.turns:
-        angle = np.clip(angle, *problem.platform_range)
-    found = [
-        _candidates(problem, tables, variables, best, padded, angle, a) for a in range(len(tables))
-    ]
+    plans = [best.decisions, *others]
+    angle = np.stack([plan.angle for plan in plans], axis=1)
+    found = [_candidates(problem, tables, plans, angle, a) for a in range(len(tables))]
     cost = _costs(problem, best, found, angle)
     if frozen is not None:
         cost[frozen, :, 1:] = np.inf
     picked = _shortest(cost, _closing_costs(problem, best, found, angle))
     if not picked.any():
         return best
-    step = np.zeros(variables.count)
-    for rows in (variables.angle[:, None], *variables.arms):
-        k, column = np.nonzero(rows >= 0)
-        step[rows[k, column]] = choices[picked[k], rows[k, column]]
-    moved = variables.moved(best.decisions, step)
-    if problem.turns:
-        moved = Decisions(np.clip(moved.angle, *problem.platform_range), moved.arms)
-    result = evaluate(problem, tables, moved)
-    assert n == len(picked)
-    assert m > picked.max()
+    result = evaluate(problem, tables, _picked(plans, picked))
     return result if result.total < best.total else best
+
+
+def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:
+    """Returns the decisions that take each stage from the plan it names."""
+    result = plans[0]
+    for m in np.unique(picked):
+        rows = np.nonzero(picked == m)[0]
+        angle = np.array(result.angle)
+        angle[rows] = plans[m].angle[rows]
+        arms = tuple(
+            mine.put(rows, other.take(rows))
+            for mine, other in zip(result.arms, plans[m].arms, strict=True)
+        )
+        result = Decisions(angle, arms)
+    return result
 
 
 def _candidates(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
-    variables: Variables,
-    best: Evaluated,
-    padded: FloatArray,
+    plans: list[Decisions],
     angle: FloatArray,
     a: int,
 ) -> Postures:
-    """Returns one arm's postures for every stage and step, arrays of shape (n, m, ...)."""
+    """Returns one arm's postures for every stage and plan, arrays of shape (n, m, ...)."""
     n, m = angle.shape
     stage = np.repeat(np.arange(n), m)
-    change = padded[:, variables.arms[a]].transpose(1, 0, 2).reshape(n * m, -1)
-    candidates = shifted(best.decisions.arms[a].take(stage), change)
+    candidates = ArmDecisions(
+        *(
+            np.stack([getattr(plan.arms[a], field.name) for plan in plans], axis=1).reshape(
+                n * m, *getattr(plans[0].arms[a], field.name).shape[1:]
+            )
+            for field in fields(ArmDecisions)
+        )
+    )
     found = postures(problem, a, tables[a], stage, angle.ravel(), candidates)
     parts = {field.name: getattr(found, field.name) for field in fields(Postures)}
     return Postures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
@@ -91,7 +92,7 @@ def _candidates(
 def _costs(
     problem: SequenceProblem, best: Evaluated, found: list[Postures], angle: FloatArray
 ) -> FloatArray:
-    """Returns the length of every stage for every step before and in it [s], shape (n, m, m)."""
+    """Returns the length of every stage for every plan before and in it [s], shape (n, m, m)."""
     n, m = angle.shape
     before = np.empty((n, m))
     before[1:] = angle[:-1]
@@ -125,7 +126,7 @@ def _costs(
 def _closing_costs(
     problem: SequenceProblem, best: Evaluated, found: list[Postures], angle: FloatArray
 ) -> FloatArray:
-    """Returns the length of the return for every step of the last stage [s], shape (m,)."""
+    """Returns the length of the return for every plan of the last stage [s], shape (m,)."""
     n, m = angle.shape
     if not problem.returns:
         return np.zeros(m)

@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.linear_steps import linear_step
-from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated
 from dualarm_cli.minimum_time.variables import Variables
@@ -55,16 +55,24 @@ def polish(
         steps = np.vstack(
             [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
         )
+        moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
         frozen = None
         if problem.free_start and problem.returns:
             frozen = 0 if k % 2 else problem.stages - 1
-        found = best_combination(problem, tables, variables, best, steps, frozen)
+        found = best_combination(problem, tables, best, moved, frozen)
         if best.total - found.total < LITTLE * best.total:
             radius *= SHRINK
         best = found
         if radius < SMALLEST_RADIUS:
             break
     return best
+
+
+def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:
+    """Returns decisions with the platform within its range."""
+    if not problem.turns:
+        return decisions
+    return Decisions(np.clip(decisions.angle, *problem.platform_range), decisions.arms)
 
 
 def _random_steps(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.nodes import Nodes
-from dualarm_cli.minimum_time.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.minimum_time.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.minimum_time.times import Chain
 from dualarm_cli.minimum_time.transfer_table import ROWS, Coordinates, TransferTable
 
@@ -82,10 +82,18 @@ def arm_layers(
         nodes: the arm's nodes by stage, in order of their platform angle; None where it is idle.
     """
     work = problem.arms[arm]
-    laws = [work.law] if problem.platform_law is None else [work.law, problem.platform_law]
-    table = TransferTable.of(laws)
+    table = _table(problem, work)
     layers = [None if n is None else _layer(problem, table, angles, n) for n in nodes]
     return ArmLayers(table, Chain.of(work), layers, [None] * problem.stages, 0.0)
+
+
+def _table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
+    laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
+    if problem.platform_law is not None:
+        laws.append(problem.platform_law)
+        low, high = problem.platform_range
+        lower, upper = np.append(lower, low), np.append(upper, high)
+    return TransferTable.of(laws, lower, upper)
 
 
 def with_potentials(

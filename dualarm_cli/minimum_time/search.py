@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.beam import NodePath, beam_search
+from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.nodes import Grid, grid_nodes
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
@@ -19,31 +20,61 @@ from dualarm_cli.minimum_time.yaws import with_yaws
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How hard the search tries."""
+class Mesh:
+    """How finely one grid of nodes is set, and how wide a beam goes through it."""
 
     angle_step: float
-    """Spacing of the grid's platform angles [rad]."""
+    """Spacing of the platform angles [rad]."""
     arm_angles: int
     """Arm angles around the circle."""
     most_nodes: int
     """Most nodes of one stop."""
     width: int
     """States that the beam keeps."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard the search tries."""
+
+    meshes: tuple[Mesh, ...]
+    """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
     trial_rounds: int
-    """Rounds of polishing after which the most promising plan is chosen."""
+    """Rounds of polishing of every plan before they are combined."""
     rounds: int
-    """Rounds of polishing of that plan."""
+    """Rounds of polishing of the combination."""
     random_steps: int
     """Random steps that are offered in each round."""
 
 
 EFFORTS = {
-    "quick": Effort(np.radians(15.0), 12, 1500, 20, 1, 4, 0),
-    "normal": Effort(np.radians(10.0), 18, 2000, 40, 2, 8, 6),
-    "thorough": Effort(np.radians(6.0), 30, 5000, 200, 6, 60, 24),
+    "quick": Effort((Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0),
+    "normal": Effort(
+        (
+            Mesh(np.radians(12.0), 14, 1500, 40),
+            Mesh(np.radians(15.0), 12, 1500, 20),
+        ),
+        3,
+        6,
+        4,
+    ),
+    "thorough": Effort(
+        (
+            Mesh(np.radians(6.0), 30, 5000, 200),
+            Mesh(np.radians(7.0), 26, 4000, 100),
+            Mesh(np.radians(8.0), 22, 4000, 100),
+            Mesh(np.radians(10.0), 18, 3000, 100),
+            Mesh(np.radians(12.0), 16, 3000, 100),
+            Mesh(np.radians(15.0), 12, 3000, 100),
+        ),
+        12,
+        60,
+        24,
+    ),
 }
 """By name."""
+PROMISING = 1.06
+"""A plan that is slower than the best one by more than this factor is not polished."""
 BANS = 12
 """How often the beam is repeated without nodes whose lines turned out to be impossible."""
 
@@ -65,9 +96,9 @@ def search(
 ) -> Found | None:
     """Returns the fastest plan found, None if there is none at all.
 
-    The nodes of all stops on a grid; backward dynamic programming per arm with the other one relaxed; a beam guided by
-    it. The beam's plan and the given ones are polished, all of them a little, then the best one thoroughly. The result is
-    never slower, in closed-form times, than any of the starts.
+    The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
+    guided by it. The beams' plans and the given ones are polished a little, combined stage by stage, and the combination is
+    polished thoroughly. The result is never slower, in closed-form times, than any of the starts.
 
     Args:
         problem: the sequence.
@@ -78,16 +109,29 @@ def search(
     how = EFFORTS[effort]
     tables = tuple(StopTable.of(work) for work in problem.arms)
     pool = [evaluate(problem, tables, start) for start in starts]
-    path, bound = _on_nodes(problem, tables, how)
-    if path is not None:
-        pool.append(evaluate(problem, tables, path.decisions))
+    paths = []
+    bound = None
+    for k, mesh in enumerate(how.meshes):
+        path, mesh_bound = _on_nodes(problem, tables, mesh)
+        bound = mesh_bound if k == 0 else bound
+        paths.append(path)
+        if path is not None:
+            pool.append(evaluate(problem, tables, path.decisions))
     pool = _different([plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
-    tried = [polish(problem, tables, plan, how.trial_rounds, 0, seed) for plan in pool]
-    best = min(tried, key=lambda plan: plan.total)
+    least = min(plan.total for plan in pool)
+    tried = [
+        polish(problem, tables, plan, how.trial_rounds, 0, seed)
+        for plan in pool
+        if plan.total <= PROMISING * least
+    ]
+    tried.sort(key=lambda plan: plan.total)
+    best = best_combination(
+        problem, tables, tried[0], [plan.decisions for plan in (*tried[1:], *pool)]
+    )
     best = polish(problem, tables, best, how.rounds, how.random_steps, seed)
-    return Found(best, bound, None if path is None else path.total)
+    return Found(best, bound, None if paths[0] is None else paths[0].total)
 
 
 def _different(pool: list[Evaluated]) -> list[Evaluated]:
@@ -112,11 +156,11 @@ def grid_angles(problem: SequenceProblem, step: float) -> tuple[FloatArray, int]
 
 
 def _on_nodes(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], how: Effort
+    problem: SequenceProblem, tables: tuple[StopTable, ...], mesh: Mesh
 ) -> tuple[NodePath | None, float | None]:
     """Returns the beam's plan, with all its lines possible, and the grid's bound."""
-    angles, start = grid_angles(problem, how.angle_step)
-    grid = Grid(angles, how.arm_angles, how.most_nodes)
+    angles, start = grid_angles(problem, mesh.angle_step)
+    grid = Grid(angles, mesh.arm_angles, mesh.most_nodes)
     arms = []
     for a, work in enumerate(problem.arms):
         nodes = (
@@ -130,7 +174,7 @@ def _on_nodes(
     arms = list(with_potentials(problem, arms, start, len(angles)))
     bound = max(arm.bound for arm in arms)
     for _ in range(BANS):
-        path = beam_search(problem, tuple(arms), angles, how.width)
+        path = beam_search(problem, tuple(arms), angles, mesh.width)
         if path is None:
             return None, bound
         path = replace(path, decisions=with_yaws(problem, tables, path.decisions))

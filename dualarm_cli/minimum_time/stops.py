@@ -59,6 +59,9 @@ class StopTable:
             p.extend(p_flange - R_tool @ arm.p_tool_flange)
             carried.extend([True] * len(stop.configurations))
             configuration.extend(stop.configurations)
+        if not R:
+            # An arm without any stop: one row of no meaning, so that idle stages have some.
+            R, p, carried, configuration = [np.eye(3)], [np.zeros(3)], [False], [np.zeros(7)]
         return cls(
             np.minimum(np.array(first, dtype=np.int64), len(R) - 1),
             np.array([stop is not None for stop in arm.stops]),

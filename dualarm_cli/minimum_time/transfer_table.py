@@ -12,10 +12,10 @@ from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME_LAW = 0.03
 """Laws whose constants differ by less than this share are taken as one, the quickest."""
-STEPS = 16_000
-"""Steps of the table over the largest distance; differences of coordinates then fit 16 bits."""
-LONGEST = 4.0 * np.pi
-"""Largest joint displacement that is told from larger ones [rad]."""
+STEPS = 32_000
+"""Steps of the table over the widest joint's range; differences of coordinates then fit 16 bits."""
+WIDEST = 4.0 * np.pi
+"""Range of a joint without position limits that is told from larger ones [rad]."""
 ROWS = 48
 """Rows of a block of pairs: small enough for the cache."""
 
@@ -29,7 +29,7 @@ class _Class:
     columns: tuple[int, ...]
     """Which coordinates."""
     time: NDArray[np.float32]
-    """Time [s] of a distance of so many steps, rounded down to whole steps; shape (2 * STEPS,)."""
+    """Time [s] of a distance of so many steps, one step less, shape (STEPS + 1,)."""
 
 
 @dataclass(frozen=True)
@@ -37,22 +37,33 @@ class TransferTable:
     """Times of a group of joints that move together, at the resolution of a table.
 
     A joint's displacement in units of its speed needs T(d / v), the same T for all joints whose limits stand in the
-    same proportions; the slowest joint is then the one with the largest d / v, and one look-up serves all. The look-up
-    is never above the closed form by more than what rounding a coordinate to half a step makes.
+    same proportions; the slowest joint is then the one with the largest d / v, and one look-up serves all. As
+    rounding two coordinates can make one step, a step less is looked up: times are never above the closed form.
     """
 
     scale: FloatArray
     """Steps per radian of each joint, shape (c,)."""
+    middle: FloatArray
+    """Middle of each joint's range [rad], shape (c,)."""
     classes: tuple[_Class, ...]
     """Joints by law."""
 
     @classmethod
-    def of(cls, laws: list[RestToRest]) -> TransferTable:
-        """Returns the table of several groups of joints, their columns one after the other."""
+    def of(cls, laws: list[RestToRest], lower: FloatArray, upper: FloatArray) -> TransferTable:
+        """Returns the table of several groups of joints, their columns one after the other.
+
+        Args:
+            laws: of each group.
+            lower: lowest position of every joint [rad], shape (c,), -inf allowed.
+            upper: highest position [rad], shape (c,), inf allowed.
+        """
+        bounded = np.isfinite(lower) & np.isfinite(upper)
+        low, high = np.where(bounded, lower, -0.5 * WIDEST), np.where(bounded, upper, 0.5 * WIDEST)
+        span, middle = high - low, 0.5 * (low + high)
         velocity = np.concatenate([law.velocity for law in laws])
         acceleration = np.concatenate([law.acceleration for law in laws]) / velocity
         jerk = np.concatenate([law.jerk for law in laws]) / velocity
-        step = LONGEST / velocity.min() / STEPS
+        step = float((span / velocity).max()) / STEPS
         classes = []
         left = list(range(len(velocity)))
         while left:
@@ -66,15 +77,16 @@ class TransferTable:
             law = RestToRest(
                 np.ones(1), acceleration[alike].max(keepdims=True), jerk[alike].max(keepdims=True)
             )
-            distance = np.maximum(np.arange(2 * STEPS) - 0.5, 0.0) * step
+            distance = np.maximum(np.arange(STEPS + 1) - 1.0, 0.0) * step
             classes.append(_Class(tuple(alike), law.duration(distance[:, None]).astype(np.float32)))
             left = [c for c in left if c not in alike]
-        return cls(1.0 / (velocity * step), tuple(classes))
+        return cls(1.0 / (velocity * step), middle, tuple(classes))
 
     def coordinates(self, joints: FloatArray) -> Coordinates:
         """Returns joints (n, c) [rad] in steps, coordinate first, shape (c, n)."""
-        steps = np.round(joints * self.scale).T
-        return np.ascontiguousarray(np.clip(steps, -STEPS + 1, STEPS - 1).astype(np.int16))
+        steps = np.round((joints - self.middle) * self.scale).T
+        half = STEPS // 2
+        return np.ascontiguousarray(np.clip(steps, -half, half).astype(np.int16))
 
     def times(
         self, start: Coordinates, goal: Coordinates, without: tuple[int, ...] = ()
@@ -103,29 +115,6 @@ class TransferTable:
         if longest is None:
             return np.zeros((start.shape[1], goal.shape[1]), dtype=np.float32)
         return longest
-
-    def least(
-        self,
-        start: Coordinates,
-        goal: Coordinates,
-        beyond: NDArray[np.float32],
-        without: tuple[int, ...] = (),
-    ) -> NDArray[np.float32]:
-        """Returns the least time to any goal and beyond [s], shape (n,): the min-plus product.
-
-        Args:
-            start: in steps, shape (c, n).
-            goal: in steps, shape (c, m).
-            beyond: what comes after each goal [s], shape (m,).
-            without: coordinates that do not count.
-        """
-        n = start.shape[1]
-        best = np.empty(n, dtype=np.float32)
-        for k in range(0, n, ROWS):
-            time = self.times(start[:, k : k + ROWS], goal, without)
-            time += beyond
-            best[k : k + ROWS] = time.min(axis=1)
-        return best
 
 
 def rows_of(coordinates: Coordinates, rows: IntArray) -> Coordinates:

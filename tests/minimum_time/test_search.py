@@ -1,0 +1,245 @@
+"""The search: brute force on small cases, bounds, starts, and every shape of job."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.beam import beam_search
+from dualarm_cli.minimum_time.corridor import best_combination
+from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
+from dualarm_cli.minimum_time.polish import polish
+from dualarm_cli.minimum_time.potentials import arm_layers, with_potentials
+from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.search import grid_angles, search
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.minimum_time.times import evaluate
+from dualarm_cli.minimum_time.variables import FIELDS, Variables, slopes
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.sequence_plans import decisions_of
+from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.stages import choose_stages
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+Problems = Callable[..., SequenceProblem]
+FEW = 9
+"""Nodes of one arm at one stop in brute-force cases."""
+
+
+def _few_nodes(problem: SequenceProblem, seed: int) -> tuple[list[list[Nodes]], np.ndarray, int]:
+    """A few nodes per stop at five platform angles, spread at random."""
+    angles, start = np.array([-0.7, -0.35, 0.0, 0.35, 0.7]), 2
+    random = np.random.default_rng(seed)
+    nodes = []
+    for a, work in enumerate(problem.arms):
+        table = StopTable.of(work)
+        per_stage = []
+        for k in range(problem.stages):
+            every = grid_nodes(problem, a, table, k, Grid(angles, 6, 10_000))
+            some = random.choice(len(every.work), size=min(FEW, len(every.work)), replace=False)
+            per_stage.append(every.take(np.sort(some)))
+        nodes.append(per_stage)
+    return nodes, angles, start
+
+
+def _with_one_law(problem: SequenceProblem) -> SequenceProblem:
+    """The same with every joint at full speed after 0.3 s: times are then looked up without merging laws."""
+
+    def law(old: RestToRest) -> RestToRest:
+        return RestToRest(old.velocity, old.velocity / 0.3, old.velocity / 0.03)
+
+    arms = tuple(replace(work, law=law(work.law)) for work in problem.arms)
+    return replace(problem, arms=arms, platform_law=law(problem.platform_law))
+
+
+def _cheapest(
+    problem: SequenceProblem, nodes: list[list[Nodes]], angles: np.ndarray
+) -> float:
+    """Least cost over every path of node pairs, one by one: no pruning, no tables."""
+    states = [(np.append(problem.platform_start, 0)[0], [w.start for w in problem.arms], 0.0)]
+    for k in range(problem.stages):
+        pairs = [
+            (i, j)
+            for i, j in itertools.product(*(range(len(nodes[a][k].work)) for a in (0, 1)))
+            if nodes[0][k].angle_index[i] == nodes[1][k].angle_index[j]
+        ]
+        arrivals: dict[tuple[int, int], tuple] = {}
+        for angle, joints, spent in states:
+            for pair in pairs:
+                goal = angles[nodes[0][k].angle_index[pair[0]]]
+                waiting = float(problem.platform_law.duration(np.array([goal - angle])))
+                length, ends = 0.0, []
+                for a, i in enumerate(pair):
+                    node, law = nodes[a][k], problem.arms[a].law
+                    transfer = float(law.duration(node.q_approach[i] - joints[a]))
+                    length = max(length, max(transfer, waiting) + node.work[i])
+                    ends.append(node.q_retract[i])
+                now = (goal, ends, spent + length)
+                # Bellman: the same pair reached sooner is never worse.
+                if pair not in arrivals or now[2] < arrivals[pair][2]:
+                    arrivals[pair] = now
+        states = list(arrivals.values())
+    return min(state[2] for state in states)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("line", [0.0, 0.06])
+def test_the_beam_with_all_states_equals_brute_force(
+    random_problem: Problems, seed: int, line: float
+) -> None:
+    """Three stages with a few nodes each: the same least cost, and the grid's bound is not above it."""
+    problem = _with_one_law(random_problem(seed, (3, 3), line=line))
+    nodes, angles, start = _few_nodes(problem, seed)
+    layers = [arm_layers(problem, a, angles, nodes[a]) for a in (0, 1)]
+    arms = with_potentials(problem, layers, start, len(angles))
+    path = beam_search(problem, arms, angles, width=10_000, per_angle=FEW)
+    expected = _cheapest(problem, nodes, angles)
+    assert path is not None
+    # The table's steps make less than a millisecond in three stages.
+    assert path.total == pytest.approx(expected, abs=1e-3)
+    assert path.total <= expected + 1e-5
+    chosen = [[n.take(path.nodes[a, [k]]) for k, n in enumerate(nodes[a])] for a in (0, 1)]
+    assert _cheapest(problem, chosen, angles) == pytest.approx(expected, abs=1e-4)
+    assert max(arm.bound for arm in arms) <= expected + 1e-5
+
+
+def test_combination_equals_brute_force(random_problem: Problems) -> None:
+    """Four stages, three plans: all 81 combinations one by one."""
+    problem = random_problem(3, (4, 4), line=0.05, returns=True)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    random = np.random.default_rng(0)
+    variables = Variables.of(problem)
+    best = found.best
+    others = [
+        variables.moved(best.decisions, random.normal(scale=0.05, size=variables.count))
+        for _ in range(2)
+    ]
+    plans = [best.decisions, *others]
+    totals = []
+    for pick in itertools.product(range(3), repeat=4):
+        angle = np.array([plans[m].angle[k] for k, m in enumerate(pick)])
+        arms = []
+        for a in (0, 1):
+            rows = plans[0].arms[a]
+            for k, m in enumerate(pick):
+                rows = rows.put(np.array([k]), plans[m].arms[a].take(np.array([k])))
+            arms.append(rows)
+        totals.append(evaluate(problem, tables, type(best.decisions)(angle, tuple(arms))).total)
+    result = best_combination(problem, tables, best, others)
+    assert result.total == pytest.approx(min(totals), abs=1e-12)
+
+
+SHAPES = {
+    "both arms": {"stages": (5, 5)},
+    "lines": {"stages": (4, 4), "line": 0.08, "dwell": 0.17},
+    "one arm longer": {"stages": (2, 5), "line": 0.05},
+    "one arm only": {"stages": (4, 0)},
+    "returns": {"stages": (4, 3), "returns": True},
+    "free start": {"stages": (4, 4), "start": "free"},
+    "free start returns": {"stages": (4, 4), "start": "free", "returns": True},
+    "free yaw": {"stages": (4, 4), "free_yaw": True, "line": 0.05},
+    "symmetry": {"stages": (3, 3), "symmetry": 4},
+    "joint targets": {"stages": (4, 4), "joints": True, "returns": True, "line": 0.04},
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_search_is_never_slower_than_its_starts(
+    random_job: Callable[..., Job], name: str
+) -> None:
+    """For every shape of job; and twice the same is the same."""
+    job = random_job(11, **SHAPES[name])
+    model = CellModel.from_cell(job.cell)
+    problem = sequence_problem(model, job)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    starts = [
+        decisions_of(problem, model, choose_stages(model, job, method, "arm_angle"))
+        for method in ("fixed", "exact")
+    ]
+    found = search(problem, starts, "quick", 0)
+    again = search(problem, starts, "quick", 0)
+    assert found is not None
+    assert again is not None
+    for start in starts:
+        assert found.best.total <= evaluate(problem, tables, start).total + 1e-12
+    assert found.best.total == again.best.total
+    for a, work in enumerate(problem.arms):
+        active = [k for k, stop in enumerate(work.stops) if stop is not None]
+        reached = found.best.arms[a]
+        for q in (reached.q_approach, reached.q_target, reached.q_retract):
+            assert (q[active] >= work.limits.lower).all()
+            assert (q[active] <= work.limits.upper).all()
+
+
+@pytest.mark.parametrize("line", [0.0, 0.08])
+def test_without_starts_a_plan_is_found_too(random_problem: Problems, line: float) -> None:
+    """The grid alone suffices, and its gap is between 0 and 1."""
+    problem = random_problem(2, (5, 5), line=line)
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    assert found.grid_bound is not None
+    assert found.grid_total is not None
+    assert 0.0 < found.grid_bound <= found.grid_total
+
+
+def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
+    """From a plan on coarse nodes some percent are gained; every round is at least as good as the one before."""
+    problem = random_problem(4, (6, 6))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    angles, start = grid_angles(problem, np.radians(15.0))
+    layers = [
+        arm_layers(
+            problem,
+            a,
+            angles,
+            [grid_nodes(problem, a, tables[a], k, Grid(angles, 12, 2000)) for k in range(6)],
+        )
+        for a in (0, 1)
+    ]
+    path = beam_search(problem, with_potentials(problem, layers, start, len(angles)), angles, 20)
+    assert path is not None
+    plan = evaluate(problem, tables, path.decisions)
+    totals = [polish(problem, tables, plan, rounds, 2, 0).total for rounds in (0, 1, 3, 8)]
+    assert totals[0] == plan.total
+    assert totals == sorted(totals, reverse=True)
+    assert totals[-1] < 0.99 * plan.total
+
+
+def test_slopes_equal_central_differences(random_problem: Problems) -> None:
+    """Derivatives of the joints at a stop by platform angle, arm angles and yaw, in another way."""
+    problem = random_problem(8, (3, 3), line=0.07, free_yaw=True)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    variables, step = Variables.of(problem), 1e-5
+    for a in (0, 1):
+        rates = slopes(problem, a, tables[a], found.best.decisions, found.best.arms[a])
+        for v in range(1 + len(FIELDS)):
+            column = variables.angle if v == 0 else variables.arms[a][:, v - 1]
+            change = np.zeros(variables.count)
+            change[column] = step
+            ahead, behind = (
+                evaluate(problem, tables, variables.moved(found.best.decisions, sign * change))
+                for sign in (1.0, -1.0)
+            )
+            for name in ("q_approach", "q_target", "q_retract"):
+                central = (getattr(ahead.arms[a], name) - getattr(behind.arms[a], name)) / (2 * step)
+                assert getattr(rates, name)[:, :, v] == pytest.approx(central, abs=2e-4)
+
+
+def test_a_straight_tool_turns_the_last_joint_alone(
+    random_problem: Problems, packing: Job
+) -> None:
+    """The preset's tool lies on the last axis; leaning or shifted beside it, it does not."""
+    work = random_problem(0, (1, 1)).arms[0]
+    assert yaw_turns_last_joint(work)
+    c, s = np.cos(0.1), np.sin(0.1)
+    lean = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    assert not yaw_turns_last_joint(replace(work, R_tool_flange=lean @ work.R_tool_flange))
+    beside = work.p_tool_flange + np.array([0.02, 0.0, 0.0])
+    assert not yaw_turns_last_joint(replace(work, p_tool_flange=beside))
