@@ -18,8 +18,6 @@ from dualarm_cli.minimum_time.potentials import (
 from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
-PER_ANGLE = 4
-"""Nodes of each arm that are tried together at each platform angle: their pairs are the candidates."""
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
 
@@ -65,7 +63,11 @@ class NodePath:
 
 
 def beam_search(
-    problem: SequenceProblem, arms: tuple[ArmLayers, ...], angles: FloatArray, width: int, per_angle: int = PER_ANGLE
+    problem: SequenceProblem,
+    arms: tuple[ArmLayers, ...],
+    angles: FloatArray,
+    width: int,
+    per_angle: int,
 ) -> NodePath | None:
     """Returns a plan on the nodes, None where none was found.
 
@@ -131,7 +133,8 @@ def _extend(
         ]
     idle = [a for a in range(len(arms)) if a not in working]
     for a in idle:
-        left = np.maximum(left, states.left[a].reshape(b, *(1,) * (left.ndim - 1)))
+        waiting = states.left[a] - np.float32(arms[a].passed[k])
+        left = np.maximum(left, waiting.reshape(b, *(1,) * (left.ndim - 1)))
     spent = states.spent.reshape(b, *(1,) * (cost.ndim - 1)) + cost
     key = (spent + left).ravel()
     possible = np.nonzero(np.isfinite(key))[0]
@@ -152,9 +155,15 @@ def _extend(
 
 
 def _options(
-    problem: SequenceProblem, arm: ArmLayers, states: _States, a: int, k: int, f: int, per_angle: int
+    problem: SequenceProblem,
+    arm: ArmLayers,
+    states: _States,
+    a: int,
+    k: int,
+    f: int,
+    per_angle: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], IntArray]:
-    """Returns one arm's best nodes from every state at every platform angle: cost, what is left, node, each (b, f, w)."""
+    """Returns one arm's best nodes from every state at every platform angle: cost, what is left, node: (b, f, w)."""
     layer, potential = arm.layers[k], arm.potential[k]
     assert layer is not None
     assert potential is not None
@@ -204,6 +213,7 @@ def _moved(
         layer, potential = arm.layers[k], arm.potential[k]
         if layer is None or potential is None:
             joints.append(rows_of(states.joints[a], step.parent))
+            left[a] -= np.float32(arm.passed[k])
             continue
         joints.append(rows_of(layer.retract, step.node[a]))
         left[a] = potential[step.node[a]]
@@ -239,13 +249,8 @@ def _path(
 
 
 def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
-    n = len(chosen)
-    rows = ArmDecisions(
-        *(np.zeros(n, dtype=kind) for kind in (np.int64, np.float64, np.int64)),
-        *(np.zeros(n) for _ in range(3)),
-        np.tile(problem.arms[a].start, (n, 1)),
-    )
-    for k in np.nonzero(chosen >= 0)[0]:
+    rows = ArmDecisions.idle(problem.arms[a].start, len(chosen))
+    for k in np.nonzero(chosen >= 0)[0].tolist():
         layer = arm.layers[k]
         assert isinstance(layer, Layer)
         rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))

@@ -28,8 +28,9 @@ def best_combination(
 ) -> Evaluated:
     """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
 
-    Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a stage, or
-    before the return, comes from where `best` has it. So the result is evaluated anew, and taken only if faster.
+    Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a
+    stage, or before the return, comes from where `best` has it. So the result is evaluated anew, and taken only if
+    faster.
 
     Args:
         problem: the sequence.
@@ -117,9 +118,7 @@ def _costs(
         transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
-        cost[k] = np.maximum(
-            cost[k], np.maximum(transfer, waiting[k]) + arm.work[k][:, None, :]
-        )
+        cost[k] = np.maximum(cost[k], np.maximum(transfer, waiting[k]) + arm.work[k][:, None, :])
     return cost
 
 

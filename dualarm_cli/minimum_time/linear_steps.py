@@ -8,9 +8,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.minimum_time.postures import Postures
-from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
+from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
-from dualarm_cli.minimum_time.times import Chain, Evaluated, evaluate, start_angle, start_joints
+from dualarm_cli.minimum_time.times import Chain, Evaluated, start_angle, start_joints
 from dualarm_cli.minimum_time.variables import Slopes, Variables, slopes
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -80,9 +80,7 @@ class _Program:
     stage: IntArray
     """Stage of each row, ascending."""
 
-    def within(
-        self, first: int, past: int
-    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    def within(self, first: int, past: int) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
         """Returns entries (rows counted from 0) and bounds of the stages from first to before past."""
         low, high = np.searchsorted(self.stage, [first, past])
         begin, end = np.searchsorted(self.row, [low, high])
@@ -106,8 +104,8 @@ def linear_step(
     """Returns the best step of all variables within a radius, everything taken as linear [rad], shape (count,).
 
     Joints at the ends of all transfers, transfer times and line times are linear in the platform angles, arm angles and
-    free yaws; a linear program per window of stages then finds the step. (A transfer's time is concave in its distance: its
-    tangent lies above it, so that a promised gain is on the safe side.)
+    free yaws; a linear program per window of stages then finds the step. (A transfer's time is concave in its
+    distance: its tangent lies above it, so that a promised gain is on the safe side.)
 
     Args:
         problem: the sequence.
@@ -203,7 +201,9 @@ def _transfer_rows(
         before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
         platform_time, platform_slope = _rate(problem.platform_law, (angle - before)[k, None])
         longest = np.maximum(longest, platform_time[:, 0])
-        columns_p = np.column_stack([variables.angle[k], np.where(k > 0, variables.angle[k - 1], -1)])
+        columns_p = np.column_stack(
+            [variables.angle[k], np.where(k > 0, variables.angle[k - 1], -1)]
+        )
         _add(
             rows,
             variables,
@@ -364,7 +364,9 @@ def _solve(
     program = rows.by_stage()
     step = np.zeros(v)
     local = np.full(v + len(of_time), -1, dtype=np.int64)
-    inner_of = np.split(np.argsort(of_variable, kind="stable"), np.bincount(of_variable, minlength=n).cumsum())
+    inner_of = np.split(
+        np.argsort(of_variable, kind="stable"), np.bincount(of_variable, minlength=n).cumsum()
+    )
     for first, end in windows:
         # The stage after a window starts from it; the last window has the return.
         past = end + 1
@@ -408,6 +410,4 @@ def _time_columns(stages: int, arms: int, first: int, past: int) -> IntArray:
     """Returns the columns, counted after the variables, of the times of the stages from first to before past."""
     lengths = np.arange(first, past)
     lines = np.arange(2 * first, 2 * min(past, stages))
-    return np.concatenate(
-        [lengths, *(stages + 1 + 2 * a * stages + lines for a in range(arms))]
-    )
+    return np.concatenate([lengths, *(stages + 1 + 2 * a * stages + lines for a in range(arms))])

@@ -91,8 +91,8 @@ def grid_nodes(
         return _configuration_nodes(problem, arm, table, stage, stop, grid)
     free_last = stop.free_yaw and yaw_turns_last_joint(work)
     yaws = _yaws(stop, free_last)
-    f, y = (m.ravel() for m in np.meshgrid(np.arange(len(grid.angles)), yaws, indexing="ij"))
-    f = f.astype(np.int64)
+    f = np.repeat(np.arange(len(grid.angles)), len(yaws))
+    y = np.tile(yaws, len(grid.angles))
     row = np.full(len(f), table.first[stage])
     R, p, z = flange_poses(
         problem.platform, work, table, row, y, platform_positions(problem, grid.angles[f])
@@ -111,7 +111,7 @@ def grid_nodes(
     if free_last:
         low, high = work.limits.lower.copy(), work.limits.upper.copy()
         low[6], high[6] = -np.inf, np.inf
-        inside = ((q_target >= low) & (q_target <= high)).all(axis=-1)
+        inside = np.asarray(((q_target >= low) & (q_target <= high)).all(axis=-1))
     else:
         low, high = work.limits.lower, work.limits.upper
     r, i, b = np.nonzero(inside)
@@ -151,7 +151,9 @@ def _middle(work: ArmWork) -> FloatArray:
     """Returns the middle of every joint's range [rad], 0 where it has none."""
     low, high = work.limits.lower, work.limits.upper
     bounded = np.isfinite(low) & np.isfinite(high)
-    return np.where(bounded, 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0)), 0.0)
+    return np.where(
+        bounded, 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0)), 0.0
+    )
 
 
 def _least_swing(
@@ -194,8 +196,7 @@ def _configuration_nodes(
     step = np.pi / grid.arm_angles
     swings = step * np.arange(-SWING_STEPS, SWING_STEPS + 1)
     alternative, k_a, k_r = (
-        x.ravel()
-        for x in np.meshgrid(np.arange(m), *(np.arange(len(swings)),) * 2, indexing="ij")
+        x.ravel() for x in np.meshgrid(np.arange(m), *(np.arange(len(swings)),) * 2, indexing="ij")
     )
     q = stop.configurations[alternative]
     psi = work.kinematics.arm_angle(q)

@@ -73,9 +73,7 @@ def postures(
     if n <= _BLOCK:
         return _postures(problem, arm, table, stage, angle, candidates)
     blocks = [slice(k, k + _BLOCK) for k in range(0, n, _BLOCK)]
-    parts = [
-        _postures(problem, arm, table, stage[b], angle[b], candidates.take(b)) for b in blocks
-    ]
+    parts = [_postures(problem, arm, table, stage[b], angle[b], candidates.take(b)) for b in blocks]
     return Postures(
         *(
             np.concatenate([getattr(part, field.name) for part in parts])
@@ -113,12 +111,10 @@ def _postures(
         depth, swing = depth[:, :1], swing[:, :1]
     points = p[:, None, :] - z[:, None, :] * depth[:, :, None]
     psi = candidates.psi_target[:, None] + swing
-    q, reachable = work.kinematics.solve_branch(
-        R[:, None], points, psi, candidates.branch[:, None]
-    )
+    q, reachable = work.kinematics.solve_branch(R[:, None], points, psi, candidates.branch[:, None])
     middle = LINE_SAMPLES - 1 if lines else 0
     first = work.kinematics.nearest_turns(q[:, middle], candidates.near)
-    ok = reachable.all(axis=1)
+    ok = np.asarray(reachable.all(axis=1))
     if lines:
         steps = np.diff(q, axis=1)
         steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))

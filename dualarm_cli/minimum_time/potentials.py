@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,8 @@ class ArmLayers:
     """By stage; None where it is idle."""
     potential: Sequence[Times | None]
     """Least time from the end of each node's retract to the end of all [s], by stage."""
+    passed: FloatArray
+    """Part of the potentials that each stage in which the arm is idle stands for [s], 0 elsewhere, shape (n,)."""
     bound: float
     """Least time of the whole sequence as this arm sees it [s]."""
 
@@ -84,7 +86,8 @@ def arm_layers(
     work = problem.arms[arm]
     table = _table(problem, work)
     layers = [None if n is None else _layer(problem, table, angles, n) for n in nodes]
-    return ArmLayers(table, Chain.of(work), layers, [None] * problem.stages, 0.0)
+    n = problem.stages
+    return ArmLayers(table, Chain.of(work), layers, [None] * n, np.zeros(n), 0.0)
 
 
 def _table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
@@ -101,9 +104,9 @@ def with_potentials(
 ) -> tuple[ArmLayers, ...]:
     """Returns the arms' layers with their potentials, by backward dynamic programming over the stages.
 
-    A stage lasts at least max(platform, own transfer) + own work, and at least what the other arm needs for the same two
-    platform angles with whatever nodes suit it best. So a potential never exceeds what any plan on the nodes still needs,
-    and the larger of both arms' at the start is a bound on all such plans (up to the table's resolution). Across
+    A stage lasts at least max(platform, own transfer) + own work, and at least what the other arm needs for the same
+    two platform angles with whatever nodes suit it best. So a potential never exceeds what any plan on the nodes still
+    needs, and the larger of both arms' at the start is a bound on all such plans (up to the table's resolution). Across
     stages in which an arm is idle, its platform angle is left open.
 
     Args:
@@ -115,7 +118,9 @@ def with_potentials(
     n = problem.stages
     potential: list[list[Times | None]] = [[None] * n for _ in arms]
     value: list[Times | None] = [None] * len(arms)
-    rest = 0.0
+    # What the stages after an arm's last stop need, as the other arm sees them.
+    rest = [0.0] * len(arms)
+    passed = np.zeros((len(arms), n))
     for k in range(n - 1, -1, -1):
         edges = {
             a: _edges(problem, a, arm, k, start_index, angles)
@@ -129,18 +134,20 @@ def with_potentials(
                 assert layer is not None
                 left = value[a]
                 if left is None:
-                    left = _return_times(problem, a, arm, layer) + np.float32(rest)
+                    left = _return_times(problem, a, arm, layer) + np.float32(rest[a])
                 potential[a][k] = left
                 value[a] = _least(edges[a], left, [e.relaxed for b, e in edges.items() if b != a])
-            elif value[a] is not None:
-                value[a] = value[a] + np.float32(min(float(e.times.min()) for e in edges.values()))
-        if all(v is None for v in value):
-            continue
-        if any(v is None for v in value):
-            rest += min(float(edge.times.min()) for edge in edges.values())
+                continue
+            least = min(float(e.times.min()) for e in edges.values())
+            passed[a, k] = least
+            now = value[a]
+            if now is None:
+                rest[a] += least
+            else:
+                value[a] = now + np.float32(least)
     bounds = [0.0 if v is None else float(v.min()) for v in value]
     return tuple(
-        ArmLayers(arm.table, arm.chain, arm.layers, potential[a], bounds[a])
+        replace(arm, potential=potential[a], passed=passed[a], bound=bounds[a])
         for a, arm in enumerate(arms)
     )
 
@@ -191,7 +198,9 @@ def _edges(
     before = arm.layers[came] if came >= 0 else None
     angle = layer.angle_index
     if came < 0 and k == 0 and problem.free_start:
-        return _Edges(layer.work[None], None, angle, _by_angles(layer.work[None], None, angle, angles))
+        return _Edges(
+            layer.work[None], None, angle, _by_angles(layer.work[None], None, angle, angles)
+        )
     adjacent = came == k - 1
     without = (*free_columns(layer, before), *(() if adjacent else platform_columns(problem)))
     start = start_coordinates(problem, a, arm.table) if before is None else before.retract
@@ -203,9 +212,7 @@ def _edges(
     return _Edges(times, angle_before, angle, _by_angles(times, angle_before, angle, angles))
 
 
-def _by_angles(
-    times: Times, angle_before: IntArray | None, angle: IntArray, angles: int
-) -> Times:
+def _by_angles(times: Times, angle_before: IntArray | None, angle: IntArray, angles: int) -> Times:
     """Returns the least time of every pair of platform angles, shape (f, f); nodes are in their order."""
     columns, first = np.unique(angle, return_index=True)
     least = np.minimum.reduceat(times, first, axis=1)

@@ -118,6 +118,17 @@ class ArmDecisions:
     near: FloatArray
     """Joints whose whole turns those at the target are nearest to [rad], shape (n, 7)."""
 
+    @classmethod
+    def idle(cls, start: FloatArray, stages: int) -> ArmDecisions:
+        """Returns rows that mean nothing yet.
+
+        Args:
+            start: the arm's joints before the first stage [rad], shape (7,).
+            stages: how many rows.
+        """
+        number, angle = np.zeros(stages, dtype=np.int64), np.zeros(stages)
+        return cls(number, angle, number, angle, angle, angle, np.tile(start, (stages, 1)))
+
     def take(self, rows: IntArray | slice) -> ArmDecisions:
         """Returns some rows, in the order of the index."""
         return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))

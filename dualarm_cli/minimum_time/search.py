@@ -31,6 +31,8 @@ class Mesh:
     """Most nodes of one stop."""
     width: int
     """States that the beam keeps."""
+    per_angle: int = 4
+    """Nodes of each arm that the beam pairs at each platform angle."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,12 @@ EFFORTS = {
     ),
     "thorough": Effort(
         (
-            Mesh(np.radians(6.0), 30, 5000, 200),
-            Mesh(np.radians(7.0), 26, 4000, 100),
-            Mesh(np.radians(8.0), 22, 4000, 100),
-            Mesh(np.radians(10.0), 18, 3000, 100),
-            Mesh(np.radians(12.0), 16, 3000, 100),
-            Mesh(np.radians(15.0), 12, 3000, 100),
+            Mesh(np.radians(8.0), 22, 3000, 200, 8),
+            Mesh(np.radians(6.0), 30, 5000, 100, 8),
+            Mesh(np.radians(10.0), 18, 3000, 100, 8),
+            Mesh(np.radians(12.0), 16, 3000, 100, 8),
+            Mesh(np.radians(15.0), 12, 3000, 100, 8),
+            Mesh(np.radians(18.0), 14, 3000, 100, 8),
         ),
         12,
         60,
@@ -97,8 +99,8 @@ def search(
     """Returns the fastest plan found, None if there is none at all.
 
     The nodes of all stops on several grids; backward dynamic programming per arm with the other one relaxed; a beam
-    guided by it. The beams' plans and the given ones are polished a little, combined stage by stage, and the combination is
-    polished thoroughly. The result is never slower, in closed-form times, than any of the starts.
+    guided by it. The beams' plans and the given ones are polished a little, combined stage by stage, and the
+    combination is polished thoroughly. The result is never slower, in closed-form times, than any of the starts.
 
     Args:
         problem: the sequence.
@@ -152,7 +154,7 @@ def grid_angles(problem: SequenceProblem, step: float) -> tuple[FloatArray, int]
     low, high = problem.platform_range
     low, high = max(low, here - np.pi), min(high, here + np.pi)
     below, above = int((here - low) / step + 1e-9), int((high - here) / step + 1e-9)
-    return here + step * np.arange(-below, above + 1), below
+    return here + step * np.arange(-below, above + 1, dtype=np.float64), below
 
 
 def _on_nodes(
@@ -174,7 +176,7 @@ def _on_nodes(
     arms = list(with_potentials(problem, arms, start, len(angles)))
     bound = max(arm.bound for arm in arms)
     for _ in range(BANS):
-        path = beam_search(problem, tuple(arms), angles, mesh.width)
+        path = beam_search(problem, tuple(arms), angles, mesh.width, mesh.per_angle)
         if path is None:
             return None, bound
         path = replace(path, decisions=with_yaws(problem, tables, path.decisions))

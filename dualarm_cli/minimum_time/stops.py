@@ -42,7 +42,11 @@ class StopTable:
     @classmethod
     def of(cls, arm: ArmWork) -> StopTable:
         """Returns an arm's stops in arrays."""
-        first, R, p, carried, configuration = [], [], [], [], []
+        first: list[int] = []
+        R: list[FloatArray] = []
+        p: list[FloatArray] = []
+        carried: list[bool] = []
+        configuration: list[FloatArray] = []
         for stop in arm.stops:
             first.append(len(R))
             if stop is None:

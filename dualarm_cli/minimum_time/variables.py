@@ -47,7 +47,7 @@ class Variables:
                     stop.retract > 0,
                     stop.free_yaw and stop.configurations is None,
                 )
-                for column in np.nonzero(free)[0]:
+                for column in np.flatnonzero(np.array(free)).tolist():
                     rows[k, column], count = count, count + 1
         return cls(angle, tuple(arms), count)
 

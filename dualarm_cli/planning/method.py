@@ -42,8 +42,8 @@ class Decided:
     stages: list[StagePlan]
     """In their order, the return last where there is one."""
     grid_gap: float | None = None
-    """How far the best plan on the method's own grid was from that grid's bound, as a share, before it was refined; None
-    for methods without a grid. It says nothing about plans off the grid."""
+    """How far the best plan on the method's own grid was from that grid's bound, as a share, before it was refined;
+    None for methods without a grid. It says nothing about plans off the grid."""
     alternatives: tuple[list[StagePlan], ...] = ()
     """Other plans that may turn out to be faster when they are timed exactly."""
     notes: tuple[str, ...] = ()

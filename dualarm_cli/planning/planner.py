@@ -105,4 +105,3 @@ def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
             "the platform turns to the nearest one that does (platform solver: reach)"
         )
     return notes
-

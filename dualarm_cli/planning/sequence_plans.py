@@ -14,9 +14,7 @@ from dualarm_cli.planning.stages import ArmStop, StagePlan, stop_problems
 from dualarm_cli.redundancy import StopPosture
 
 
-def decisions_of(
-    problem: SequenceProblem, model: CellModel, stages: list[StagePlan]
-) -> Decisions:
+def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
     """Returns decided stages as numbers.
 
     Args:
@@ -31,11 +29,7 @@ def decisions_of(
         angle = np.array([plan.arrival[column] for plan in stages[:n]])
     arms = []
     for work in problem.arms:
-        decisions = ArmDecisions(
-            *(np.zeros(n, dtype=kind) for kind in (np.int64, np.float64, np.int64)),
-            *(np.zeros(n) for _ in range(3)),
-            np.tile(work.start, (n, 1)),
-        )
+        decisions = ArmDecisions.idle(work.start, n)
         for k, plan in enumerate(stages[:n]):
             if work.name in plan.stops:
                 decisions = decisions.put(np.array([k]), _row(plan.stops[work.name].posture))

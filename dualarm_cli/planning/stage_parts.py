@@ -119,11 +119,13 @@ def _stage(start: float, end: float, tasks: tuple[str, ...]) -> Stage:
 def _segments_of_events(schedule: Schedule, stages: tuple[Stage, ...]) -> tuple[Segment, ...]:
     """Returns parts cut at the events: the way to an event, its dwell, and what the arm moves afterwards."""
     segments = []
-    for stage in stages:
+    for k, stage in enumerate(stages):
+        # An event may fall on a stage's end; on its start only where there is no stage before.
+        after = stage.start + (SAME_TIME if k else -SAME_TIME)
         for name, arm in schedule.robot.arms.items():
             clock, seen = stage.start, None
             for event in schedule.events:
-                if event.arm == name and stage.start - SAME_TIME <= event.time < stage.end:
+                if event.arm == name and after < event.time <= stage.end + SAME_TIME:
                     seen, rest = event, event.time + event.dwell
                     who = (name, event.task, event.action)
                     segments.append(_segment(who, "transfer", clock, event.time))

@@ -8,6 +8,9 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+SHOWN_LIMITS = 3
+"""How many single limits the sensitivity lines name."""
+
 
 def stage_table(report: dict[str, Any]) -> Table:
     """Returns the table of stages: who needs how long, who is the bottleneck.
@@ -62,14 +65,14 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")
-    if report["lower_bound"] is None:
-        lines.append("lower bound: none computed")
+    lines.append(bound_line(report))
     lines.append(f"collisions: {report['collisions']}")
     if report["assumed_limits"]:
         lines.append(
             f"acceleration and jerk limits are assumed, not the maker's, for "
             f"{len(report['assumed_limits'])} joints: {', '.join(report['assumed_limits'])}"
         )
+        lines += sensitivity_lines(report)
     lines += [f"note: {note}" for note in report["notes"]]
     verification = report["verification"]
     if verification is not None:
@@ -80,6 +83,40 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             if verification["passed"]
             else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
         )
+    return lines
+
+
+def bound_line(report: dict[str, Any]) -> str:
+    """Returns the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
+    if report["lower_bound"] is None:
+        line = "lower bound: none computed"
+    else:
+        line = (
+            f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s; "
+            f"at most {report['gap']:.1%} could be saved"
+        )
+    if report["grid_gap"] is not None:
+        line += f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
+    effort = report["settings"].get("effort")
+    return f"{line}; effort: {effort}" if effort else line
+
+
+def sensitivity_lines(report: dict[str, Any]) -> list[str]:
+    """Returns what the assumed limits are worth: all of them together and the three most telling ones."""
+    entries, cycle = report["sensitivity"], report["cycle_time"]
+    together = [entry for entry in entries if entry["joint"] is None]
+    single = [entry for entry in entries if entry["joint"] is not None]
+    lines = []
+    for entry in together[-1:] + single[:SHOWN_LIMITS]:
+        name = f"all assumed {entry['limit']}" if entry["joint"] is None else entry["joint"]
+        what = "limits" if entry["joint"] is None else entry["limit"]
+        lower, higher = entry["lower"], entry["higher"]
+        lines.append(
+            f"{name} {what} 10 % lower: {lower:.3f} s ({lower / cycle - 1.0:+.1%}), "
+            f"higher: {higher:.3f} s ({higher / cycle - 1.0:+.1%})"
+        )
+    if lines:
+        lines[0] = f"sensitivity: {lines[0]}; postures kept: planning anew could do better"
     return lines
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.platform_angle.problem import (
     Kind,
@@ -16,12 +14,14 @@ from dualarm_cli.platform_angle.problem import (
     elbow_cosine,
 )
 from dualarm_cli.platform_angle.table import Row
+from dualarm_cli.reporting.figures import FIGURE_KINDS, new_figure, rendered
+
+__all__ = ["FIGURE_KINDS", "draw_move"]
 
 COLOURS = ("#1f5fbf", "#c23b22")
 """Arm 1 and arm 2."""
 BALANCE = "#2a7f3f"
 SAMPLES = 1441
-FIGURE_KINDS = ("png", "svg", "pdf")
 
 
 def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind: str) -> bytes:
@@ -38,7 +38,7 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind
     Raises:
         MissingDependencyError: matplotlib is not installed.
     """
-    figure = _new_figure()
+    figure = new_figure(12, 7.5)
     axes = figure.subplot_mosaic(
         [["before", "equation", "equation"], ["one", "two", "elbows"]],
         width_ratios=[1, 1, 1.15],
@@ -60,31 +60,7 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind
         axes[name].set_aspect("equal")
         axes[name].set_xlabel("x [m]")
     axes["before"].set_ylabel("y [m]")
-    return _rendered(figure, kind)
-
-
-def _new_figure() -> Any:
-    try:
-        import matplotlib as mpl
-
-        mpl.use("Agg")
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError("matplotlib", "plot") from None
-    mpl.rcParams["svg.hashsalt"] = "dualarm"
-    mpl.rcParams["font.size"] = 9
-    return Figure(figsize=(12, 7.5), layout="constrained")
-
-
-def _rendered(figure: Any, kind: str) -> bytes:
-    metadata: dict[str, dict[str, None]] = {
-        "png": {"Software": None},
-        "svg": {"Date": None},
-        "pdf": {"CreationDate": None},
-    }
-    buffer = BytesIO()
-    figure.savefig(buffer, format=kind, dpi=110, metadata=metadata[kind])
-    return buffer.getvalue()
+    return rendered(figure, kind)
 
 
 def _shown(rows: list[Row]) -> list[Row]:

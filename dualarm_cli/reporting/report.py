@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.planning.sensitivity import sensitivity
+from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 
 FORMAT = "dualarm.report/1"
@@ -25,33 +28,50 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         schedule: a planned schedule, with its verification where there is one.
         job: what it was planned for.
     """
-    duration = schedule.duration
-    parts = sum(any(stop.action != "move" for stop in task.stops) for task in job.tasks)
-    bound = schedule.lower_bound
     return {
         "format": FORMAT,
         "robot": schedule.robot.name,
-        "cycle_time": duration,
+        "cycle_time": schedule.duration,
         "closes": job.returns,
-        "parts": parts,
-        "parts_per_hour": 3600.0 * parts / duration if duration > SHORTEST_CYCLE else None,
-        "lower_bound": bound,
-        "gap": (duration - bound) / duration if bound is not None and duration > 0 else None,
+        "parts": count_parts(job),
+        "parts_per_hour": throughput(schedule, job),
+        "lower_bound": schedule.lower_bound,
+        "gap": relative_gap(schedule),
+        "grid_gap": schedule.grid_gap,
         "collisions": COLLISIONS,
         "smallest_clearance": None,
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
         "limits_used": _limits_used(schedule),
-        "platform_travel": _platform_travel(schedule),
-        "joint_travel": _travel(schedule, schedule.trajectory.joints),
+        "platform_travel": platform_travel(schedule) or 0.0,
+        "elbow_imbalance": elbow_imbalance(schedule),
+        "joint_travel": joint_travel(schedule, schedule.trajectory.joints),
         "speed": job.speed,
         "tool_speed_cap": job.tool_speed,
         "assumed_limits": assumed_joints(schedule),
+        "sensitivity": [asdict(entry) for entry in sensitivity(schedule)],
         "verification": verification_document(schedule.verification),
         "settings": dict(schedule.provenance.settings),
         "notes": list(schedule.notes),
     }
+
+
+def count_parts(job: Job) -> int:
+    """Returns how many tasks pick or place something."""
+    return sum(any(stop.action != "move" for stop in task.stops) for task in job.tasks)
+
+
+def throughput(schedule: Schedule, job: Job) -> float | None:
+    """Returns parts per hour; None for a motion too short to mean anything."""
+    duration = schedule.duration
+    return 3600.0 * count_parts(job) / duration if duration > SHORTEST_CYCLE else None
+
+
+def relative_gap(schedule: Schedule) -> float | None:
+    """Returns by what share of its duration the schedule is above its lower bound; None without a bound."""
+    bound, duration = schedule.lower_bound, schedule.duration
+    return (duration - bound) / duration if bound is not None and duration > 0 else None
 
 
 def assumed_joints(schedule: Schedule) -> list[str]:
@@ -140,15 +160,3 @@ def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
         joint: {name: float(share[k]) for name, share in peak.items()}
         for k, joint in enumerate(trajectory.joints)
     }
-
-
-def _travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
-    """Returns the path length of each joint [rad], measured between knots."""
-    trajectory = schedule.trajectory
-    length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
-    return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
-
-
-def _platform_travel(schedule: Schedule) -> float:
-    """Returns the path length of the platform's joints [rad]."""
-    return sum(_travel(schedule, schedule.robot.platform).values())

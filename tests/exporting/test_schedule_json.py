@@ -76,6 +76,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "robot",
         "duration",
         "lower_bound",
+        "grid_gap",
         "stages",
         "segments",
         "events",

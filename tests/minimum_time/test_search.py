@@ -55,9 +55,7 @@ def _with_one_law(problem: SequenceProblem) -> SequenceProblem:
     return replace(problem, arms=arms, platform_law=law(problem.platform_law))
 
 
-def _cheapest(
-    problem: SequenceProblem, nodes: list[list[Nodes]], angles: np.ndarray
-) -> float:
+def _cheapest(problem: SequenceProblem, nodes: list[list[Nodes]], angles: np.ndarray) -> float:
     """Least cost over every path of node pairs, one by one: no pruning, no tables."""
     states = [(np.append(problem.platform_start, 0)[0], [w.start for w in problem.arms], 0.0)]
     for k in range(problem.stages):
@@ -201,7 +199,7 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
         )
         for a in (0, 1)
     ]
-    path = beam_search(problem, with_potentials(problem, layers, start, len(angles)), angles, 20)
+    path = beam_search(problem, with_potentials(problem, layers, start, len(angles)), angles, 20, 4)
     assert path is not None
     plan = evaluate(problem, tables, path.decisions)
     totals = [polish(problem, tables, plan, rounds, 2, 0).total for rounds in (0, 1, 3, 8)]
@@ -228,13 +226,13 @@ def test_slopes_equal_central_differences(random_problem: Problems) -> None:
                 for sign in (1.0, -1.0)
             )
             for name in ("q_approach", "q_target", "q_retract"):
-                central = (getattr(ahead.arms[a], name) - getattr(behind.arms[a], name)) / (2 * step)
+                central = (getattr(ahead.arms[a], name) - getattr(behind.arms[a], name)) / (
+                    2 * step
+                )
                 assert getattr(rates, name)[:, :, v] == pytest.approx(central, abs=2e-4)
 
 
-def test_a_straight_tool_turns_the_last_joint_alone(
-    random_problem: Problems, packing: Job
-) -> None:
+def test_a_straight_tool_turns_the_last_joint_alone(random_problem: Problems, packing: Job) -> None:
     """The preset's tool lies on the last axis; leaning or shifted beside it, it does not."""
     work = random_problem(0, (1, 1)).arms[0]
     assert yaw_turns_last_joint(work)

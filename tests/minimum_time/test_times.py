@@ -28,9 +28,7 @@ JOBS = {
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_times_equal_those_of_the_exact_motion(
-    random_job: Callable[..., Job], name: str
-) -> None:
+def test_times_equal_those_of_the_exact_motion(random_job: Callable[..., Job], name: str) -> None:
     """Without lines a sequence's closed-form length is that of the motion ruckig makes, to 1e-9."""
     job = random_job(5, **JOBS[name])
     model = CellModel.from_cell(job.cell)

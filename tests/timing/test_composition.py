@@ -114,3 +114,20 @@ def test_a_thousand_stages_are_what_their_pieces_are(limits):
     last = 998 * there.duration
     times = np.linspace(0, there.duration, 50)
     assert np.abs(whole.at(last + times)[0][:, :2] - there.at(times)[0]).max() < 1e-9
+
+
+def test_a_knot_that_stands_in_for_another_keeps_its_acceleration() -> None:
+    """Two joints leave full deceleration 0.3 ns apart; at the one knot that is left neither exceeds its limit."""
+    full = 9.9
+    parts = []
+    for name, later in (("a", 0.0), ("b", 3e-10)):
+        time = np.array([0.0, 0.5 + later, 0.6 + later])
+        acceleration = np.array([[-full], [-full], [0.0]])
+        velocity = np.array([[5.0], [5.0 - full * (0.5 + later)], [0.0]])
+        velocity[2] = velocity[1] - 0.5 * full * 0.1
+        position = np.zeros((3, 1))
+        position[1] = 5.0 * time[1] - 0.5 * full * time[1] ** 2
+        position[2] = position[1] + velocity[1] * 0.1 - full * 0.01 / 3
+        parts.append(Trajectory((name,), time, position, velocity, acceleration))
+    merged = merge(parts, joints=("a", "b"))
+    assert np.abs(merged.acceleration).max() <= full

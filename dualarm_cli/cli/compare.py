@@ -1,0 +1,273 @@
+"""`dualarm compare`: methods on the same work, and schedules of the same work."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.options import Effort, EffortOption, SeedOption
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stderr_console,
+    stdout_console,
+)
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.planning.comparison import Case
+
+DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
+
+compare_app = typer.Typer(
+    name="compare",
+    help="Methods on the same work, or schedules of the same work.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+OutOption = Annotated[
+    str | None, typer.Option("--out", help="Folder for the results.", show_default=False)
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")]
+
+
+@compare_app.command("solvers")
+def solvers_command(
+    tasks: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Task files (tasks/1); the bundled ones where none is named.", show_default=False
+        ),
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--method", help="Method, as `plan --platform` names it; repeatable. Default: all.",
+            show_default=False,
+        ),
+    ] = None,
+    redundancy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--redundancy", help="Redundancy solver; repeatable. Default: all.", show_default=False
+        ),
+    ] = None,
+    timing: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--timing", help="Timing solver; repeatable, or `all`. Default: ruckig.",
+            show_default=False,
+        ),
+    ] = None,
+    effort: EffortOption = Effort.normal,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    force: ForceOption = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Plan the same work by every method: cycle time, gap to the bound, planning time, and who wins why.
+
+    --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
+    the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
+    """
+    from dualarm_cli.planning.comparison import cases
+
+    matrix = cases(method or (), redundancy or (), timing or ())
+    _refuse(out, plot, force)
+    jobs = _jobs(tasks or [])
+    document = _compare(jobs, matrix, effort.value, seed, quiet)
+    if plot is not None or out is not None:
+        _write(document, out, plot)
+    if json_output:
+        print_json(document)
+    elif not quiet:
+        _print(document)
+    if code := _exit_code(document):
+        raise typer.Exit(code)
+
+
+def _refuse(out: str | None, plot: Path | None, force: bool) -> None:
+    """Raises before any work is done where results could not be written anyway."""
+    from dualarm_cli.reporting.figures import FIGURE_KINDS, require_matplotlib
+
+    if out is not None:
+        refuse_folder(out, (DOCUMENT, TABLE, FIGURE), force)
+    if plot is None:
+        return
+    if plot.suffix.lower().lstrip(".") not in FIGURE_KINDS:
+        raise UsageError(f"--plot {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
+    if not plot.parent.is_dir():
+        raise UsageError(f"--plot {plot}: there is no folder {plot.parent}")
+    if plot.exists() and not force:
+        raise UsageError(f"--plot {plot}: is there already; add --force to replace it")
+    require_matplotlib()
+
+
+def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
+    """Raises where a folder cannot be made, or holds one of the files already.
+
+    Raises:
+        OutputError: with what to do.
+        UsageError: an empty name.
+    """
+    from dualarm_cli.errors import OutputError
+    from dualarm_cli.exporting.files import check_writable
+
+    if out == "":
+        raise UsageError("--out '': name a folder, or leave the option out")
+    folder = Path(out)
+    # A schedule that is there stays as it is; only our own files would be replaced.
+    check_writable(folder, force=True)
+    for name in names:
+        if not force and (folder / name).exists():
+            raise OutputError(
+                f"--out {folder}: already holds {name}; add --force to replace it, or name another"
+            )
+
+
+def write_folder(out: str, files: dict[str, bytes]) -> None:
+    """Writes files into a folder, each whole or not at all, the last one last.
+
+    Raises:
+        OutputError: the folder or a file cannot be made.
+    """
+    from dualarm_cli.errors import OutputError
+    from dualarm_cli.exporting.files import write_file
+
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
+    for name, content in files.items():
+        write_file(folder / name, content, force=True)
+
+
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """Returns a document as it is written to a file."""
+    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _jobs(paths: list[Path]) -> dict[str, Job]:
+    """Returns the jobs by what the user calls them; everything wrong with any of them comes at once."""
+    from dualarm_cli.errors import Diagnostic, InputError
+    from dualarm_cli.loading.bundled import bundled_tasks
+    from dualarm_cli.loading.tasks import load_job
+
+    names = {str(path): path for path in paths} or bundled_tasks()
+    if not names:
+        raise UsageError("no bundled task files are installed; name task files")
+    jobs: dict[str, Job] = {}
+    wrong: list[Diagnostic] = []
+    for name, path in names.items():
+        try:
+            jobs[name] = load_job(path)
+        except InputError as error:
+            wrong += [finding for finding in error.diagnostics if finding not in wrong]
+    if wrong:
+        raise InputError(wrong)
+    return jobs
+
+
+def _compare(
+    jobs: dict[str, Job], matrix: list[Case], effort: str, seed: int, quiet: bool
+) -> dict[str, Any]:
+    """Returns the document of all jobs."""
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.reporting.comparison import comparison_document
+
+    settings = PlanSettings(effort=effort, seed=seed)
+    console = stderr_console()
+    sections: list[dict[str, Any]] = []
+    clock: list[dict[str, Any]] = []
+
+    def run(progress: Callable[[str], None]) -> None:
+        for name, job in jobs.items():
+            section, timed = _one_job(name, job, settings, matrix, progress)
+            sections.append(section)
+            clock.extend(timed)
+
+    if quiet or not console.is_terminal:
+        run(lambda _: None)
+    else:
+        from rich.markup import escape
+
+        with console.status("comparing") as status:
+            run(lambda text: status.update(escape(text)))
+    return comparison_document(sections, clock, {"effort": effort, "seed": seed})
+
+
+def _one_job(
+    name: str, job: Job, settings: Any, matrix: list[Case], progress: Callable[[str], None]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    from time import perf_counter
+
+    from dualarm_cli.planning.comparison import job_bound, run_cases
+    from dualarm_cli.reporting.comparison import job_comparison
+    from dualarm_cli.verification import verify
+
+    def say(text: str) -> None:
+        progress(f"{name}: {text}")
+
+    say("lower bound")
+    bound = job_bound(job, settings.effort)
+    outcomes = run_cases(job, settings, matrix, bound.value, verify, perf_counter, say)
+    return job_comparison(name, job, outcomes, bound.value, bound.assumptions)
+
+
+def _write(document: dict[str, Any], out: str | None, plot: Path | None) -> None:
+    """Writes the folder and the figure asked for."""
+    from dualarm_cli.errors import MissingDependencyError
+    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.reporting.comparison_figure import draw_comparison
+    from dualarm_cli.reporting.comparison_table import comparison_csv
+
+    if plot is not None:
+        kind = plot.suffix.lower().lstrip(".")
+        write_file(plot, draw_comparison(document, kind), force=True)
+        print_message(f"written: {plot}")
+    if out is None:
+        return
+    files = {TABLE: comparison_csv(document)}
+    try:
+        files[FIGURE] = draw_comparison(document, "png")
+    except MissingDependencyError as error:
+        print_message(f"{FIGURE} is not drawn: {error}")
+    write_folder(out, files | {DOCUMENT: json_bytes(document)})
+    print_message(f"written: {out}")
+
+
+def _print(document: dict[str, Any]) -> None:
+    from dualarm_cli.reporting.comparison_table import comparison_table, reason_lines
+
+    console = stdout_console()
+    clock = document["wall_clock"]
+    for section in document["comparisons"]:
+        mine, clock = clock[: len(section["rows"])], clock[len(section["rows"]) :]
+        console.print(comparison_table(section, mine))
+        for line in (*reason_lines(section), section["sentence"]):
+            console.print(line, markup=False, soft_wrap=True)
+
+
+def _exit_code(document: dict[str, Any]) -> int:
+    """Returns 1 if a plan fails its verification, 3 if some job has no plan, 2 if no method serves any job."""
+    found = [{row["status"] for row in section["rows"]} for section in document["comparisons"]]
+    if any("failed" in statuses for statuses in found):
+        return 1
+    if any("verified" not in statuses and "infeasible" in statuses for statuses in found):
+        return 3
+    return 2 if all(statuses == {"not served"} for statuses in found) else 0

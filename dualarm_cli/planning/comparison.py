@@ -1,0 +1,151 @@
+"""The same work by every method: which runs there are, and what comes of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.verification import Verification
+from dualarm_cli.planning.method import MethodProblem
+from dualarm_cli.planning.methods import METHODS
+from dualarm_cli.planning.planner import plan
+from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
+from dualarm_cli.timing import TIMING_SOLVERS
+
+Status = Literal["verified", "failed", "infeasible", "not served"]
+Judge = Callable[[Schedule, Job], Verification]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to plan."""
+
+    method: str
+    """Name in METHODS."""
+    redundancy: str
+    """Name of the redundancy solver."""
+    timing: str
+    """Name of the timing solver."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one case on one job."""
+
+    case: Case
+    """How it was planned."""
+    status: Status
+    """Whether there is a plan, and whether the verifier passes it."""
+    reason: str
+    """Why there is none, or what the verifier found; empty for a verified plan."""
+    schedule: Schedule | None
+    """The plan with its verification, where there is one."""
+    planning_time: float | None
+    """Wall-clock time of planning [s], the verification and the bound not counted; None where nothing was planned."""
+
+
+@dataclass(frozen=True)
+class JobBound:
+    """What no plan of a job can beat."""
+
+    value: float | None
+    """Lower bound on the cycle time [s]; None where none is known."""
+    assumptions: tuple[str, ...] = ()
+    """What it rests on."""
+
+
+def job_bound(job: Job, effort: str) -> JobBound:
+    """Returns the lower bound of a job."""
+    return JobBound(None)
+
+
+def cases(
+    methods: Sequence[str] = (), redundancies: Sequence[str] = (), timings: Sequence[str] = ()
+) -> list[Case]:
+    """Returns every combination of the named solvers, or of all of a family where none is named.
+
+    Args:
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers.
+        timings: names of timing solvers; none for the default one, `all` for every one.
+
+    Raises:
+        UnknownSolverError: a name that its family does not have.
+    """
+    # A name given twice is one.
+    methods = [METHODS[name].name for name in dict.fromkeys(methods or METHODS.names)]
+    redundancies = [
+        REDUNDANCY_SOLVERS[name].name
+        for name in dict.fromkeys(redundancies or REDUNDANCY_SOLVERS.names)
+    ]
+    timings = TIMING_SOLVERS.names if "all" in timings else timings or [PlanSettings().timing]
+    timings = [TIMING_SOLVERS[name].name for name in dict.fromkeys(timings)]
+    return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
+
+
+def run_cases(
+    job: Job,
+    settings: PlanSettings,
+    matrix: Sequence[Case],
+    bound: float | None,
+    judge: Judge,
+    clock: Callable[[], float],
+    progress: Callable[[str], None] = lambda _: None,
+) -> Iterator[Outcome]:
+    """Yields what comes of each case, one after the other, so that no more than one plan need be kept.
+
+    Args:
+        job: the same work for all.
+        settings: effort and seed for all.
+        matrix: how to plan.
+        bound: lower bound that every plan is held against [s], or None.
+        judge: the verifier.
+        clock: wall clock [s].
+        progress: is told what is being done.
+    """
+    model = CellModel.from_cell(job.cell)
+    for case in matrix:
+        name = f"{case.method}, {case.redundancy}, {case.timing}"
+        if reason := _why_unserved(model, job, settings, case):
+            yield Outcome(case, "not served", reason, None, None)
+            continue
+        wanted = replace(
+            settings, platform=case.method, redundancy=case.redundancy, timing=case.timing
+        )
+        progress(f"{name}: planning")
+        begin = clock()
+        try:
+            schedule = plan(job, wanted)
+        except InfeasibleError as error:
+            yield Outcome(case, "infeasible", str(error), None, clock() - begin)
+            continue
+        except (UnsupportedError, MissingDependencyError) as error:
+            yield Outcome(case, "not served", str(error), None, None)
+            continue
+        taken = clock() - begin
+        progress(f"{name}: verifying")
+        yield _judged(case, replace(schedule, lower_bound=bound), job, judge, taken)
+
+
+def _why_unserved(model: CellModel, job: Job, settings: PlanSettings, case: Case) -> str | None:
+    """Returns why a case cannot be run on a job, or None."""
+    problem = MethodProblem(model, job, case.redundancy, settings.effort, settings.seed)
+    return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
+        case.timing
+    ].why_unsupported(job.cell.robot.limits)
+
+
+def _judged(case: Case, schedule: Schedule, job: Job, judge: Judge, taken: float) -> Outcome:
+    """Returns the outcome of a plan: it counts only if the verifier passes it."""
+    verification = judge(schedule, job)
+    schedule = replace(schedule, verification=verification)
+    if verification.passed:
+        return Outcome(case, "verified", "", schedule, taken)
+    faults = "; ".join(f"{check.name}: {check.detail}" for check in verification.failures)
+    return Outcome(case, "failed", faults or "nothing was checked", schedule, taken)

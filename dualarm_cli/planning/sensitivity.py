@@ -1,0 +1,247 @@
+"""What the cycle time would be with assumed limits lower or higher, the plan's postures kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.planning.line_factors import line_factors
+from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+SHARE = 0.1
+"""By what share limits are lowered and raised."""
+LINES = ("approach", "retract")
+MOTIONS = ("transfer", "return", *LINES)
+SPEED_BISECTIONS = 40
+"""Halvings by which the slowing of transfers under a tool-speed cap is found again."""
+SLOWED = 1e-6
+"""A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What one assumed limit, or several together, are worth."""
+
+    joint: str | None
+    """The joint; None for all joints whose limits are assumed, together."""
+    limit: str
+    """`acceleration`, `jerk`, or `acceleration and jerk`."""
+    value: float | None
+    """The assumed limit at the job's speed [rad/s² or rad/s³]; None for several."""
+    lower: float
+    """Cycle time with the limit 10 % lower [s]."""
+    higher: float
+    """Cycle time with the limit 10 % higher [s]."""
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One approach or retract."""
+
+    arm: str
+    stage: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """What every arm does in each of s stages, in arrays."""
+
+    moved: FloatArray
+    """Displacement of every joint in the transfer [rad], shape (s, n)."""
+    lines: tuple[_Line, ...]
+    """Approaches and retracts."""
+    fixed: Mapping[str, FloatArray]
+    """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,)."""
+    returns: BoolArray
+    """Whether a stage is a return, in which all joints arrive together, shape (s,)."""
+    recorded: FloatArray
+    """Length of the longest transfer [s], shape (s,)."""
+
+
+def sensitivity(schedule: Schedule) -> list[Sensitivity]:
+    """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
+
+    Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures stay:
+    transfers follow from their displacements in closed form, a stage lasts as long as the slower arm, lines change by
+    the ratio of two estimates along the same path, dwells do not change. To decide postures anew with
+    the other limits could only be faster than what is said here, so `higher` is conservative. Under a
+    tool-speed cap the factor by which a transfer was slowed is kept.
+
+    Args:
+        schedule: a planned one; of one without stages, or that does not say its limits, nothing is returned.
+    """
+    limits = schedule.robot.limits.select(schedule.trajectory.joints)
+    entries = _entries(limits)
+    parts = stage_parts(schedule)
+    if not entries or not parts or not np.isfinite(limits.acceleration).all():
+        return []
+    # Row 0 is the plan as it is; then every entry lower and higher.
+    acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))
+    for row, (_, which, limit) in enumerate(entries):
+        for step, factor in enumerate((1.0 - SHARE, 1.0 + SHARE), start=1):
+            if "acceleration" in limit:
+                acceleration[2 * row + step, which] = factor
+            if "jerk" in limit:
+                jerk[2 * row + step, which] = factor
+    chains = _chains(schedule, parts, limits)
+    cycle = _cycle_times(schedule, chains, limits, acceleration, jerk)
+    # The closed forms give differences; the schedule's own duration is what they are added to.
+    cycle += schedule.duration - cycle[0]
+    found = [
+        Sensitivity(
+            joint=joint,
+            limit=limit,
+            value=None if joint is None else float(getattr(limits, limit)[which[0]]),
+            lower=float(cycle[2 * row + 1]),
+            higher=float(cycle[2 * row + 2]),
+        )
+        for row, (joint, which, limit) in enumerate(entries)
+    ]
+    single = [entry for entry in found if entry.joint is not None]
+    single.sort(key=lambda entry: -round(entry.lower - entry.higher, 12))
+    return single + [entry for entry in found if entry.joint is None]
+
+
+def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
+    """Returns which joints' which limits are changed: each joint's by itself, then all together."""
+    assumed = [k for k, source in enumerate(limits.source) if source == "assumed"]
+    jerked = [k for k in assumed if np.isfinite(limits.jerk[k])]
+    entries: list[tuple[str | None, list[int], str]] = []
+    for limit, columns in (("acceleration", assumed), ("jerk", jerked)):
+        entries += [(limits.joints[k], [k], limit) for k in columns]
+    if assumed:
+        entries.append((None, assumed, "acceleration"))
+    if jerked:
+        entries += [(None, jerked, "jerk"), (None, assumed, "acceleration and jerk")]
+    return entries
+
+
+def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits) -> _Chains:
+    """Returns the stages as arrays."""
+    starts = np.array([part.stage.start for part in parts])
+    arrivals = {name: starts.copy() for name in schedule.robot.arms}
+    fixed = {name: np.full(len(parts), -np.inf) for name in schedule.robot.arms}
+    lines: list[_Line] = []
+    for k, part in enumerate(parts):
+        for name, segments in part.arms.items():
+            rest = segments[-1].end - part.stage.start
+            for segment in segments:
+                if segment.kind in MOTIONS:
+                    rest -= segment.end - segment.start
+                if segment.kind in LINES:
+                    lines.append(_Line(name, k, segment.start, segment.end))
+                elif segment.kind in MOTIONS:
+                    arrivals[name][k] = segment.end
+            fixed[name][k] = rest
+    return _Chains(
+        moved=_displacements(schedule, starts, arrivals, limits.joints),
+        lines=tuple(lines),
+        fixed=fixed,
+        returns=np.array([not part.stage.tasks for part in parts]),
+        recorded=np.max([end - starts for end in arrivals.values()], axis=0),
+    )
+
+
+def _displacements(
+    schedule: Schedule,
+    starts: FloatArray,
+    arrivals: Mapping[str, FloatArray],
+    joints: tuple[str, ...],
+) -> FloatArray:
+    """Returns how far each joint moves in each stage's transfer [rad], shape (s, n)."""
+    trajectory = schedule.trajectory
+    before = trajectory.at(starts)[0]
+    # The platform is there when the last arm is.
+    moved = np.abs(trajectory.at(np.max(list(arrivals.values()), axis=0))[0] - before)
+    for name, arm in schedule.robot.arms.items():
+        columns = [joints.index(joint) for joint in arm.joints]
+        after = trajectory.at(arrivals[name])[0]
+        moved[:, columns] = np.abs(after - before)[:, columns]
+    return moved
+
+
+def _cycle_times(
+    schedule: Schedule,
+    chains: _Chains,
+    limits: JointLimits,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
+    robot = schedule.robot
+    groups = {PLATFORM: [limits.joints.index(joint) for joint in robot.platform]}
+    groups |= {name: [limits.joints.index(j) for j in arm.joints] for name, arm in robot.arms.items()}
+    groups = {name: columns for name, columns in groups.items() if columns}
+    velocity = limits.velocity * _slowing(schedule, chains, limits)[:, None]
+    line_times = {
+        name: _line_times(schedule, chains, limits, name, acceleration, jerk)
+        for name in robot.arms
+    }
+    cycle = np.empty(len(acceleration))
+    for row, (a, j) in enumerate(zip(acceleration, jerk, strict=True)):
+        law = RestToRest(velocity, limits.acceleration * a, limits.jerk * j)
+        alone = law.per_joint(chains.moved)
+        times = {name: alone[:, columns].max(axis=1) for name, columns in groups.items()}
+        longest = np.max(list(times.values()), axis=0)
+        platform = times.get(PLATFORM, np.zeros_like(longest))
+        ends = [
+            np.maximum(platform, times[name]) + line_times[name][row] + rest
+            for name, rest in chains.fixed.items()
+        ]
+        cycle[row] = np.where(chains.returns, longest, np.max(ends, axis=0)).sum()
+    return cycle
+
+
+def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatArray:
+    """Returns the factors on the speed limits under which each stage's transfers were timed, (s,).
+
+    They are below 1 only under a cap on the tools' speed, and found from how long the transfers take.
+    """
+    low, high = np.zeros(len(chains.moved)), np.ones(len(chains.moved))
+    if schedule.robot.tool_speed is None:
+        return high
+
+    def times(factor: FloatArray) -> FloatArray:
+        law = RestToRest(limits.velocity * factor[:, None], limits.acceleration, limits.jerk)
+        return law.duration(chains.moved)
+
+    slowed = chains.recorded > times(high) * (1.0 + SLOWED)
+    for _ in range(SPEED_BISECTIONS):
+        middle = (low + high) / 2.0
+        enough = times(middle) <= chains.recorded
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    return np.where(slowed, high, 1.0)
+
+
+def _line_times(
+    schedule: Schedule,
+    chains: _Chains,
+    limits: JointLimits,
+    arm: str,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns how long one arm's lines take in every stage with each row of factors [s], (v, s)."""
+    times = np.zeros((len(acceleration), len(chains.moved)))
+    lines = [line for line in chains.lines if line.arm == arm]
+    own = limits.select(schedule.robot.arms[arm].joints)
+    columns = [limits.joints.index(joint) for joint in own.joints]
+    if not lines or not columns:
+        return times
+    spans = np.array([[line.start, line.end] for line in lines])
+    factors = np.ones((len(acceleration), len(lines)))
+    changed = (acceleration[:, columns] != 1.0).any(axis=1) | (jerk[:, columns] != 1.0).any(axis=1)
+    factors[changed] = line_factors(
+        schedule.trajectory, spans, own, *(v[np.ix_(changed, columns)] for v in (acceleration, jerk))
+    )
+    for column, line in enumerate(lines):
+        times[:, line.stage] += factors[:, column] * (line.end - line.start)
+    return times

@@ -1,0 +1,211 @@
+"""The document of `dualarm compare solvers`: rows by cycle time, the winner and why it wins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.comparison import Outcome
+from dualarm_cli.planning.stage_parts import PLATFORM
+from dualarm_cli.reporting.measures import (
+    DWELLS,
+    LINES,
+    OTHER,
+    Bottlenecks,
+    bottlenecks,
+    elbow_imbalance,
+    platform_travel,
+)
+from dualarm_cli.reporting.report import count_parts, relative_gap, throughput
+
+FORMAT = "dualarm.comparison/1"
+ORDER = ("verified", "failed", "infeasible", "not served")
+"""Rows by what came of them; each kind by cycle time."""
+REFERENCE = "fixed"
+"""The method that every winner is held against: the platform stays where it is."""
+SAME = 1e-6
+"""Cycle times nearer than this are equal [s]."""
+
+
+def job_comparison(
+    name: str, job: Job, outcomes: Iterable[Outcome], bound: float | None, assumptions: Sequence[str]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Returns one task file's part of the document, and its wall-clock times apart.
+
+    Args:
+        name: the task file, as the user names it.
+        job: what was planned.
+        outcomes: of all cases; schedules are measured one by one and not kept.
+        bound: lower bound of the job [s], or None.
+        assumptions: what the bound rests on.
+    """
+    rows, clock = [], []
+    for outcome in outcomes:
+        row = _row(outcome, job)
+        rows.append(row)
+        clock.append(
+            {
+                "tasks": name,
+                **{key: row[key] for key in ("method", "redundancy", "timing")},
+                "planning_time": outcome.planning_time,
+            }
+        )
+    order = sorted(range(len(rows)), key=lambda k: _rank(rows[k]))
+    rows, clock = [rows[k] for k in order], [clock[k] for k in order]
+    good = [row for row in rows if row["status"] == "verified"]
+    section = {
+        "tasks": name,
+        "robot": job.cell.robot.name,
+        "stages": len(job.stages()) + job.returns,
+        "parts": count_parts(job),
+        "closes": job.returns,
+        "lower_bound": bound,
+        "lower_bound_assumptions": list(assumptions),
+        "rows": rows,
+        "winner": {key: good[0][key] for key in ("method", "redundancy", "timing")}
+        if good
+        else None,
+        "sentence": winner_sentence(rows),
+    }
+    return section, clock
+
+
+def comparison_document(
+    sections: list[dict[str, Any]], clock: list[dict[str, Any]], settings: dict[str, Any]
+) -> dict[str, Any]:
+    """Returns the whole document; what a wall clock measured is its last member, and nowhere else.
+
+    Args:
+        sections: of the task files.
+        clock: planning times of all rows.
+        settings: what was asked for.
+    """
+    return {
+        "format": FORMAT,
+        "settings": settings,
+        "comparisons": sections,
+        "wall_clock": clock,
+    }
+
+
+def _rank(row: dict[str, Any]) -> tuple[int, float]:
+    # A microsecond apart is equal: then the first in the registry stays first.
+    time = row["cycle_time"]
+    return ORDER.index(row["status"]), 0.0 if time is None else round(time / SAME)
+
+
+def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
+    """Returns one case's row; times in s, angles in rad."""
+    case, schedule = outcome.case, outcome.schedule
+    row: dict[str, Any] = {
+        "method": case.method,
+        "redundancy": case.redundancy,
+        "timing": case.timing,
+        "status": outcome.status,
+        "reason": outcome.reason,
+        **dict.fromkeys(
+            ("cycle_time", "parts_per_hour", "gap", "grid_gap", "elbow_imbalance"), None
+        ),
+        **dict.fromkeys(("platform_travel", "deciding_stages", "deciding_time"), None),
+    }
+    if schedule is None:
+        return row
+    found = bottlenecks(schedule)
+    return row | {
+        "cycle_time": schedule.duration,
+        "parts_per_hour": throughput(schedule, job),
+        "gap": relative_gap(schedule),
+        "grid_gap": schedule.grid_gap,
+        "elbow_imbalance": elbow_imbalance(schedule),
+        "platform_travel": platform_travel(schedule),
+        "deciding_stages": found.stages,
+        "deciding_time": found.time,
+    }
+
+
+def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
+    """Returns one sentence: who is fastest, by how much, and what decides the stages.
+
+    Args:
+        rows: of one task file, best first.
+    """
+    good = [row for row in rows if row["status"] == "verified"]
+    if not good:
+        return "no method finds a plan that the verifier passes"
+    winner, time = good[0], good[0]["cycle_time"]
+    called = row_namer(rows)
+    equal = [called(row) for row in good if row["cycle_time"] - time <= SAME]
+    slower = [row for row in good if row["cycle_time"] - time > SAME]
+    if len(equal) > 1:
+        text = f"{_listed(equal)} are equally fast with {time:.3f} s"
+    else:
+        text = f"{equal[0]} is the fastest with {time:.3f} s"
+    reference = _reference(winner, good)
+    against = [row for row in (slower[0] if slower else None, reference) if row is not None]
+    against = [row for k, row in enumerate(against) if row not in against[:k]]
+    against = [row for row in against if row in slower]
+    if against:
+        text += ": " + " and ".join(
+            f"{1.0 - time / row['cycle_time']:.1%} less than {called(row)}" for row in against
+        )
+        text += _why_faster(winner, against[-1])
+    return text + _deciders(winner)
+
+
+def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """Returns the best row of `fixed`, of the winner's own timing if there is one."""
+    found = [row for row in good if row["method"] == REFERENCE]
+    alike = [row for row in found if row["timing"] == winner["timing"]]
+    return next(iter(alike or found), None)
+
+
+def _why_faster(winner: dict[str, Any], other: dict[str, Any]) -> str:
+    """Returns which kinds of time the winner saves."""
+    mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
+    pairs = [("transfers", mine.transfers, theirs.transfers)]
+    pairs += [(name, mine.time[name], theirs.time[name]) for name in (LINES, DWELLS)]
+    saved = [pair for pair in pairs if pair[2] - pair[1] > 0.0005]
+    saved.sort(key=lambda pair: pair[1] - pair[2])
+    texts = [f"{name} decide {a:.2f} s instead of {b:.2f} s" for name, a, b in saved]
+    return f", as its {' and '.join(texts)}" if texts else ""
+
+
+def _deciders(row: dict[str, Any]) -> str:
+    """Returns which joint groups decide how many stages, and what the time goes to."""
+    counts = [
+        f"the {group_name(group)} in {count}" for group, count in row["deciding_stages"].items()
+    ]
+    whole = sum(row["deciding_time"].values())
+    if whole <= 0.0:
+        return ""
+    shares = [
+        f"{name} {time / whole:.0%}"
+        for name, time in (
+            ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
+            *((name, row["deciding_time"].get(name, 0.0)) for name in (LINES, DWELLS, OTHER)),
+        )
+        if time > 0.0
+    ]
+    stages = f"; {_listed(counts)} stages decide its transfers" if counts else ""
+    return f"{stages}; its time is {', '.join(shares)}"
+
+
+def group_name(group: str) -> str:
+    """Returns what people call a joint group."""
+    return group if group == PLATFORM else f"{group} arm"
+
+
+def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
+    """Returns how a row is called: its method, and whatever else differs between the rows."""
+    varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+
+    def called(row: dict[str, Any]) -> str:
+        rest = ", ".join(row[key] for key in varied)
+        return f"{row['method']} ({rest})" if rest else str(row["method"])
+
+    return called
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" and {words[-1]}"

@@ -1,0 +1,146 @@
+"""The figure of `dualarm compare solvers`: what each method's cycle is made of, and the bound below all."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Any
+
+from dualarm_cli.planning.stage_parts import PLATFORM
+from dualarm_cli.reporting.comparison import group_name, row_namer
+from dualarm_cli.reporting.figures import new_figure, rendered
+from dualarm_cli.reporting.measures import DWELLS, LINES, OTHER
+
+WIDTH = 10.0
+BAR, PANEL = 0.3, 1.0
+"""Height of a bar's row and of a panel's title and axis [inch]."""
+COLOURS = {
+    "left": "#1f5fbf",
+    "right": "#c23b22",
+    PLATFORM: "#2a7f3f",
+    LINES: "#8f8f8f",
+    DWELLS: "#d3d3d3",
+    OTHER: "#f0e0a0",
+}
+"""By what decides the time; the arms as in every other figure."""
+FAILED = "#ffffff"
+
+
+def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
+    """Returns the figure as PNG, SVG or PDF: one panel per task file, one bar per plan, best first.
+
+    Args:
+        document: of `dualarm compare solvers`; wall-clock times are not drawn, so that the bytes stay the same.
+        kind: one of FIGURE_KINDS.
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+    """
+    sections = document["comparisons"]
+    heights = [PANEL + BAR * max(1, len(section["rows"])) for section in sections]
+    figure = new_figure(WIDTH, sum(heights) + 0.5)
+    panels = figure.subplots(len(sections), 1, squeeze=False, height_ratios=heights)[:, 0]
+    names = _short_names([section["tasks"] for section in sections])
+    drawn: dict[str, Any] = {}
+    for panel, section, name in zip(panels, sections, names, strict=True):
+        drawn |= _draw_section(panel, section, name)
+    order = [label for label in _labels() if label in drawn]
+    if order:
+        figure.legend(
+            [drawn[label] for label in order], order, loc="outside lower center", ncols=4,
+            frameon=False,
+        )
+    return rendered(figure, kind)
+
+
+def _labels() -> list[str]:
+    return [_label(name) for name in COLOURS] + ["lower bound", "fails its verification"]
+
+
+def _label(name: str) -> str:
+    if name in (LINES, DWELLS, OTHER):
+        return {LINES: "lines", DWELLS: "dwells", OTHER: "waiting"}[name]
+    return f"transfers, {group_name(name)} decides"
+
+
+def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, Any]:
+    """Draws one task file's panel; returns one drawn thing per label."""
+    rows, called = section["rows"], row_namer(section["rows"])
+    drawn: dict[str, Any] = {}
+    best = next((row["cycle_time"] for row in rows if row["status"] == "verified"), None)
+    longest = max((row["cycle_time"] or 0.0 for row in rows), default=0.0) or 1.0
+    for place, row in enumerate(rows):
+        if row["cycle_time"] is None:
+            panel.text(
+                0.01 * longest, place, f"{row['status']}: {_short(row['reason'])}",
+                va="center", color="0.45", style="italic",
+            )
+            continue
+        drawn |= _draw_bar(panel, place, row)
+        panel.text(
+            row["cycle_time"] + 0.008 * longest, place, _bar_text(row, best), va="center",
+            weight="bold" if row["cycle_time"] == best else "normal",
+        )
+    bound = section["lower_bound"]
+    if bound is not None:
+        drawn["lower bound"] = panel.axvline(bound, color="black", linestyle="--", linewidth=1.2)
+        panel.text(
+            bound, -0.62, f"bound {bound:.2f} s", ha="center", va="bottom", fontsize=8
+        )
+    panel.set_yticks(range(len(rows)), [called(row) for row in rows])
+    panel.set_ylim(len(rows) - 0.4, -0.6)
+    panel.set_xlim(0.0, 1.17 * longest)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.tick_params(axis="y", length=0)
+    panel.set_xlabel("period [s]" if section["closes"] else "time of one pass [s]")
+    panel.set_title(
+        f"{name}: {section['robot']}, {section['stages']} stages", loc="left", pad=14,
+        weight="bold",
+    )
+    return drawn
+
+
+def _draw_bar(panel: Any, place: int, row: dict[str, Any]) -> dict[str, Any]:
+    """Draws what one plan's length is made of; a plan that failed is hatched."""
+    drawn: dict[str, Any] = {}
+    if row["status"] == "failed":
+        bar = panel.barh(
+            place, row["cycle_time"], 0.7, color=FAILED, edgecolor="#c23b22", hatch="///"
+        )
+        return {"fails its verification": bar}
+    left = 0.0
+    for name, colour in COLOURS.items():
+        time = row["deciding_time"].get(name, 0.0)
+        if time > 0.0:
+            bar = panel.barh(
+                place, time, 0.7, left=left, color=colour, edgecolor="white", linewidth=0.5
+            )
+            drawn[_label(name)] = bar
+            left += time
+    return drawn
+
+
+def _bar_text(row: dict[str, Any], best: float | None) -> str:
+    text = f"{row['cycle_time']:.2f} s"
+    if row["status"] == "failed" or best is None:
+        return f"{text}, fails"
+    above = row["cycle_time"] / best - 1.0
+    return text if above < 5e-5 else f"{text}  +{above:.1%}"
+
+
+def _short(reason: str) -> str:
+    """Returns the first line of a reason, cut where it would leave the panel."""
+    line = reason.split("\n", maxsplit=1)[0]
+    return line if len(line) <= 90 else f"{line[:89]}…"
+
+
+def _short_names(names: list[str]) -> list[str]:
+    """Returns names by which a reader tells the task files apart: folders where the files are named alike."""
+    paths = [PurePath(name) for name in names]
+    for shorten in (
+        lambda path: path.parent.name if path.stem == "tasks" and path.parent.name else path.stem,
+        lambda path: "/".join(path.parts[-2:]),
+    ):
+        short = [shorten(path) for path in paths]
+        if len(set(short)) == len(short):
+            return short
+    return names

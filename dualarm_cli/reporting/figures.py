@@ -1,0 +1,53 @@
+"""What all figures share: drawn without a screen, the same bytes for the same input."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+from dualarm_cli.errors import MissingDependencyError
+
+FIGURE_KINDS = ("png", "svg", "pdf")
+"""Formats, as the ends of file names."""
+
+
+def require_matplotlib() -> None:
+    """Raises MissingDependencyError where matplotlib is not installed, without loading it."""
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        raise MissingDependencyError("matplotlib", "plot")
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Returns an empty matplotlib figure.
+
+    Args:
+        width: [inch].
+        height: [inch].
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingDependencyError("matplotlib", "plot") from None
+    mpl.rcParams["svg.hashsalt"] = "dualarm"
+    mpl.rcParams["font.size"] = 9
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def rendered(figure: Any, kind: str) -> bytes:
+    """Returns a figure as a file of one of FIGURE_KINDS, without dates in it."""
+    metadata: dict[str, dict[str, None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+    }
+    buffer = BytesIO()
+    figure.savefig(buffer, format=kind, dpi=110, metadata=metadata[kind])
+    return buffer.getvalue()

@@ -1,0 +1,118 @@
+"""What is measured of a schedule so that methods can be compared: who decides its length, elbows, platform."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
+
+ELBOW = 3
+"""Place of the elbow among the joints of a 7-axis arm."""
+AXES = 7
+LINES, DWELLS, OTHER = "lines", "dwells", "other"
+"""What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
+
+
+@dataclass(frozen=True)
+class Bottlenecks:
+    """Along each stage's critical arm: what the whole length of the motion is made of."""
+
+    stages: dict[str, int]
+    """How many stages' transfers each joint group decides, most first."""
+    time: dict[str, float]
+    """Time of transfers by deciding group, of lines and of dwells [s]; together the length of all stages."""
+
+    @property
+    def transfers(self) -> float:
+        """Time that transfers decide [s]."""
+        return sum(time for name, time in self.time.items() if name not in (LINES, DWELLS, OTHER))
+
+
+def bottlenecks(schedule: Schedule) -> Bottlenecks:
+    """Returns what decides how long a schedule is.
+
+    A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and dwell. The
+    transfer is decided by the platform or by the arm, whichever alone needs longer.
+
+    Args:
+        schedule: with stages and segments, or with events at least.
+    """
+    groups = [*([PLATFORM] if schedule.robot.platform else []), *schedule.robot.arms]
+    time = dict.fromkeys([*groups, LINES, DWELLS], 0.0)
+    counts: Counter[str] = Counter()
+    for part in stage_parts(schedule):
+        shares = _shares(part)
+        if part.group:
+            counts[part.group] += 1
+        for name, length in shares.items():
+            time[name] = time.get(name, 0.0) + length
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], groups.index(item[0])))
+    return Bottlenecks(dict(ranked), time)
+
+
+def _shares(part: StageParts) -> dict[str, float]:
+    """Returns a stage's length by what decides it [s]."""
+    arm = part.critical
+    shares = {
+        LINES: part.length(arm, "approach", "retract"),
+        DWELLS: part.length(arm, "dwell"),
+    }
+    transfer = part.length(arm, "transfer", "return")
+    if part.group:
+        shares[part.group] = transfer
+    rest = part.stage.end - part.stage.start - sum(shares.values())
+    if rest > 1e-6:
+        shares[OTHER] = rest
+    return shares
+
+
+def elbow_imbalance(schedule: Schedule) -> float | None:
+    """Returns the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
+
+    Transfers of both arms count, the return among them. None where there are no two 7-axis arms, or no such transfer.
+
+    Args:
+        schedule: with stages.
+    """
+    arms = schedule.robot.arms
+    if len(arms) != 2 or any(len(arm.joints) != AXES for arm in arms.values()):
+        return None
+    trajectory = schedule.trajectory
+    columns = [trajectory.joints.index(arm.joints[ELBOW]) for arm in arms.values()]
+    parts = [part for part in stage_parts(schedule) if len(part.arms) == 2]
+    if not parts:
+        return None
+    before = np.array([part.stage.start for part in parts])
+    sizes = []
+    for name, column in zip(arms, columns, strict=True):
+        after = np.array([part.stage.start + _transfer(part, name) for part in parts])
+        moved = trajectory.at(after)[0][:, column] - trajectory.at(before)[0][:, column]
+        sizes.append(np.abs(moved))
+    return float(np.abs(sizes[0] - sizes[1]).mean())
+
+
+def _transfer(part: StageParts, arm: str) -> float:
+    return part.length(arm, "transfer", "return")
+
+
+def platform_travel(schedule: Schedule) -> float | None:
+    """Returns the path length of the platform's joints [rad]; None without a platform."""
+    if not schedule.robot.platform:
+        return None
+    return sum(joint_travel(schedule, schedule.robot.platform).values())
+
+
+def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
+    """Returns the path length of each joint [rad], measured between knots.
+
+    Args:
+        schedule: whose trajectory is measured.
+        joints: which ones.
+    """
+    trajectory = schedule.trajectory
+    length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
+    return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
