@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +16,7 @@ from dualarm_cli.cli.output import (
     stderr_console,
     stdout_console,
 )
+from dualarm_cli.cli.result_files import json_bytes, printable, refuse_folder, write_folder
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dualarm_cli.planning.comparison import Case
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
+SCHEDULES_DOCUMENT, SCHEDULES_TABLE = "schedules.json", "schedules.csv"
 
 compare_app = typer.Typer(
     name="compare",
@@ -39,7 +40,7 @@ OutOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")]
 
 
-@compare_app.command("solvers")
+@compare_app.command("solvers", short_help="Plan the same work by every method.")
 def solvers_command(
     tasks: Annotated[
         list[Path] | None,
@@ -50,7 +51,8 @@ def solvers_command(
     method: Annotated[
         list[str] | None,
         typer.Option(
-            "--method", help="Method, as `plan --platform` names it; repeatable. Default: all.",
+            "--method",
+            help="Method, as `plan --platform` names it; repeatable. Default: all.",
             show_default=False,
         ),
     ] = None,
@@ -63,7 +65,8 @@ def solvers_command(
     timing: Annotated[
         list[str] | None,
         typer.Option(
-            "--timing", help="Timing solver; repeatable, or `all`. Default: ruckig.",
+            "--timing",
+            help="Timing solver; repeatable, or `all`. Default: ruckig.",
             show_default=False,
         ),
     ] = None,
@@ -90,7 +93,7 @@ def solvers_command(
     jobs = _jobs(tasks or [])
     document = _compare(jobs, matrix, effort.value, seed, quiet)
     if plot is not None or out is not None:
-        _write(document, out, plot)
+        _write(document, out, plot, quiet)
     if json_output:
         print_json(document)
     elif not quiet:
@@ -114,52 +117,6 @@ def _refuse(out: str | None, plot: Path | None, force: bool) -> None:
     if plot.exists() and not force:
         raise UsageError(f"--plot {plot}: is there already; add --force to replace it")
     require_matplotlib()
-
-
-def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
-    """Raises where a folder cannot be made, or holds one of the files already.
-
-    Raises:
-        OutputError: with what to do.
-        UsageError: an empty name.
-    """
-    from dualarm_cli.errors import OutputError
-    from dualarm_cli.exporting.files import check_writable
-
-    if out == "":
-        raise UsageError("--out '': name a folder, or leave the option out")
-    folder = Path(out)
-    # A schedule that is there stays as it is; only our own files would be replaced.
-    check_writable(folder, force=True)
-    for name in names:
-        if not force and (folder / name).exists():
-            raise OutputError(
-                f"--out {folder}: already holds {name}; add --force to replace it, or name another"
-            )
-
-
-def write_folder(out: str, files: dict[str, bytes]) -> None:
-    """Writes files into a folder, each whole or not at all, the last one last.
-
-    Raises:
-        OutputError: the folder or a file cannot be made.
-    """
-    from dualarm_cli.errors import OutputError
-    from dualarm_cli.exporting.files import write_file
-
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
-    for name, content in files.items():
-        write_file(folder / name, content, force=True)
-
-
-def json_bytes(document: dict[str, Any]) -> bytes:
-    """Returns a document as it is written to a file."""
-    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    return text.encode("utf-8", "backslashreplace")
 
 
 def _jobs(paths: list[Path]) -> dict[str, Job]:
@@ -208,7 +165,10 @@ def _compare(
 
         with console.status("comparing") as status:
             run(lambda text: status.update(escape(text)))
-    return comparison_document(sections, clock, {"effort": effort, "seed": seed})
+    document: dict[str, Any] = printable(
+        comparison_document(sections, clock, {"effort": effort, "seed": seed})
+    )
+    return document
 
 
 def _one_job(
@@ -229,8 +189,9 @@ def _one_job(
     return job_comparison(name, job, outcomes, bound.value, bound.assumptions)
 
 
-def _write(document: dict[str, Any], out: str | None, plot: Path | None) -> None:
-    """Writes the folder and the figure asked for."""
+def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: bool) -> None:
+    """Writes the folder and the figure asked for, and says so unless told to be quiet."""
+    say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.files import write_file
     from dualarm_cli.reporting.comparison_figure import draw_comparison
@@ -239,16 +200,16 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None) -> None
     if plot is not None:
         kind = plot.suffix.lower().lstrip(".")
         write_file(plot, draw_comparison(document, kind), force=True)
-        print_message(f"written: {plot}")
+        say(f"written: {plot}")
     if out is None:
         return
     files = {TABLE: comparison_csv(document)}
     try:
         files[FIGURE] = draw_comparison(document, "png")
     except MissingDependencyError as error:
-        print_message(f"{FIGURE} is not drawn: {error}")
+        say(f"{FIGURE} is not drawn: {error}")
     write_folder(out, files | {DOCUMENT: json_bytes(document)})
-    print_message(f"written: {out}")
+    say(f"written: {out}")
 
 
 def _print(document: dict[str, Any]) -> None:
@@ -271,3 +232,53 @@ def _exit_code(document: dict[str, Any]) -> int:
     if any("verified" not in statuses and "infeasible" in statuses for statuses in found):
         return 3
     return 2 if all(statuses == {"not served"} for statuses in found) else 0
+
+
+@compare_app.command("schedules", short_help="Compare two plans stage by stage.")
+def schedules_command(
+    a: Annotated[
+        Path,
+        typer.Argument(
+            metavar="A", help="Folder of a plan, or a schedule file.", show_default=False
+        ),
+    ],
+    b: Annotated[
+        Path,
+        typer.Argument(metavar="B", help="The one that is held against it.", show_default=False),
+    ],
+    out: OutOption = None,
+    force: ForceOption = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Compare two schedules stage by stage: what got slower, and which joint did it.
+
+    Schedules made elsewhere are read too. --out writes schedules.json and schedules.csv. A slower schedule is a result,
+    not a failure: the exit code is 0.
+    """
+    from dualarm_cli.exporting.schedule_reader import read_schedule
+    from dualarm_cli.reporting.schedule_comparison import compare_schedules
+    from dualarm_cli.reporting.schedule_comparison_table import (
+        schedules_csv,
+        schedules_sentence,
+        schedules_table,
+    )
+
+    if out is not None:
+        refuse_folder(out, (SCHEDULES_TABLE, SCHEDULES_DOCUMENT), force)
+    document = compare_schedules(read_schedule(a), read_schedule(b), (str(a), str(b)))
+    document["sentence"] = schedules_sentence(document)
+    document = printable(document)
+    if out is not None:
+        files = {SCHEDULES_TABLE: schedules_csv(document)}
+        write_folder(out, files | {SCHEDULES_DOCUMENT: json_bytes(document)})
+        if not quiet:
+            print_message(f"written: {out}")
+    if json_output:
+        print_json(document)
+    elif not quiet:
+        console = stdout_console()
+        if not document["identical"]:
+            console.print(schedules_table(document))
+        for line in (document["sentence"], *(f"note: {note}" for note in document["notes"])):
+            console.print(line, markup=False, soft_wrap=True)

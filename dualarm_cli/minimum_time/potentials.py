@@ -84,13 +84,13 @@ def arm_layers(
         nodes: the arm's nodes by stage, in order of their platform angle; None where it is idle.
     """
     work = problem.arms[arm]
-    table = _table(problem, work)
+    table = transfer_table(problem, work)
     layers = [None if n is None else _layer(problem, table, angles, n) for n in nodes]
     n = problem.stages
     return ArmLayers(table, Chain.of(work), layers, [None] * n, np.zeros(n), 0.0)
 
 
-def _table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
+def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
     laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
     if problem.platform_law is not None:
         laws.append(problem.platform_law)

@@ -88,6 +88,51 @@ class TransferTable:
         half = STEPS // 2
         return np.ascontiguousarray(np.clip(steps, -half, half).astype(np.int16))
 
+    def box(self, low: FloatArray, high: FloatArray) -> tuple[Coordinates, Coordinates]:
+        """Returns boxes of joints in steps, rounded outward, coordinate first, shape (c, n) each.
+
+        Args:
+            low: lowest joints [rad], shape (n, c), -inf allowed.
+            high: highest joints [rad], shape (n, c), inf allowed.
+        """
+        half = STEPS // 2
+        bottom, top = ((x - self.middle) * self.scale for x in (low, high))
+        steps = np.floor(np.clip(bottom, -half, half)), np.ceil(np.clip(top, -half, half))
+        return tuple(np.ascontiguousarray(x.T.astype(np.int16)) for x in steps)  # type: ignore[return-value]
+
+    def gap_times(
+        self,
+        low: Coordinates,
+        high: Coordinates,
+        goal_low: Coordinates,
+        goal_high: Coordinates,
+        without: tuple[int, ...] = (),
+    ) -> NDArray[np.float32]:
+        """Returns the least times between all pairs of boxes [s], shape (n, m): from the nearest points of each.
+
+        Args:
+            low: lowest coordinates of the boxes where transfers begin, shape (c, n).
+            high: highest ones.
+            goal_low: lowest coordinates of the boxes where they end, shape (c, m).
+            goal_high: highest ones.
+            without: coordinates that do not count.
+        """
+        n, m = low.shape[1], goal_low.shape[1]
+        result = np.zeros((n, m), dtype=np.float32)
+        for k in range(0, n, ROWS):
+            rows = slice(k, k + ROWS)
+            for group in self.classes:
+                columns = [c for c in group.columns if c not in without]
+                if not columns:
+                    continue
+                gap = np.zeros((min(ROWS, n - k), m), dtype=np.int16)
+                for c in columns:
+                    np.maximum(gap, goal_low[c] - high[c, rows, None], out=gap)
+                    np.maximum(gap, low[c, rows, None] - goal_high[c], out=gap)
+                time = np.take(group.time, gap, mode="clip")
+                np.maximum(result[rows], time, out=result[rows])
+        return result
+
     def times(
         self, start: Coordinates, goal: Coordinates, without: tuple[int, ...] = ()
     ) -> NDArray[np.float32]:

@@ -61,7 +61,13 @@ class JobBound:
 
 
 def job_bound(job: Job, effort: str) -> JobBound:
-    """Returns the lower bound of a job."""
+    """Returns what no plan of a job can beat; this version computes no bound.
+
+    Args:
+        job: what is to be done.
+        effort: quick, normal or thorough.
+    """
+    del job, effort
     return JobBound(None)
 
 
@@ -110,8 +116,8 @@ def run_cases(
         progress: is told what is being done.
     """
     model = CellModel.from_cell(job.cell)
-    for case in matrix:
-        name = f"{case.method}, {case.redundancy}, {case.timing}"
+    for number, case in enumerate(matrix, start=1):
+        name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
         if reason := _why_unserved(model, job, settings, case):
             yield Outcome(case, "not served", reason, None, None)
             continue

@@ -36,10 +36,11 @@ def line_factors(
 ) -> FloatArray:
     """Returns the durations of lines under changed limits as multiples of those under the limits, (v, k).
 
-    A line's time is that of the fastest double-S shape along the path, whose coordinate is the length in joint space with
-    every joint measured by its speed limit. Only the ratio of two such times is used, so that what the coordinate
-    costs cancels out. It is kept to what scaling the line's own profile allows: no limit c times as high changes a
-    time by more than c^-1/2 (acceleration) or c^-1/3 (jerk). Our own derivation.
+    A line's time is that of the fastest double-S shape along the path, whose coordinate is the length in joint space
+    with every joint measured by its speed limit. Only the ratio of two such times is used, so that what the coordinate
+    costs cancels out. The ratio is kept to what is possible: a line need never take longer than its own profile does
+    when it is played at the pace that keeps the changed limits, and limits c times as high change a time by the factor
+    c^-1/2 (acceleration) or c^-1/3 (jerk) at most. Our own derivation.
 
     Args:
         trajectory: the motion that holds the lines.

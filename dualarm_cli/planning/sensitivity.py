@@ -61,7 +61,7 @@ class _Chains:
     fixed: Mapping[str, FloatArray]
     """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,)."""
     returns: BoolArray
-    """Whether a stage is a return, in which all joints arrive together, shape (s,)."""
+    """Whether all joints arrive together and nothing follows: a return, or a stage without work, shape (s,)."""
     recorded: FloatArray
     """Length of the longest transfer [s], shape (s,)."""
 
@@ -69,11 +69,11 @@ class _Chains:
 def sensitivity(schedule: Schedule) -> list[Sensitivity]:
     """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
 
-    Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures stay:
-    transfers follow from their displacements in closed form, a stage lasts as long as the slower arm, lines change by
-    the ratio of two estimates along the same path, dwells do not change. To decide postures anew with
-    the other limits could only be faster than what is said here, so `higher` is conservative. Under a
-    tool-speed cap the factor by which a transfer was slowed is kept.
+    Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
+    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm, lines
+    change by the ratio of two estimates along the same path, dwells do not change. To decide postures anew with the
+    other limits could only be faster than what is said here, so that `higher` is conservative. Under a tool-speed cap
+    the factor by which a transfer was slowed is kept.
 
     Args:
         schedule: a planned one; of one without stages, or that does not say its limits, nothing is returned.
@@ -141,12 +141,16 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
                 elif segment.kind in MOTIONS:
                     arrivals[name][k] = segment.end
             fixed[name][k] = rest
+    returns = np.array([not part.stage.tasks or not part.arms for part in parts])
+    # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
+    ends = np.array([part.stage.end for part in parts])
+    arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
     return _Chains(
-        moved=_displacements(schedule, starts, arrivals, limits.joints),
+        moved=_displacements(schedule, starts, arrivals, arrived, limits.joints),
         lines=tuple(lines),
         fixed=fixed,
-        returns=np.array([not part.stage.tasks for part in parts]),
-        recorded=np.max([end - starts for end in arrivals.values()], axis=0),
+        returns=returns,
+        recorded=arrived - starts,
     )
 
 
@@ -154,13 +158,13 @@ def _displacements(
     schedule: Schedule,
     starts: FloatArray,
     arrivals: Mapping[str, FloatArray],
+    arrived: FloatArray,
     joints: tuple[str, ...],
 ) -> FloatArray:
     """Returns how far each joint moves in each stage's transfer [rad], shape (s, n)."""
     trajectory = schedule.trajectory
     before = trajectory.at(starts)[0]
-    # The platform is there when the last arm is.
-    moved = np.abs(trajectory.at(np.max(list(arrivals.values()), axis=0))[0] - before)
+    moved = np.abs(trajectory.at(arrived)[0] - before)
     for name, arm in schedule.robot.arms.items():
         columns = [joints.index(joint) for joint in arm.joints]
         after = trajectory.at(arrivals[name])[0]
@@ -178,12 +182,13 @@ def _cycle_times(
     """Returns the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
     robot = schedule.robot
     groups = {PLATFORM: [limits.joints.index(joint) for joint in robot.platform]}
-    groups |= {name: [limits.joints.index(j) for j in arm.joints] for name, arm in robot.arms.items()}
+    groups |= {
+        name: [limits.joints.index(j) for j in arm.joints] for name, arm in robot.arms.items()
+    }
     groups = {name: columns for name, columns in groups.items() if columns}
     velocity = limits.velocity * _slowing(schedule, chains, limits)[:, None]
     line_times = {
-        name: _line_times(schedule, chains, limits, name, acceleration, jerk)
-        for name in robot.arms
+        name: _line_times(schedule, chains, limits, name, acceleration, jerk) for name in robot.arms
     }
     cycle = np.empty(len(acceleration))
     for row, (a, j) in enumerate(zip(acceleration, jerk, strict=True)):
@@ -240,7 +245,10 @@ def _line_times(
     factors = np.ones((len(acceleration), len(lines)))
     changed = (acceleration[:, columns] != 1.0).any(axis=1) | (jerk[:, columns] != 1.0).any(axis=1)
     factors[changed] = line_factors(
-        schedule.trajectory, spans, own, *(v[np.ix_(changed, columns)] for v in (acceleration, jerk))
+        schedule.trajectory,
+        spans,
+        own,
+        *(v[np.ix_(changed, columns)] for v in (acceleration, jerk)),
     )
     for column, line in enumerate(lines):
         times[:, line.stage] += factors[:, column] * (line.end - line.start)

@@ -29,7 +29,8 @@ class StageParts:
     critical: str
     """The arm whose last part ends the stage; empty where no arm does anything."""
     group: str
-    """Joint group that decides the critical arm's transfer: an arm's name, `platform`, or empty for none."""
+    """Joint group that decides the critical arm's transfer, or the stage where no arm does anything: an arm's name,
+    `platform`, or empty for none."""
 
     def length(self, arm: str, *kinds: str) -> float:
         """Returns how long an arm spends on some kinds of parts [s]."""
@@ -40,8 +41,8 @@ class StageParts:
 def stage_parts(schedule: Schedule) -> list[StageParts]:
     """Returns the stages of a schedule with their parts.
 
-    Of a schedule without stages, as others may write it, each group of dwells that overlap ends a stage; of one
-    without segments, an arm's parts are cut at its events.
+    Of a schedule without stages, as others may write it, the k-th event of each arm makes stage k, which ends with
+    their dwells; of one without segments, an arm's parts are cut at its events.
 
     Args:
         schedule: also one made elsewhere; its times must be finite.
@@ -56,15 +57,16 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
         if part.kind != "wait":
             per_stage[k].setdefault(part.arm, []).append(part)
     return [
-        _parts(schedule, stage, {name: tuple(sorted(found, key=lambda p: p.start))
-                                 for name, found in arms.items()})
+        _parts(
+            schedule,
+            stage,
+            {name: tuple(sorted(found, key=lambda p: p.start)) for name, found in arms.items()},
+        )
         for stage, arms in zip(stages, per_stage, strict=True)
     ]
 
 
-def _parts(
-    schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]]
-) -> StageParts:
+def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]]) -> StageParts:
     ends = {name: parts[-1].end for name, parts in arms.items()}
     last = max(ends.values(), default=0.0)
     candidates = [name for name, end in ends.items() if end >= last - SAME_TIME]
@@ -78,6 +80,8 @@ def _deciding_group(
     schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]], critical: str
 ) -> str:
     """Returns which group decides how long the critical arm's transfer takes."""
+    if not critical:
+        return _group_of(schedule, stage.bottleneck)
     if not any(part.kind in ("transfer", "return") for part in arms.get(critical, ())):
         return ""
     if any(part.kind == "return" for part in arms[critical]) or not stage.arm_times:
@@ -95,18 +99,19 @@ def _group_of(schedule: Schedule, joint: str) -> str:
 
 
 def _stages_of_events(schedule: Schedule) -> tuple[Stage, ...]:
-    """Returns stages that end with the events' dwells, and one for what follows the last."""
+    """Returns stages of one event per arm, each as long as their dwells, and one for what follows the last."""
     groups: list[list[Event]] = []
-    end = -np.inf
     for event in sorted(schedule.events, key=lambda event: (event.time, event.arm)):
-        if event.time > end + SAME_TIME:
+        if not groups or any(event.arm == other.arm for other in groups[-1]):
             groups.append([])
         groups[-1].append(event)
-        end = max(end, event.time + event.dwell)
     clock, last = float(schedule.trajectory.time[0]), float(schedule.trajectory.time[-1])
     stages = []
-    for group in groups:
-        until = min(last, max(event.time + event.dwell for event in group))
+    for k, group in enumerate(groups):
+        # Arms on clocks of their own may dwell into each other's next stage.
+        following = groups[k + 1][0].time if k + 1 < len(groups) else last
+        until = min(following, max(event.time + event.dwell for event in group))
+        until = max(clock, until)
         stages.append(_stage(clock, until, tuple(event.task for event in group)))
         clock = until
     return (*stages, _stage(clock, last, ())) if last > clock + SAME_TIME else tuple(stages)
@@ -151,5 +156,5 @@ def _stands_from(
     inside = trajectory.time[(trajectory.time > start) & (trajectory.time < end)]
     time = np.concatenate([[start], inside, [end]])
     q = trajectory.at(time)[0][:, columns]
-    moving = np.flatnonzero((np.abs(q - q[-1]) > STANDS).any(axis=1)) if columns else []
+    moving = np.flatnonzero((np.abs(q - q[-1]) > STANDS).any(axis=1))
     return float(time[moving[-1] + 1]) if len(moving) else start

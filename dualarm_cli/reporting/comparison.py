@@ -24,12 +24,18 @@ ORDER = ("verified", "failed", "infeasible", "not served")
 """Rows by what came of them; each kind by cycle time."""
 REFERENCE = "fixed"
 """The method that every winner is held against: the platform stays where it is."""
+LEAST_SAVING = 0.01
+"""Savings below this are not worth a word [s]."""
 SAME = 1e-6
 """Cycle times nearer than this are equal [s]."""
 
 
 def job_comparison(
-    name: str, job: Job, outcomes: Iterable[Outcome], bound: float | None, assumptions: Sequence[str]
+    name: str,
+    job: Job,
+    outcomes: Iterable[Outcome],
+    bound: float | None,
+    assumptions: Sequence[str],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Returns one task file's part of the document, and its wall-clock times apart.
 
@@ -147,9 +153,10 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
     against = [row for row in against if row in slower]
     if against:
         text += ": " + " and ".join(
-            f"{1.0 - time / row['cycle_time']:.1%} less than {called(row)}" for row in against
+            f"{share_text(1.0 - time / row['cycle_time'])} less than {called(row)}"
+            for row in against
         )
-        text += _why_faster(winner, against[-1])
+        text += _why_faster(winner, against[-1], called(against[-1]))
     return text + _deciders(winner)
 
 
@@ -160,21 +167,38 @@ def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[s
     return next(iter(alike or found), None)
 
 
-def _why_faster(winner: dict[str, Any], other: dict[str, Any]) -> str:
+def section_title(section: dict[str, Any], name: str) -> str:
+    """Returns what stands above a task file's table or panel.
+
+    Args:
+        section: one member of the document's `comparisons`.
+        name: what the task file is called there.
+    """
+    noun = "stage" if section["stages"] == 1 else "stages"
+    return f"{name}: {section['robot']}, {section['stages']} {noun}"
+
+
+def share_text(value: float) -> str:
+    """Returns a share in percent, with a second digit where it would be 0.0."""
+    return f"{value:.1%}" if value >= 0.001 else f"{value:.2%}"
+
+
+def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str:
     """Returns which kinds of time the winner saves."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
-    pairs += [(name, mine.time[name], theirs.time[name]) for name in (LINES, DWELLS)]
-    saved = [pair for pair in pairs if pair[2] - pair[1] > 0.0005]
+    pairs += [(what, mine.time[what], theirs.time[what]) for what in (LINES, DWELLS)]
+    saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
     saved.sort(key=lambda pair: pair[1] - pair[2])
-    texts = [f"{name} decide {a:.2f} s instead of {b:.2f} s" for name, a, b in saved]
-    return f", as its {' and '.join(texts)}" if texts else ""
+    texts = [f"{what} decide {a:.2f} s of it ({name}: {b:.2f} s)" for what, a, b in saved]
+    return f", as {' and '.join(texts)}" if texts else ""
 
 
 def _deciders(row: dict[str, Any]) -> str:
     """Returns which joint groups decide how many stages, and what the time goes to."""
     counts = [
-        f"the {group_name(group)} in {count}" for group, count in row["deciding_stages"].items()
+        f"the {group_name(group)} {'' if k else 'decides '}{count}"
+        for k, (group, count) in enumerate(row["deciding_stages"].items())
     ]
     whole = sum(row["deciding_time"].values())
     if whole <= 0.0:
@@ -187,7 +211,9 @@ def _deciders(row: dict[str, Any]) -> str:
         )
         if time > 0.0
     ]
-    stages = f"; {_listed(counts)} stages decide its transfers" if counts else ""
+    total = sum(row["deciding_stages"].values())
+    noun = "transfer" if total == 1 else "transfers"
+    stages = f"; of its {total} {noun} {_listed(counts)}" if counts else ""
     return f"{stages}; its time is {', '.join(shares)}"
 
 

@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from dualarm_cli.planning.stage_parts import PLATFORM
-from dualarm_cli.reporting.comparison import group_name, row_namer
+from dualarm_cli.reporting.comparison import SAME, group_name, row_namer, section_title, share_text
 from dualarm_cli.reporting.figures import new_figure, rendered
 from dualarm_cli.reporting.measures import DWELLS, LINES, OTHER
 
@@ -46,7 +46,10 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
     order = [label for label in _labels() if label in drawn]
     if order:
         figure.legend(
-            [drawn[label] for label in order], order, loc="outside lower center", ncols=4,
+            [drawn[label] for label in order],
+            order,
+            loc="outside lower center",
+            ncols=4,
             frameon=False,
         )
     return rendered(figure, kind)
@@ -71,21 +74,26 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
     for place, row in enumerate(rows):
         if row["cycle_time"] is None:
             panel.text(
-                0.01 * longest, place, f"{row['status']}: {_short(row['reason'])}",
-                va="center", color="0.45", style="italic",
+                0.01 * longest,
+                place,
+                f"{row['status']}: {_short(row['reason'])}",
+                va="center",
+                color="0.45",
+                style="italic",
             )
             continue
         drawn |= _draw_bar(panel, place, row)
         panel.text(
-            row["cycle_time"] + 0.008 * longest, place, _bar_text(row, best), va="center",
-            weight="bold" if row["cycle_time"] == best else "normal",
+            row["cycle_time"] + 0.008 * longest,
+            place,
+            _bar_text(row, best),
+            va="center",
+            weight="bold" if _is_best(row, best) else "normal",
         )
     bound = section["lower_bound"]
     if bound is not None:
         drawn["lower bound"] = panel.axvline(bound, color="black", linestyle="--", linewidth=1.2)
-        panel.text(
-            bound, -0.62, f"bound {bound:.2f} s", ha="center", va="bottom", fontsize=8
-        )
+        panel.text(bound, -0.62, f"bound {bound:.2f} s", ha="center", va="bottom", fontsize=8)
     panel.set_yticks(range(len(rows)), [called(row) for row in rows])
     panel.set_ylim(len(rows) - 0.4, -0.6)
     panel.set_xlim(0.0, 1.17 * longest)
@@ -93,7 +101,9 @@ def _draw_section(panel: Any, section: dict[str, Any], name: str) -> dict[str, A
     panel.tick_params(axis="y", length=0)
     panel.set_xlabel("period [s]" if section["closes"] else "time of one pass [s]")
     panel.set_title(
-        f"{name}: {section['robot']}, {section['stages']} stages", loc="left", pad=14,
+        section_title(section, name),
+        loc="left",
+        pad=14,
         weight="bold",
     )
     return drawn
@@ -123,8 +133,13 @@ def _bar_text(row: dict[str, Any], best: float | None) -> str:
     text = f"{row['cycle_time']:.2f} s"
     if row["status"] == "failed" or best is None:
         return f"{text}, fails"
-    above = row["cycle_time"] / best - 1.0
-    return text if above < 5e-5 else f"{text}  +{above:.1%}"
+    if _is_best(row, best):
+        return text
+    return f"{text}  +{share_text(row['cycle_time'] / best - 1.0)}"
+
+
+def _is_best(row: dict[str, Any], best: float | None) -> bool:
+    return best is not None and row["status"] == "verified" and row["cycle_time"] - best <= SAME
 
 
 def _short(reason: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.reporting.comparison import row_namer
+from dualarm_cli.reporting.comparison import row_namer, section_title
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -26,7 +26,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
     """
     rows = section["rows"]
     varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
-    title = f"{section['tasks']}: {section['robot']}, {section['stages']} stages"
+    title = section_title(section, section["tasks"])
     if section["lower_bound"] is not None:
         title += f", lower bound {section['lower_bound']:.3f} s"
     table = Table(title=escape(title), title_justify="left")
@@ -40,7 +40,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
         table.add_row(
             *(row[key] for key in ("method", *varied)),
             _number(row["cycle_time"], 3),
-            _number(row["parts_per_hour"], 0),
+            _number(row["parts_per_hour"] if section["parts"] else None, 0),
             "–" if row["gap"] is None else f"{row['gap']:.1%}",
             _number(timed["planning_time"], 2),
             _degrees(row["elbow_imbalance"], 1),
@@ -75,7 +75,7 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
     names = (
         ["tasks", "method", "redundancy", "timing", "status", "cycle_time", "parts_per_hour"]
         + ["lower_bound", "gap", "grid_gap", "elbow_imbalance", "platform_travel"]
-        + [f"{group}_time" for group in groups]
+        + [f"time_{group}" for group in groups]
         + ["reason", "planning_time"]
     )
     timed = iter(document["wall_clock"])
@@ -83,7 +83,7 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
     for section in sections:
         for row in section["rows"]:
             cells = {"tasks": section["tasks"], "lower_bound": section["lower_bound"], **row}
-            cells |= {f"{g}_time": (row["deciding_time"] or {}).get(g) for g in groups}
+            cells |= {f"time_{g}": (row["deciding_time"] or {}).get(g) for g in groups}
             cells["planning_time"] = next(timed)["planning_time"]
             table.append([cell_text(cells[name]) for name in names])
     return csv_bytes(table)

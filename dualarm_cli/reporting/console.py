@@ -96,7 +96,9 @@ def bound_line(report: dict[str, Any]) -> str:
             f"at most {report['gap']:.1%} could be saved"
         )
     if report["grid_gap"] is not None:
-        line += f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
+        line += (
+            f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
+        )
     effort = report["settings"].get("effort")
     return f"{line}; effort: {effort}" if effort else line
 
@@ -104,6 +106,8 @@ def bound_line(report: dict[str, Any]) -> str:
 def sensitivity_lines(report: dict[str, Any]) -> list[str]:
     """Returns what the assumed limits are worth: all of them together and the three most telling ones."""
     entries, cycle = report["sensitivity"], report["cycle_time"]
+    if cycle <= 0.0:
+        return []
     together = [entry for entry in entries if entry["joint"] is None]
     single = [entry for entry in entries if entry["joint"] is not None]
     lines = []

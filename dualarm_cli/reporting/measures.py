@@ -35,8 +35,8 @@ class Bottlenecks:
 def bottlenecks(schedule: Schedule) -> Bottlenecks:
     """Returns what decides how long a schedule is.
 
-    A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and dwell. The
-    transfer is decided by the platform or by the arm, whichever alone needs longer.
+    A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
+    dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer.
 
     Args:
         schedule: with stages and segments, or with events at least.
@@ -57,6 +57,9 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
 def _shares(part: StageParts) -> dict[str, float]:
     """Returns a stage's length by what decides it [s]."""
     arm = part.critical
+    whole = part.stage.end - part.stage.start
+    if not arm:
+        return {part.group or OTHER: whole}
     shares = {
         LINES: part.length(arm, "approach", "retract"),
         DWELLS: part.length(arm, "dwell"),
@@ -64,7 +67,7 @@ def _shares(part: StageParts) -> dict[str, float]:
     transfer = part.length(arm, "transfer", "return")
     if part.group:
         shares[part.group] = transfer
-    rest = part.stage.end - part.stage.start - sum(shares.values())
+    rest = whole - sum(shares.values())
     if rest > 1e-6:
         shares[OTHER] = rest
     return shares

@@ -1,0 +1,69 @@
+"""Folders of results that are no schedules: refused early, written file by file, each whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from dualarm_cli.errors import OutputError, UsageError
+
+
+def refuse_folder(out: str, names: tuple[str, ...], force: bool) -> None:
+    """Raises where a folder cannot be made, or holds one of the files already.
+
+    Raises:
+        OutputError: with what to do.
+        UsageError: an empty name.
+    """
+    from dualarm_cli.exporting.files import check_writable
+
+    if out == "":
+        raise UsageError("--out '': name a folder, or leave the option out")
+    folder = Path(out)
+    # A schedule that is there stays as it is; only our own files would be replaced.
+    check_writable(folder, force=True)
+    for name in names:
+        if not force and (folder / name).exists():
+            raise OutputError(
+                f"--out {folder}: already holds {name}; add --force to replace it, or name another"
+            )
+
+
+def write_folder(out: str, files: dict[str, bytes]) -> None:
+    """Writes files into a folder, each whole or not at all, the last one last.
+
+    Raises:
+        OutputError: the folder or a file cannot be made.
+    """
+    from dualarm_cli.exporting.files import write_file
+
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
+    for name, content in files.items():
+        write_file(folder / name, content, force=True)
+
+
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """Returns a document as it is written to a file."""
+    text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    return text.encode("utf-8", "backslashreplace")
+
+
+def printable(value: Any) -> Any:
+    """Returns a document in which text that would steer a terminal, or is no text at all, is spelt out.
+
+    Args:
+        value: JSON-ready; names in it may come from somebody's files.
+    """
+    if isinstance(value, str):
+        return "".join(
+            c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
+            for c in value
+        )
+    if isinstance(value, dict):
+        return {printable(key): printable(entry) for key, entry in value.items()}
+    return [printable(entry) for entry in value] if isinstance(value, list) else value
