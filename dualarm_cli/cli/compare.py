@@ -176,7 +176,8 @@ def _one_job(
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     from time import perf_counter
 
-    from dualarm_cli.planning.comparison import job_bound, run_cases
+    from dualarm_cli.planning.comparison import run_cases
+    from dualarm_cli.planning.planner import job_bound
     from dualarm_cli.reporting.comparison import job_comparison
     from dualarm_cli.verification import verify
 

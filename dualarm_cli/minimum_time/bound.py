@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.minimum_time.bound_layers import Boxes, StopBoxes, Times, stop_boxes
-from dualarm_cli.minimum_time.potentials import PLATFORM, platform_columns, transfer_table
+from dualarm_cli.minimum_time.bound_cells import Resolution
+from dualarm_cli.minimum_time.bound_layers import StopBoxes, Times, stop_boxes
+from dualarm_cli.minimum_time.potentials import LAST_JOINT, platform_columns, transfer_table
 from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Chain
@@ -19,12 +20,14 @@ ASSUMPTIONS = (
     "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly, whatever "
     "platform angles, postures, yaws and timing it takes",
 )
-RESOLUTIONS = {"quick": (15.0, 24), "normal": (10.0, 32), "thorough": (5.0, 48)}
-"""Width of the platform's cells [deg] and parts of the circle of elbows, by effort."""
+RESOLUTIONS = {
+    "quick": Resolution(np.radians(20.0), 9, 2),
+    "normal": Resolution(np.radians(15.0), 9, 3),
+    "thorough": Resolution(np.radians(5.0), 36, 3),
+}
+"""By effort."""
 ROUNDED_DOWN = 1.0 - 1e-5
 """What a bound in single precision is multiplied by."""
-LAST_JOINT = 6
-"""Column of joint 7."""
 ROWS = 64
 """Rows of a block of pairs of cells: small enough for the cache."""
 
@@ -59,24 +62,24 @@ def lower_bound(problem: SequenceProblem, effort: str) -> LowerBound:
 
     All postures of a stop are covered by cells of platform angle, arm angle and branch with enclosures of all joints
     (`bound_cells`). A transfer between two cells takes at least the time of its slowest joint over the gap between
-    the enclosures, the platform's likewise; lines take at least `line_bounds` and, between the cells at their outer ends,
-    the rest-to-rest time of the joints (times are concave in the distance, so that two moves in a row take no less than
-    one over both ways). Backward dynamic programming per arm; in every stage the other arm counts with its least time
-    for the same two platform cells. The larger of both arms' results holds for every plan.
+    the enclosures, the platform's likewise; lines take at least `line_bounds` and, between the cells at their outer
+    ends, the rest-to-rest time of the joints (times are concave in the distance, so that two moves in a row take no
+    less than one over both ways). Backward dynamic programming per arm; in every stage the other arm counts with its
+    least time for the same two platform cells. The larger of both arms' results holds for every plan.
 
     Args:
         problem: the sequence.
         effort: one of RESOLUTIONS: finer cells give a better bound.
     """
-    step, arm_angles = RESOLUTIONS[effort]
-    edges = platform_edges(problem, np.radians(step))
+    resolution = RESOLUTIONS[effort]
+    edges = platform_edges(problem, resolution.step)
     arms = [
         _Arm(transfer_table(problem, work), Chain.of(work), StopTable.of(work))
         for work in problem.arms
     ]
     value = 0.0
     if problem.stages:
-        value = _backward(problem, arms, edges, arm_angles)
+        value = _backward(problem, arms, edges, resolution)
     return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
 
 
@@ -92,14 +95,14 @@ def platform_edges(problem: SequenceProblem, step: float) -> FloatArray:
 
 
 def _backward(
-    problem: SequenceProblem, arms: list[_Arm], edges: FloatArray, arm_angles: int
+    problem: SequenceProblem, arms: list[_Arm], edges: FloatArray, resolution: Resolution
 ) -> float:
     cells = len(edges) - 1
     boxes: list[StopBoxes | None] = [None] * len(arms)
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             last = int(arm.chain.active[-1])
-            boxes[a] = stop_boxes(problem, a, arm.stops, arm.table, last, edges, arm_angles)
+            boxes[a] = stop_boxes(problem, a, arm.stops, arm.table, last, edges, resolution)
     results = [0.0] * len(arms)
     for k in range(problem.stages - 1, -1, -1):
         edges_of = {}
@@ -110,7 +113,7 @@ def _backward(
             came = int(arm.chain.previous[k])
             before = None
             if came >= 0:
-                before = stop_boxes(problem, a, arm.stops, arm.table, came, edges, arm_angles)
+                before = stop_boxes(problem, a, arm.stops, arm.table, came, edges, resolution)
             edges_of[a] = _Transfers.into(problem, a, arm, k, came, before, here, edges, cells)
             boxes[a] = before
         for a, arm in enumerate(arms):
@@ -202,7 +205,11 @@ class _Transfers:
                 cell = np.clip(np.searchsorted(edges, here, side="right") - 1, 0, cells - 1)
                 start_cell = np.array([cell])
             else:
-                low, high, start_cell = before.retract.low, before.retract.high, before.retract.index
+                low, high, start_cell = (
+                    before.retract.low,
+                    before.retract.high,
+                    before.retract.index,
+                )
             times = arm.table.gap_times(low, high, stop.approach.low, stop.approach.high, without)
             cell_before = start_cell if adjacent else None
         inner = _inner(arm.table, stop)
@@ -225,9 +232,9 @@ class _Transfers:
         own, beyond = (np.full(n, np.inf, dtype=np.float32) for _ in range(2))
         for approach, retract, least in self.inner:
             own[approach] = (least + left[retract]).min(axis=1)
-            beyond[approach] = np.where(
-                np.isfinite(least), left[retract], np.float32(np.inf)
-            ).min(axis=1)
+            beyond[approach] = np.where(np.isfinite(least), left[retract], np.float32(np.inf)).min(
+                axis=1
+            )
         result = np.empty(len(self.times), dtype=np.float32)
         floor = None
         for other in others:
@@ -254,7 +261,10 @@ def _inner(table: TransferTable, stop: StopBoxes) -> list[tuple[slice, slice, Ti
             np.fill_diagonal(least, dwell)
         else:
             moved = table.gap_times(
-                approach.low[:, a], approach.high[:, a], retract.low[:, r], retract.high[:, r],
+                approach.low[:, a],
+                approach.high[:, a],
+                retract.low[:, r],
+                retract.high[:, r],
                 (LAST_JOINT,) if stop.free_last else (),
             )
             lines = approach.line[a][:, None] + retract.line[r][None, :]
@@ -276,6 +286,3 @@ def _by_cells(times: Times, before: IntArray | None, index: IntArray, cells: int
     rows, first = np.unique(before, return_index=True)
     table[np.ix_(rows, columns)] = np.minimum.reduceat(least, first, axis=0)
     return table
-
-
-assert PLATFORM == LAST_JOINT + 1

@@ -1,7 +1,8 @@
-"""Enclosures of all joints over cells of (platform angle, arm angle, branch): what interval arithmetic would give, tighter."""
+"""Enclosures of all joints over cells of (platform angle, arm angle, branch)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,6 @@ from dualarm_cli.minimum_time.bound_reach import (
     ShapeRates,
     reachable_cells,
     shape_rates,
-    turned,
 )
 
 SINGULAR = 0.02
@@ -23,6 +23,18 @@ SINGULAR = 0.02
 LARGEST_CHANGE = 3.0
 """A joint that might turn farther within a cell counts as free [rad]."""
 TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely postures are cut into cells."""
+
+    step: float
+    """Width of the platform's cells [rad]."""
+    arm_angles: int
+    """Parts of the circle of elbows."""
+    finer: int
+    """How many times finer, in both directions, the cells are on which joints are enclosed."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +47,8 @@ class Cells:
     """Lowest joints and, last, platform angle in the cell [rad], shape (n, 8)."""
     high: FloatArray
     """Highest ones [rad], shape (n, 8)."""
-    part: IntArray
-    """Which of the pose's reachable intervals it belongs to, shape (n,)."""
+    line: FloatArray
+    """Least time of the line that begins or ends there [s], shape (n,)."""
 
 
 def pose_cells(
@@ -44,46 +56,71 @@ def pose_cells(
     R: FloatArray,
     p: FloatArray,
     edges: FloatArray,
-    arm_angles: int,
+    resolution: Resolution,
     free_last: bool,
-) -> tuple[Cells, AngleCells, ShapeRates]:
+    lines: Callable[[AngleCells], FloatArray],
+) -> Cells:
     """Returns cells that cover every posture of one flange pose that stands in the world.
 
     For every reachable interval of the platform angle the arm plane is carried along from the interval's middle by the
-    smallest rotation of the shoulder-wrist line, and the circle of elbows is cut into equal parts. A smooth function on a
-    box lies between its corners, give or take (M_phi h_phi² + M_psi h_psi²) / 2 with bounds M of its second
+    smallest rotation of the shoulder-wrist line, and the circle of elbows is cut into equal parts. A smooth function on
+    a box lies between its corners, give or take (M_phi h_phi² + M_psi h_psi²) / 2 with bounds M of its second
     derivatives and half-widths h (bilinear interpolation). Joints 1 and 3 are azimuths of directions seen from frames
     that turn at bounded rates: |q''| <= a2/s + 2 a1²/s² with s the sine of joint 2; joint 2 is a polar angle:
     |q''| <= (a2 + a1²)/s; the wrist likewise; joint 4 depends on the distance alone. Next to a singularity joints are
-    free. Cells in which a joint cannot be within its limits are left out. Our own derivation.
+    free. Cells in which a joint cannot be within its limits are left out. All this on finer cells, many of which are
+    then enclosed together: the give and take shrinks with the square. Our own derivation.
 
     Args:
         arm: kinematics in the carried frame.
         R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
         p: flange position there [m], shape (3,).
         edges: borders of the platform's cells [rad], shape (g + 1,).
-        arm_angles: parts of the circle.
+        resolution: how finely.
         free_last: whether joint 7 is free.
+        lines: returns the least time of the line at this pose for intervals of the platform angle [s].
     """
+    finer = resolution.finer
     wrist = arm.wrist_center(R, p)
-    intervals = reachable_cells(arm, wrist, edges)
+    intervals = reachable_cells(arm, wrist, finer_edges(edges, finer))
     rates = shape_rates(arm, wrist, intervals)
-    corners, theta_2, theta_6 = _corners(arm, R, p, intervals, arm_angles)
-    low, high = _hulls(arm, intervals, rates, corners, theta_2, theta_6, np.pi / arm_angles)
+    parts = resolution.arm_angles * finer
+    corners, theta_2, theta_6 = _corners(arm, R, p, intervals, parts)
+    low, high = _hulls(arm, intervals, rates, corners, theta_2, theta_6, np.pi / parts)
     bend_low, bend_high = _bends(arm, rates)
     low[..., 3], high[..., 3] = bend_low[:, None, :], bend_high[:, None, :]
     if free_last:
         low[..., 6], high[..., 6] = -np.inf, np.inf
     low, high, possible = _within_limits(arm, low, high)
     part, psi, branch = np.nonzero(possible)
-    platform = intervals.low[part], intervals.high[part]
     cells = Cells(
-        intervals.index[part],
-        np.column_stack([low[part, psi, branch], platform[0]]),
-        np.column_stack([high[part, psi, branch], platform[1]]),
-        part,
+        intervals.index[part] // finer,
+        np.column_stack([low[part, psi, branch], intervals.low[part]]),
+        np.column_stack([high[part, psi, branch], intervals.high[part]]),
+        lines(intervals)[part],
     )
-    return cells, intervals, rates
+    return _merged(cells, psi // finer * 8 + branch)
+
+
+def finer_edges(edges: FloatArray, finer: int) -> FloatArray:
+    """Returns the borders of the cells' equal parts [rad], shape (finer g + 1,)."""
+    count = len(edges) - 1
+    return np.interp(np.arange(finer * count + 1) / finer, np.arange(count + 1), edges)
+
+
+def _merged(cells: Cells, kind: IntArray) -> Cells:
+    """Returns one cell around all of a platform cell that are of one kind: any grouping of a cover is a cover."""
+    if not len(kind):
+        return cells
+    order = np.lexsort((kind, cells.index))
+    key = cells.index[order] * (int(kind.max()) + 1) + kind[order]
+    first = np.flatnonzero(np.concatenate([[True], np.diff(key) > 0]))
+    return Cells(
+        cells.index[order][first],
+        np.minimum.reduceat(cells.low[order], first),
+        np.maximum.reduceat(cells.high[order], first),
+        np.minimum.reduceat(cells.line[order], first),
+    )
 
 
 def _corners(
@@ -98,9 +135,7 @@ def _corners(
         inside = angle + 1e-12 * (intervals.middle - angle)
         turn = rotation_z(-inside)
         shift = _carried_along(middle, _directions(arm, R, p, inside), inside - intervals.middle)
-        q = arm.solve(
-            (turn @ R)[:, None], (turn @ p)[:, None], psi[None, :] + shift[:, None]
-        ).q
+        q = arm.solve((turn @ R)[:, None], (turn @ p)[:, None], psi[None, :] + shift[:, None]).q
         solutions.append(q)
     corners = np.stack(solutions, axis=1)
     offset = arm.canonical.offset
@@ -122,7 +157,7 @@ def _carried_along(
     here: tuple[FloatArray, FloatArray, FloatArray],
     turn: FloatArray,
 ) -> FloatArray:
-    """Returns the arm angle, (c,), that the middle's reference direction has after the smallest rotation in the world."""
+    """Returns the arm angle, (c,), of the middle's reference direction after the smallest rotation in the world."""
     back = rotation_z(turn)
     # Everything as the carried frame of the middle sees it, which stands in the world.
     u, r, t = ((back @ v[..., None])[..., 0] for v in here)
@@ -161,7 +196,7 @@ def _hulls(
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             curved = (a_2 / s + 2.0 * a_1**2 / s**2) * h_phi**2
             for joint in azimuths:
-                # The direction that joint 1 (7) follows goes round with the elbow; the one of joint 3 (5) turns at rate 1.
+                # What joint 1 (7) follows goes round with the elbow; what joint 3 (5) follows turns at rate 1.
                 speed = b if joint in (0, 6) else np.ones_like(b)
                 slack = 0.5 * (curved + (speed / s + 2.0 * speed**2 / s**2) * h_psi**2)
                 most = 2.0 * (a_1 * h_phi + speed * h_psi) / s
@@ -242,7 +277,7 @@ def free_cells(arm: SrsArm, edges: FloatArray) -> Cells:
         np.arange(n),
         np.column_stack([np.tile(arm.lower, (n, 1)), edges[:-1]]),
         np.column_stack([np.tile(arm.upper, (n, 1)), edges[1:]]),
-        np.arange(n),
+        np.zeros(n),
     )
 
 
@@ -254,8 +289,5 @@ def point_cells(configurations: FloatArray, edges: FloatArray) -> Cells:
         np.repeat(np.arange(n), m),
         np.column_stack([q, np.repeat(edges[:-1], m)]),
         np.column_stack([q, np.repeat(edges[1:], m)]),
-        np.repeat(np.arange(n), m),
+        np.zeros(n * m),
     )
-
-
-__all__ = ["Cells", "free_cells", "point_cells", "pose_cells", "turned"]

@@ -8,90 +8,119 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.bound_reach import AngleCells, ShapeRates, shape_rates, turned
 from dualarm_cli.minimum_time.problem import ArmWork
 
-BISECTIONS = 30
-"""Halvings of the time: known to a billionth of its first guess, and the lower end is taken."""
+BISECTIONS = 24
+"""Halvings of the time; the lower end is taken."""
+PARTS = 6
+"""Parts of an interval of the platform angle that are looked at one by one."""
 
 
 def line_bounds(
-    work: ArmWork, wrist: FloatArray, end: FloatArray, cells: AngleCells
+    work: ArmWork, R: FloatArray, wrist: FloatArray, end: FloatArray, cells: AngleCells
 ) -> FloatArray:
     """Returns the least time of a line of the wrist centre [s], shape (c,), over each interval of the platform angle.
 
-    With the tool's orientation constant the wrist centre moves straight from one end to the other. In time T from rest to
-    rest joint j turns D_j(T) at most in all. (a) The distance from the shoulder is joint 4's alone: D_4(T) is at least
-    its difference between the ends. (b) The shoulder-wrist line turns by an angle beta about an axis m that stays: the
-    axes 1, 2, 3 have at most |z1·m|, the rest of a unit vector, and the sine of the upper arm's angle to the line along
-    m; joint 4 turns the line by at most fore / r: beta <= sum of those times D_j(T). (c) The same as the tool
-    sees it, with axes 7, 6, 5 and the links exchanged. Everything at its worst over the interval. Our own derivation.
+    With the tool's orientation constant the wrist centre moves straight from one end to the other. In time T from
+    rest to rest joint j turns D_j(T) at most in all. (a) The distance from the shoulder is joint 4's alone: D_4(T) is
+    at least its difference between the ends. (b) The shoulder-wrist line turns by an angle beta about an axis m that
+    stays, perpendicular to it. Joint 4 turns it against the upper arm by no more than alpha varies in all, and alpha
+    follows from the distance. The rest is up to the joints before: axis 1 has a share |z1·m| of it, axis 2 (at right
+    angles to it) at most the rest of a unit vector, axis 3 (the upper arm) at most sin alpha:
+    beta - var(alpha) <= sum of the shares times D_j(T). (c) The same as the tool sees it, with the axes 7, 6, 5 and the
+    forearm's angle gamma. Everything at its worst over the interval. Our own derivation.
 
     Args:
         work: the arm.
-        wrist: wrist centre at one end, in the carried frame at platform angle zero [m], shape (3,).
-        end: wrist centre at the other end, likewise.
+        R: flange rotation in the carried frame at platform angle zero, shape (3, 3).
+        wrist: wrist centre at one end there [m], shape (3,).
+        end: wrist centre at the other end [m], shape (3,).
         cells: intervals of the platform angle.
     """
-    arm = work.kinematics
-    geometry = arm.geometry
-    shoulder = geometry.shoulder
     c = len(cells.index)
     if not c or np.linalg.norm(end - wrist) == 0.0:
         return np.zeros(c)
-    one, other = (shape_rates(arm, w, cells) for w in (wrist, end))
-    v, w = (turned(x, cells.middle) - shoulder for x in (wrist, end))
-    radius = float(np.hypot(*shoulder[:2]))
-    # The shoulder goes round under the wrist: how far it gets from the interval's middle.
-    away = radius * cells.half
-    cross = np.cross(v, w)
-    size = np.linalg.norm(cross, axis=1)
-    length = float(np.linalg.norm(end - wrist))
-    # Between the ends of the line the distance is least at one of them or at the foot of the shoulder's height.
-    far = np.maximum(one.distance_high, other.distance_high)
-    foot = np.maximum(size / length - away, 1e-6)
-    near = np.maximum(np.minimum(foot, np.minimum(one.distance_low, other.distance_low)), 1e-6)
-    near = np.maximum(near, arm.reach[0])
-    # sin(beta) = |v × w| / (|v| |w|), less what the interval changes in it at most.
-    lengths = np.linalg.norm(v, axis=1) * np.linalg.norm(w, axis=1)
-    beta = np.arctan2(size, (v * w).sum(axis=1))
-    turn = away / np.maximum(one.distance_low, 1e-6) + away / np.maximum(other.distance_low, 1e-6)
-    beta = np.where(lengths > 0, np.maximum(beta - turn, 0.0), 0.0)
-    axis = cross / np.maximum(size, 1e-12)[:, None]
-    # m = v × w moves by no more than |v - w| times the shoulder's way; as a direction by that over its size.
-    # Seen from the carried frame it turns with the platform besides.
-    tilt = np.minimum(length * away / np.maximum(size, 1e-12) + cells.half, 2.0)
-    uppers = _shares(np.abs(axis @ geometry.axes[0]), tilt)
-    bends = np.maximum(one.sin_upper, other.sin_upper), np.maximum(one.sin_fore, other.sin_fore)
-    bend_4 = _turns_of_joint_4(geometry.upper, geometry.fore, one, other)
-    shoulder_way = np.stack(
-        [*uppers, _reach_sine(geometry.upper, geometry.fore, near, far, bends[0]), geometry.fore / near]
+    share = np.arange(PARTS) / PARTS
+    low = (cells.low[:, None] + (2.0 * cells.half)[:, None] * share).ravel()
+    parts = AngleCells(
+        np.repeat(cells.index, PARTS), low, low + np.repeat(2.0 * cells.half / PARTS, PARTS)
     )
-    tools = (np.ones(c), np.ones(c))
-    wrist_way = np.stack(
-        [*tools, _reach_sine(geometry.fore, geometry.upper, near, far, bends[1]), geometry.upper / near]
-    )
-    return _least_time(work, beta, bend_4, shoulder_way, wrist_way)
+    return _line_bounds(work, R, wrist, end, parts).reshape(c, PARTS).min(axis=1)
 
 
-def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns how much of a unit turn about m the axes 1 and 2 (at right angles) can give."""
-    first = np.minimum(along + tilt, 1.0)
-    least = np.maximum(along - tilt, 0.0)
-    return first, np.sqrt(1.0 - least**2)
-
-
-def _reach_sine(
-    own: float, other: float, near: FloatArray, far: FloatArray, ends: FloatArray
+def _line_bounds(
+    work: ArmWork, R: FloatArray, wrist: FloatArray, end: FloatArray, cells: AngleCells
 ) -> FloatArray:
-    """Returns the greatest sine of a link's angle to the shoulder-wrist line for distances from near to far."""
+    arm = work.kinematics
+    geometry = arm.geometry
+    one, other = (shape_rates(arm, x, cells) for x in (wrist, end))
+    v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
+    length = float(np.linalg.norm(end - wrist))
+    # The shoulder goes round under the line: how far it gets from the interval's middle.
+    away = float(np.hypot(*geometry.shoulder[:2])) * cells.half
+    cross = np.cross(v, w)
+    size = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
+    axis = cross / size[:, None]
+    beta = np.arctan2(size, (v * w).sum(axis=1))
+    beta -= away / one.distance_low + away / other.distance_low
+    # m = v × w changes by no more than |v - w| times the shoulder's way; as a direction by that over its size.
+    tilt = np.minimum(length * away / size, 2.0)
+    near, far, passes = _distances(v, w, length, size, away, one, other)
+    near = np.maximum(near, arm.reach[0])
+    upper, fore = geometry.upper, geometry.fore
+    alpha, sin_alpha = _variation(upper, fore, near, far, passes)
+    gamma, sin_gamma = _variation(fore, upper, near, far, passes)
+    # Axis 1 turns with the platform, axis 7 stands in the world.
+    first = np.abs(axis @ geometry.axes[0])
+    seventh = turned(R @ (geometry.R_flange.T @ geometry.axes[6]), cells.middle)
+    last = np.abs((axis * seventh).sum(axis=1))
+    shoulder_way = np.stack([*_shares(first, tilt + cells.half), sin_alpha])
+    wrist_way = np.stack([*_shares(last, tilt), sin_gamma])
+    bend = _turns_of_joint_4(upper, fore, one, other)
+    return _least_time(work, bend, (beta - alpha, shoulder_way), (beta - gamma, wrist_way))
+
+
+def _distances(
+    v: FloatArray,
+    w: FloatArray,
+    length: float,
+    size: FloatArray,
+    away: FloatArray,
+    one: ShapeRates,
+    other: ShapeRates,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns least and greatest distance of the wrist from the shoulder [m], and whether the least is between the ends."""
+    far = np.maximum(one.distance_high, other.distance_high)
+    ends = np.minimum(one.distance_low, other.distance_low)
+    # Where the foot of the shoulder's height lies along the line.
+    place = -(v * (w - v)).sum(axis=1) / length
+    passes = (place > -away) & (place < length + away)
+    near = np.where(passes, np.minimum(size / length - away, ends), ends)
+    return np.maximum(near, 1e-6), far, passes
+
+
+def _variation(
+    own: float, other: float, near: FloatArray, far: FloatArray, passes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns how much a link's angle to the shoulder-wrist line varies at most in all [rad], and its greatest sine."""
     difference = own**2 - other**2
+    stationary = np.sqrt(max(difference, 0.0))
+    turns = (stationary > near) & (stationary < far)
     cosines = np.stack(
         [
             np.clip((r * r + difference) / (2.0 * own * r), -1.0, 1.0)
-            for r in (near, far, np.clip(np.sqrt(max(difference, 0.0)), near, far))
+            for r in (near, far, np.clip(stationary, near, far))
         ]
     )
-    straddles = (cosines.min(axis=0) <= 0.0) & (cosines.max(axis=0) >= 0.0)
-    sine = np.where(straddles, 1.0, np.sqrt(1.0 - np.abs(cosines).min(axis=0) ** 2))
-    return np.maximum(sine, ends)
+    least, most = cosines.min(axis=0), cosines.max(axis=0)
+    swept = np.arccos(least) - np.arccos(most)
+    straddles = (least <= 0.0) & (most >= 0.0)
+    sine = np.where(straddles, 1.0, np.sqrt(1.0 - np.minimum(np.abs(least), np.abs(most)) ** 2))
+    return swept * np.where(passes, 2.0, 1.0) * np.where(turns, 2.0, 1.0), sine
+
+
+def _shares(along: FloatArray, tilt: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns how much of a unit turn about m two axes at right angles can give, the first of them known."""
+    least = np.clip(along - tilt, 0.0, 1.0)
+    return np.minimum(along + tilt, 1.0), np.sqrt(1.0 - least**2)
 
 
 def _turns_of_joint_4(upper: float, fore: float, one: ShapeRates, other: ShapeRates) -> FloatArray:
@@ -107,21 +136,20 @@ def _turns_of_joint_4(upper: float, fore: float, one: ShapeRates, other: ShapeRa
 
 def _least_time(
     work: ArmWork,
-    beta: FloatArray,
-    bend_4: FloatArray,
-    shoulder_way: FloatArray,
-    wrist_way: FloatArray,
+    bend: FloatArray,
+    shoulder: tuple[FloatArray, FloatArray],
+    wrist: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Returns the least T at which joints 1 to 4, and 7 to 4, can turn far enough."""
-    enough = np.full(len(beta), float(work.law.duration(np.full(7, np.pi))))
-    low, high = np.zeros(len(beta)), enough
+    """Returns the least T at which joints 1 to 4, and 7 to 5, can turn far enough."""
+    low = np.zeros(len(bend))
+    high = np.full(len(bend), float(work.law.duration(np.full(7, np.pi))))
     for _ in range(BISECTIONS):
         time = 0.5 * (low + high)
-        way = work.law.reachable_distance(time[:, None])
+        way = work.law.reachable_distance(time[:, None]).T
         fits = (
-            (way[:, 3] >= bend_4)
-            & ((shoulder_way * way[:, [0, 1, 2, 3]].T).sum(axis=0) >= beta)
-            & ((wrist_way * way[:, [6, 5, 4, 3]].T).sum(axis=0) >= beta)
+            (way[3] >= bend)
+            & ((shoulder[1] * way[[0, 1, 2]]).sum(axis=0) >= shoulder[0])
+            & ((wrist[1] * way[[6, 5, 4]]).sum(axis=0) >= wrist[0])
         )
         high = np.where(fits, time, high)
         low = np.where(fits, low, time)

@@ -91,6 +91,7 @@ def arm_layers(
 
 
 def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
+    """Returns the times of an arm's seven joints and of the platform, between any two postures."""
     laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
     if problem.platform_law is not None:
         laws.append(problem.platform_law)

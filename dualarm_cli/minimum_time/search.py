@@ -75,6 +75,12 @@ EFFORTS = {
     ),
 }
 """By name."""
+MOVE = Mesh(np.radians(6.0), 20, 4000, 8, 8)
+"""The grid of a single move."""
+MOVE_ROUNDS = 5
+"""Rounds of polishing of a single move."""
+MOVE_TRIALS = 2
+"""Plans of a single move that are polished."""
 PROMISING = 1.06
 """A plan that is slower than the best one by more than this factor is not polished."""
 BANS = 12
@@ -136,6 +142,33 @@ def search(
     return Found(best, bound, None if paths[0] is None else paths[0].total)
 
 
+def best_move(
+    problem: SequenceProblem, extra_angles: FloatArray, starts: Sequence[Decisions], seed: int
+) -> Evaluated | None:
+    """Returns the quickest plan found for a single stage, None if there is none.
+
+    For a given platform angle the arms separate. The stage's length, the longer of platform and arm transfers with each
+    arm's work, is looked at over a grid of platform angles with the extra ones among them, for all branches over a grid
+    of arm angles, with lines by their proxy; then refined by linear steps within shrinking radii from the best few and from
+    the starts. It is never slower than a start. The grid's minimum is exact on the grid; nothing is proven between.
+
+    Args:
+        problem: one stage.
+        extra_angles: platform angles to look at besides [rad].
+        starts: plans to begin with as well.
+        seed: of the refinement.
+    """
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    pool = [evaluate(problem, tables, start) for start in starts]
+    path, _ = _on_nodes(problem, tables, MOVE, extra_angles)
+    if path is not None:
+        pool.append(evaluate(problem, tables, path.decisions))
+    pool = _different([plan for plan in pool if np.isfinite(plan.total)])
+    pool.sort(key=lambda plan: plan.total)
+    tried = [polish(problem, tables, plan, MOVE_ROUNDS, 0, seed) for plan in pool[:MOVE_TRIALS]]
+    return min(tried, key=lambda plan: plan.total) if tried else None
+
+
 def _different(pool: list[Evaluated]) -> list[Evaluated]:
     """Returns plans of different length; equal to a nanosecond is the same plan."""
     return list({round(plan.total, 9): plan for plan in reversed(pool)}.values())
@@ -158,10 +191,17 @@ def grid_angles(problem: SequenceProblem, step: float) -> tuple[FloatArray, int]
 
 
 def _on_nodes(
-    problem: SequenceProblem, tables: tuple[StopTable, ...], mesh: Mesh
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    mesh: Mesh,
+    extra_angles: FloatArray | None = None,
 ) -> tuple[NodePath | None, float | None]:
     """Returns the beam's plan, with all its lines possible, and the grid's bound."""
     angles, start = grid_angles(problem, mesh.angle_step)
+    if extra_angles is not None and problem.turns:
+        here = angles[start]
+        angles = np.unique(np.concatenate([angles, extra_angles]))
+        start = int(np.searchsorted(angles, here))
     grid = Grid(angles, mesh.arm_angles, mesh.most_nodes)
     arms = []
     for a, work in enumerate(problem.arms):

@@ -14,7 +14,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.planner import plan
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -48,27 +48,6 @@ class Outcome:
     """The plan with its verification, where there is one."""
     planning_time: float | None
     """Wall-clock time of planning [s], the verification and the bound not counted; None where nothing was planned."""
-
-
-@dataclass(frozen=True)
-class JobBound:
-    """What no plan of a job can beat."""
-
-    value: float | None
-    """Lower bound on the cycle time [s]; None where none is known."""
-    assumptions: tuple[str, ...] = ()
-    """What it rests on."""
-
-
-def job_bound(job: Job, effort: str) -> JobBound:
-    """Returns what no plan of a job can beat; this version computes no bound.
-
-    Args:
-        job: what is to be done.
-        effort: quick, normal or thorough.
-    """
-    del job, effort
-    return JobBound(None)
 
 
 def cases(
@@ -127,7 +106,7 @@ def run_cases(
         progress(f"{name}: planning")
         begin = clock()
         try:
-            schedule = plan(job, wanted)
+            schedule = plan_without_bound(job, wanted)
         except InfeasibleError as error:
             yield Outcome(case, "infeasible", str(error), None, clock() - begin)
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.move_by_move import solve_move_by_move
 from dualarm_cli.planning.sequence import solve_sequence
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
@@ -41,6 +42,13 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
             solve=solve_sequence,
             summary="Platform angles and both arms' postures together over the whole cycle, by least time.",
             reference="ours: node grid, coupled dynamic programming, beam, linear steps",
+            why_unsupported=_needs_arm_angles,
+        ),
+        Solver(
+            name="minimum_time",
+            solve=solve_move_by_move,
+            summary="Stage by stage: the platform angle and postures of least time for this stage alone.",
+            reference="ours",
             why_unsupported=_needs_arm_angles,
         ),
         *(

@@ -3,22 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from dualarm_cli import __version__
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.motion import Motion, realise
+from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS, TimingSolver
 
 
 def plan(
+    job: Job, settings: PlanSettings, progress: Callable[[str], None] = lambda _: None
+) -> Schedule:
+    """Returns the schedule of a job with the lower bound of its sequence; see `plan_without_bound`."""
+    schedule = plan_without_bound(job, settings, progress)
+    progress("computing the lower bound")
+    bound = job_bound(job, settings.effort)
+    return replace(schedule, lower_bound=bound.value, notes=(*schedule.notes, *bound.assumptions))
+
+
+def job_bound(job: Job, effort: str) -> LowerBound:
+    """Returns what no plan of a job can beat.
+
+    Args:
+        job: what is to be done.
+        effort: quick, normal or thorough.
+    """
+    return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
+
+
+def plan_without_bound(
     job: Job, settings: PlanSettings, progress: Callable[[str], None] = lambda _: None
 ) -> Schedule:
     """Returns the schedule of a job: decisions by closed forms, then exact motion.
