@@ -87,7 +87,7 @@ def _distances(
     one: ShapeRates,
     other: ShapeRates,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns least and greatest distance of the wrist from the shoulder [m], and whether the least is between the ends."""
+    """Returns least and greatest distance of shoulder and wrist [m], and whether the least is between the ends."""
     far = np.maximum(one.distance_high, other.distance_high)
     ends = np.minimum(one.distance_low, other.distance_low)
     # Where the foot of the shoulder's height lies along the line.

@@ -41,8 +41,8 @@ def best_combination(
     """
     plans = [best.decisions, *others]
     angle = np.stack([plan.angle for plan in plans], axis=1)
-    found = [_candidates(problem, tables, plans, angle, a) for a in range(len(tables))]
-    cost = _costs(problem, best, found, angle)
+    found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
+    cost = stage_costs(problem, best, found, angle)
     if frozen is not None:
         cost[frozen, :, 1:] = np.inf
     picked = _shortest(cost, _closing_costs(problem, best, found, angle))
@@ -67,7 +67,7 @@ def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:
     return result
 
 
-def _candidates(
+def candidates_of(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
     plans: list[Decisions],
@@ -90,7 +90,7 @@ def _candidates(
     return Postures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
 
 
-def _costs(
+def stage_costs(
     problem: SequenceProblem, best: Evaluated, found: list[Postures], angle: FloatArray
 ) -> FloatArray:
     """Returns the length of every stage for every plan before and in it [s], shape (n, m, m)."""

@@ -43,6 +43,10 @@ class Postures:
         """Which candidates are within reach and limits all along, shape (n,)."""
         return np.isfinite(self.work)
 
+    def of_plan(self, m: int) -> Postures:
+        """Returns one of several plans' postures, where arrays are of shape (stages, plans, ...)."""
+        return Postures(*(getattr(self, field.name)[:, m] for field in fields(self)))
+
     def take(self, rows: IntArray) -> Postures:
         """Returns some rows."""
         return Postures(*(getattr(self, field.name)[rows] for field in fields(self)))

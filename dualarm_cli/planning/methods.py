@@ -6,6 +6,12 @@ from collections.abc import Callable
 
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.move_by_move import solve_move_by_move
+from dualarm_cli.planning.peer_methods import (
+    solve_continuous,
+    solve_grid,
+    solve_ipopt,
+    solve_swarm,
+)
 from dualarm_cli.planning.sequence import solve_sequence
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
@@ -51,6 +57,13 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
             reference="ours",
             why_unsupported=_needs_arm_angles,
         ),
+        Solver(
+            name="continuous",
+            solve=solve_continuous,
+            summary="The plan of `sequence`, refined as one nonlinear program in CasADi by IPOPT.",
+            reference="ours; IPOPT [Waechter2006]",
+            why_unsupported=_needs_arm_angles,
+        ),
         *(
             Solver(
                 name=solver.name,
@@ -60,6 +73,27 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 **({} if solver.name == "fixed" else {"why_unsupported": _needs_turntable}),
             )
             for solver in PLATFORM_SOLVERS
+        ),
+        Solver(
+            name="grid",
+            solve=solve_grid,
+            summary="Peer: a dense grid stage by stage, then local search over single decisions.",
+            reference="compass search [Kolda2003]",
+            why_unsupported=_needs_arm_angles,
+        ),
+        Solver(
+            name="swarm",
+            solve=solve_swarm,
+            summary="Peer: particle swarm over all continuous decisions from the plan of `fixed`.",
+            reference="[Clerc2002]",
+            why_unsupported=_needs_arm_angles,
+        ),
+        Solver(
+            name="ipopt",
+            solve=solve_ipopt,
+            summary="Peer: the nonlinear program in CasADi by IPOPT from the plan of `fixed`.",
+            reference="IPOPT [Waechter2006]",
+            why_unsupported=_needs_arm_angles,
         ),
     ],
 )

@@ -18,6 +18,8 @@ SAME_DURATION = 1e-9
 """Relative difference up to which ruckig's duration is the closed form's."""
 SAME_POSITION = 1e-10
 """How far from its goal a joint of ruckig's may end [rad]; it promises 1e-8."""
+SAME_LIMIT = 1e-10
+"""Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
 SHORTEST_PHASE = 1e-6
 """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 
@@ -29,7 +31,7 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     the network. The knots are ruckig's own switching times, so that nothing is lost by sampling.
 
     Joints keep their full acceleration and jerk and cruise more slowly. Where that makes a phase too short to be
-    told from its neighbours (a way of 1e-12 rad in a second), or ruckig fails, which it does now and then
+    told from its neighbours (a way of 1e-12 rad in a second), or ruckig exceeds a limit or fails, which it does now and then
     where a joint has to take a thousand seconds, the joint's closed form is slowed down instead.
     """
     limits = problem.limits
@@ -78,4 +80,5 @@ def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> d
         for k, profile in zip(moving.tolist(), trajectory.profiles[0], strict=True)
         if all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
         and abs(profile.p[-1] - problem.goal[k]) <= SAME_POSITION
+        and max(map(abs, profile.a)) <= limits.acceleration[k] * (1.0 + SAME_LIMIT)
     }

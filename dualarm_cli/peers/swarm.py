@@ -1,0 +1,89 @@
+"""Particle swarm over all continuous decisions of a sequence at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.minimum_time.corridor import candidates_of
+from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.minimum_time.times import Evaluated, evaluate, stage_times
+from dualarm_cli.minimum_time.variables import Variables
+
+INERTIA, PULL = 0.7298, 1.49618
+"""Constriction coefficients [Clerc2002]."""
+PARTICLES = 40
+"""Size of the swarm, the customary one."""
+ITERATIONS = {"quick": 40, "normal": 150, "thorough": 1000}
+"""By effort."""
+SPREAD = 0.3
+"""Standard deviation of the first positions around the start [rad]."""
+
+
+def particle_swarm(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    start: Evaluated,
+    effort: str,
+    seed: int,
+) -> Evaluated:
+    """Returns the best plan that a particle swarm finds; never slower than the start.
+
+    Variables are platform angles, arm angles and free yaws; branches stay. One particle begins at the start, the others
+    around it. An impossible plan counts as infinitely long.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        start: a possible plan.
+        effort: one of ITERATIONS.
+        seed: of the swarm.
+    """
+    variables = Variables.of(problem)
+    if not variables.count:
+        return start
+    random = np.random.default_rng(seed)
+    place = random.normal(scale=SPREAD, size=(PARTICLES, variables.count))
+    place[0] = 0.0
+    speed = np.zeros_like(place)
+    best_place, best_value = place.copy(), np.full(PARTICLES, np.inf)
+    for _ in range(ITERATIONS[effort]):
+        value = _totals(problem, tables, variables, start, place)
+        better = value < best_value
+        best_place[better], best_value[better] = place[better], value[better]
+        leader = best_place[int(np.argmin(best_value))]
+        own, common = random.uniform(size=(2, *place.shape))
+        speed = INERTIA * speed + PULL * (own * (best_place - place) + common * (leader - place))
+        place = place + speed
+    step = best_place[int(np.argmin(best_value))]
+    found = evaluate(problem, tables, _plan(problem, variables, start, step))
+    return found if found.total < start.total else start
+
+
+def _plan(
+    problem: SequenceProblem, variables: Variables, start: Evaluated, step: FloatArray
+) -> Decisions:
+    moved = variables.moved(start.decisions, step)
+    if not problem.turns:
+        return moved
+    return Decisions(np.clip(moved.angle, *problem.platform_range), moved.arms)
+
+
+def _totals(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    variables: Variables,
+    start: Evaluated,
+    places: FloatArray,
+) -> FloatArray:
+    """Returns the cycle time of every particle [s]; the postures of all of them in one batch."""
+    plans = [_plan(problem, variables, start, place) for place in places]
+    angle = np.stack([plan.angle for plan in plans], axis=1)
+    found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
+    totals = np.empty(len(plans))
+    for m in range(len(plans)):
+        arms = tuple(arm.of_plan(m) for arm in found)
+        stages, closing = stage_times(problem, angle[:, m], arms)
+        totals[m] = stages.sum() + closing
+    return totals

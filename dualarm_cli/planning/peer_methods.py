@@ -1,0 +1,80 @@
+"""Refinements of a simple method's plan as whole methods: what a user would try instead, and ours in CasADi."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dualarm_cli.minimum_time.continuous import refine
+from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.peers.grid import local_search
+from dualarm_cli.peers.swarm import particle_swarm
+from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.move_by_move import solve_move_by_move
+from dualarm_cli.planning.sequence import solve_sequence
+from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
+from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.stages import choose_stages
+
+Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluated]
+
+
+def solve_grid(problem: MethodProblem) -> Decided:
+    """Returns the plan of a dense grid, stage by stage, improved by local search."""
+    start = solve_move_by_move(problem)
+
+    def improve(
+        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
+    ) -> Evaluated:
+        return local_search(numbers, tables, plan, problem.effort)
+
+    return _improved(problem, start, "grid", improve)
+
+
+def solve_swarm(problem: MethodProblem) -> Decided:
+    """Returns the best plan of a particle swarm around the plan of the method `fixed`."""
+
+    def improve(
+        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
+    ) -> Evaluated:
+        return particle_swarm(numbers, tables, plan, problem.effort, problem.seed)
+
+    return _improved(problem, _simple(problem), "swarm", improve)
+
+
+def solve_ipopt(problem: MethodProblem) -> Decided:
+    """Returns IPOPT's local optimum from the plan of the method `fixed`."""
+
+    def improve(
+        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
+    ) -> Evaluated:
+        return refine(numbers, tables, plan, problem.effort)
+
+    return _improved(problem, _simple(problem), "ipopt", improve)
+
+
+def solve_continuous(problem: MethodProblem) -> Decided:
+    """Returns IPOPT's local optimum from the plan of the method `sequence`."""
+
+    def improve(
+        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
+    ) -> Evaluated:
+        return refine(numbers, tables, plan, problem.effort)
+
+    return _improved(problem, solve_sequence(problem), "continuous", improve)
+
+
+def _simple(problem: MethodProblem) -> Decided:
+    return Decided(choose_stages(problem.model, problem.job, "fixed", problem.redundancy))
+
+
+def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improve) -> Decided:
+    """Returns a plan after an improvement of its numbers; with the start beside it, timed exactly as well."""
+    model, job = problem.model, problem.job
+    numbers = sequence_problem(model, job)
+    tables = tuple(StopTable.of(work) for work in numbers.arms)
+    plan = evaluate(numbers, tables, decisions_of(numbers, model, start.stages))
+    better = improve(numbers, tables, plan)
+    stages = stage_plans(model, job, numbers, better.decisions, name)
+    return Decided(stages, start.grid_gap, (start.stages, *start.alternatives), start.notes)
