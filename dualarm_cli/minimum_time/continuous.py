@@ -39,10 +39,10 @@ def refine(
 
     Variables are the platform angles, the arm angles at the targets and at the outer ends of the lines, free yaws, and
     the times of all transfers and lines; joints follow from the closed-form inverse kinematics with the branches of the
-    given plan. A move of d takes T if |d| <= D_j(T) for every joint, with D_j the distance reached from rest to rest: the
-    closed form turned round, smooth but for its second derivative where a limit sets in. A line's time is that of its
-    joints' displacements, times the factor that it has in the given plan. IPOPT finds a local optimum within a box, three times in
-    ever smaller ones; it is evaluated exactly, and taken only if it is possible and faster.
+    given plan. A move of d takes T if |d| <= D_j(T) for every joint, with D_j the distance reached from rest to rest:
+    the closed form turned round, smooth but for its second derivative where a limit sets in. A line's time is that of
+    its joints' displacements, times the factor that it has in the given plan. IPOPT finds a local optimum within a box,
+    three times in ever smaller ones; it is evaluated exactly, and taken only if it is possible and faster.
 
     Args:
         problem: the sequence.
@@ -318,7 +318,7 @@ def _stop_function(work: ArmWork) -> Any:
     elbow = ca.floor(branch / 4)
     flip = ca.floor(branch / 2) - 2 * elbow
     wrist_bit = branch - 4 * elbow - 2 * flip
-    theta = [None] * 7
+    theta: list[Any] = [None] * 7
     for first, triple, mine in ((0, shoulder, flip), (4, outer, wrist_bit)):
         sign = 1 - 2 * mine
         theta[first] = ca.atan2(sign * triple[1, 2], sign * triple[0, 2])

@@ -150,7 +150,8 @@ def best_move(
     For a given platform angle the arms separate. The stage's length, the longer of platform and arm transfers with each
     arm's work, is looked at over a grid of platform angles with the extra ones among them, for all branches over a grid
     of arm angles, with lines by their proxy; then refined by linear steps within shrinking radii from the best few and
-    from the starts. It is never slower than a start. The grid's minimum is exact on the grid; nothing is proven between.
+    from the starts. It is never slower than a start. The grid's minimum is exact on the grid; nothing is proven
+    between.
 
     Args:
         problem: one stage.

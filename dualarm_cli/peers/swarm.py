@@ -17,7 +17,7 @@ PARTICLES = 40
 """Size of the swarm, the customary one."""
 ITERATIONS = {"quick": 40, "normal": 150, "thorough": 1000}
 """By effort."""
-SPREAD = 0.3
+SPREAD = 0.05
 """Standard deviation of the first positions around the start [rad]."""
 
 
