@@ -1,0 +1,84 @@
+"""Every whole method on small jobs: verified, never slower than where it starts, the same every time."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.method import MethodProblem
+from dualarm_cli.planning.methods import METHODS
+from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.verification import verify
+
+
+@pytest.fixture(scope="module")
+def job(tasks_folder):
+    """The packing job's first four tasks: four stages and a return."""
+    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    return dataclasses.replace(job, tasks=job.tasks[:4])
+
+
+@pytest.fixture(scope="module")
+def durations(job):
+    """Exactly timed cycle of every method, each plan verified."""
+    found = {}
+    for name in METHODS.names:
+        schedule = plan_without_bound(job, PlanSettings(platform=name, effort="quick"))
+        assert verify(schedule, job).passed, name
+        found[name] = schedule.duration
+    return found
+
+
+def test_sequence_is_never_slower_than_a_method_that_looks_no_further(durations):
+    """fixed, exact, linearised and minimum_time, and no peer either on this job."""
+    for name in ("fixed", "exact", "linearised", "minimum_time", "grid", "swarm", "ipopt"):
+        assert durations["sequence"] <= durations[name] + 1e-9, name
+
+
+def test_refinements_are_never_slower_than_their_start(durations):
+    """Each is timed beside its start."""
+    assert durations["continuous"] <= durations["sequence"] + 1e-9
+    assert durations["grid"] <= durations["minimum_time"] + 1e-9
+    assert durations["swarm"] <= durations["fixed"] + 1e-9
+    assert durations["ipopt"] <= durations["fixed"] + 1e-9
+
+
+def test_moves_alone_gain_over_a_platform_that_stands(durations):
+    """One move after the other by least time beats the baseline on this job."""
+    assert durations["minimum_time"] < durations["fixed"]
+
+
+def test_no_method_beats_the_bound(durations, job):
+    """At two efforts."""
+    for effort in ("quick", "normal"):
+        assert job_bound(job, effort).value <= min(durations.values())
+
+
+@pytest.mark.parametrize("name", ["sequence", "minimum_time", "grid", "swarm", "ipopt"])
+def test_a_method_gives_the_same_twice(job, name):
+    """Bit for bit."""
+    settings = PlanSettings(platform=name, effort="quick")
+    assert plan_without_bound(job, settings).duration == plan_without_bound(job, settings).duration
+
+
+@pytest.mark.parametrize("name", METHODS.names)
+def test_methods_say_whom_they_do_not_serve(tasks_folder, name):
+    """Two robots with bases of their own: no angle to choose, postures still."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", "quick")
+    reason = METHODS[name].why_unsupported(problem)
+    if name in ("exact", "linearised"):
+        assert "turning platform" in reason
+    else:
+        assert reason is None
+        assert len(METHODS[name].solve(problem).stages) == len(job.stages()) + job.returns
+
+
+def test_whole_sequence_methods_choose_arm_angles_themselves(job):
+    """Another redundancy solver is refused with the reason."""
+    problem = MethodProblem(CellModel.from_cell(job.cell), job, "min_norm")
+    assert "chooses the arm angles itself" in METHODS["sequence"].why_unsupported(problem)
