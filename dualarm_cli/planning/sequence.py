@@ -12,14 +12,17 @@ from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan, choose_stages
 
+MOVES = "minimum_time"
+"""Name of the method that goes move by move."""
 ALIKE = 0.08
 """A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
 lines are a few percent off, and a third of a cycle is lines."""
 REFINED = 0.12
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
-"""Up to so many stages the plan that is quickest move by move is a start too; beyond, with thorough effort only, since
-it costs as much as the search and has always been slower there."""
+"""Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
+REFINED_MOVES = 0.03
+"""Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
 
 
 def solve_sequence(problem: MethodProblem) -> Decided:
@@ -35,9 +38,12 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = sequence_problem(model, job)
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    for name in problem.simpler:
+    for name in (*problem.simpler, MOVES):
         try:
-            starts[name] = choose_stages(model, job, name, problem.redundancy, refine=False)
+            if name == MOVES:
+                starts[name] = solve_move_by_move(problem, refined=False).stages
+            else:
+                starts[name] = choose_stages(model, job, name, problem.redundancy, refine=False)
         except InfeasibleError as error:
             failure = failure or error
     found = search(
@@ -64,14 +70,15 @@ def _rivals(
 ) -> tuple[list[StagePlan], ...]:
     """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly."""
     total = found.best.total
-    plans = [
-        choose_stages(problem.model, problem.job, name, problem.redundancy)
-        for name, rough in starts.items()
-        if _length(rough) <= (1.0 + REFINED) * total
-    ]
-    if len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough":
-        with suppress(InfeasibleError):
-            plans.append(solve_move_by_move(problem).stages)
+    few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
+    plans = []
+    for name, rough in starts.items():
+        slower = _length(rough) / total - 1.0 if total > 0.0 else 0.0
+        if name == MOVES and (few or slower <= REFINED_MOVES):
+            with suppress(InfeasibleError):
+                plans.append(solve_move_by_move(problem).stages)
+        elif name != MOVES and slower <= REFINED:
+            plans.append(choose_stages(problem.model, problem.job, name, problem.redundancy))
     return tuple(plan for plan in plans if _length(plan) <= (1.0 + ALIKE) * total)
 
 
