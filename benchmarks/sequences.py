@@ -117,7 +117,7 @@ def growth(stages: list[int], effort: str) -> None:
     """Planning time and memory by number of stages; the default method with the bound."""
     plan_without_bound(random_job(0, 2, free_yaw=False, lines=True), PlanSettings(effort=effort))
     for count in stages:
-        job = random_job(0, count, free_yaw=False, lines=True)
+        job = repeated(random_job(0, 24, free_yaw=False, lines=True), count)
         begin = time.perf_counter()
         schedule = plan_without_bound(job, PlanSettings(effort=effort))
         middle = time.perf_counter()
@@ -130,6 +130,15 @@ def growth(stages: list[int], effort: str) -> None:
             f"{(end - begin) / count * 1e3:6.1f} ms per stage, cycle {schedule.duration:8.2f} s, "
             f"peak {memory:.2f} GiB"
         )
+
+
+def repeated(job: Job, stages: int) -> Job:
+    """The first stages of a job over and over: any number of them, all feasible."""
+    tasks = []
+    for arm in ("left", "right"):
+        own = [task for task in job.tasks if task.arm == arm]
+        tasks += [replace(own[k % len(own)], id=f"{arm}-{k}") for k in range(stages)]
+    return replace(job, tasks=tuple(tasks))
 
 
 def main() -> None:
