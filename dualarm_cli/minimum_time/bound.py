@@ -17,8 +17,8 @@ from dualarm_cli.minimum_time.transfer_table import TransferTable
 
 ASSUMPTIONS = (
     "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the ends of all "
-    "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly, whatever "
-    "platform angles, postures, yaws and timing it takes",
+    "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly and without "
+    "turning back, whatever platform angles, postures, yaws and timing it takes",
 )
 RESOLUTIONS = {
     "quick": Resolution(np.radians(20.0), 9, 2),

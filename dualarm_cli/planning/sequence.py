@@ -17,6 +17,8 @@ MOVES = "minimum_time"
 ALIKE = 0.08
 """A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
 lines are a few percent off, and a third of a cycle is lines."""
+ALIKE_CAPPED = 0.25
+"""The same where the tools' speed is capped: the search does not know what a cap costs."""
 REFINED = 0.12
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
@@ -77,9 +79,10 @@ def _rivals(
         if name == MOVES and (few or slower <= REFINED_MOVES):
             with suppress(InfeasibleError):
                 plans.append(solve_move_by_move(problem).stages)
-        elif name != MOVES and slower <= REFINED:
+        elif name != MOVES and (slower <= REFINED or problem.job.tool_speed is not None):
             plans.append(choose_stages(problem.model, problem.job, name, problem.redundancy))
-    return tuple(plan for plan in plans if _length(plan) <= (1.0 + ALIKE) * total)
+    alike = ALIKE if problem.job.tool_speed is None else ALIKE_CAPPED
+    return tuple(plan for plan in plans if _length(plan) <= (1.0 + alike) * total)
 
 
 def _length(plan: list[StagePlan]) -> float:

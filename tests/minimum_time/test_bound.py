@@ -190,9 +190,7 @@ def test_no_plan_is_faster_than_the_bound(random_job: Callable[..., Job], name: 
 def test_finer_cells_give_a_better_bound(random_problem: Problems) -> None:
     """Three resolutions, each at least a tenth better."""
     problem = random_problem(0, (4, 4))
-    values = [
-        lower_bound(problem, effort).value for effort in ("quick", "normal", "thorough")
-    ]
+    values = [lower_bound(problem, effort).value for effort in ("quick", "normal", "thorough")]
     assert values[1] > 1.1 * values[0]
     assert values[2] > 1.1 * values[1]
 
@@ -218,9 +216,7 @@ def test_the_bound_of_joint_targets_is_the_plan_itself(random_job: Callable[...,
     tasks, longest = [], 0.0
     for task, arm in zip(job.tasks, job.cell.robot.arms, strict=True):
         q = home[job.cell.robot.columns(arm.joints)] + 0.4
-        tasks.append(
-            replace(task, stops=(replace(task.stops[0], target=JointTarget(q[None])),))
-        )
+        tasks.append(replace(task, stops=(replace(task.stops[0], target=JointTarget(q[None])),)))
         limits = job.cell.robot.limits.select(arm.joints)
         # 0.4 rad is too short for any of them to reach full speed, and long enough for full acceleration where
         # 2 a³/j² < 0.4: then T = a/j + sqrt((a/j)² + 4 d/a), else T = (32 d/j)^(1/3).
