@@ -174,6 +174,7 @@ def _compare(
 def _one_job(
     name: str, job: Job, settings: Any, matrix: list[Case], progress: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    from math import isfinite
     from time import perf_counter
 
     from dualarm_cli.planning.comparison import run_cases
@@ -186,8 +187,10 @@ def _one_job(
 
     say("lower bound")
     bound = job_bound(job, settings.effort)
-    outcomes = run_cases(job, settings, matrix, bound.value, verify, perf_counter, say)
-    return job_comparison(name, job, outcomes, bound.value, bound.assumptions)
+    # Where a stop cannot be reached at all, every row says so.
+    least = bound.value if isfinite(bound.value) else None
+    outcomes = run_cases(job, settings, matrix, least, verify, perf_counter, say)
+    return job_comparison(name, job, outcomes, least, bound.assumptions)
 
 
 def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: bool) -> None:

@@ -37,7 +37,7 @@ class LowerBound:
     """No plan is faster."""
 
     value: float
-    """Least cycle time [s]."""
+    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached."""
     assumptions: tuple[str, ...]
     """What a plan must be like for the bound to hold, in sentences."""
 
@@ -99,17 +99,19 @@ def _backward(
 ) -> float:
     cells = len(edges) - 1
     boxes: list[StopBoxes | None] = [None] * len(arms)
+    results = [0.0] * len(arms)
     for a, arm in enumerate(arms):
         if len(arm.chain.active):
             last = int(arm.chain.active[-1])
             boxes[a] = stop_boxes(problem, a, arm.stops, arm.table, last, edges, resolution)
-    results = [0.0] * len(arms)
     for k in range(problem.stages - 1, -1, -1):
         edges_of = {}
         for a, arm in enumerate(arms):
             here = boxes[a]
             if problem.arms[a].stops[k] is None or here is None:
                 continue
+            if not here.possible:
+                return np.inf
             came = int(arm.chain.previous[k])
             before = None
             if came >= 0:

@@ -59,6 +59,11 @@ class StopBoxes:
     free_last: bool
     """Whether joint 7 tells nothing, because turning the tool turns it alone."""
 
+    @property
+    def possible(self) -> bool:
+        """Whether there are postures at all: at both ends, for one platform cell."""
+        return bool(np.isin(self.approach.index, self.retract.index).any())
+
 
 def stop_boxes(
     problem: SequenceProblem,

@@ -119,18 +119,21 @@ def _postures(
     middle = LINE_SAMPLES - 1 if lines else 0
     first = work.kinematics.nearest_turns(q[:, middle], candidates.near)
     ok = np.asarray(reachable.all(axis=1))
+    bulge = np.zeros((n, 7))
     if lines:
         steps = np.diff(q, axis=1)
         steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))
         ok &= np.abs(steps).max(axis=(1, 2)) <= LARGEST_STEP
         q = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(steps, axis=1)], axis=1)
         q += (first - q[:, middle])[:, None]
+        bulge = _bulges(steps, middle)
     else:
         q = first[:, None]
     carried = table.carried[row]
     if carried.any():
         q, ok = _at_configurations(table, row, carried, depth, q, ok, middle)
-    ok &= work.kinematics.within_limits(q).all(axis=1)
+    ok &= work.kinematics.within_limits(q.min(axis=1) - bulge)
+    ok &= work.kinematics.within_limits(q.max(axis=1) + bulge)
     spent = np.zeros((2, n, 7))
     if lines and ok.any():
         possible = q[ok]
@@ -138,6 +141,18 @@ def _postures(
         spent[:, ok] = joint_line_durations(both, work.limits).reshape(2, -1, 7)
     time = np.where(ok, table.dwell[stage] + spent.max(axis=2).sum(axis=0), np.inf)
     return Postures(q[:, 0], q[:, middle], q[:, -1], time, spent[0], spent[1])
+
+
+def _bulges(steps: FloatArray, middle: int) -> FloatArray:
+    """Returns how far joints may be beyond their samples between them [rad], shape (n, 7).
+
+    A parabola through three samples is beyond the chord by an eighth of the second difference at most; twice that is
+    kept. The two lines meet at the middle sample with a bend that means nothing.
+    """
+    second = np.abs(np.diff(steps, axis=1))
+    second[:, middle - 1] = 0.0
+    widest: FloatArray = second.max(axis=1)
+    return 0.25 * widest
 
 
 def _swing(psi_end: FloatArray, candidates: ArmDecisions, length: FloatArray) -> FloatArray:

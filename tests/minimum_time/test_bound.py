@@ -110,7 +110,7 @@ def test_lines_take_at_least_their_bound(random_problem: Problems) -> None:
     random = np.random.default_rng(6)
     edges = np.linspace(-1.5, 1.5, 13)
     checked, tightest = 0, 0.0
-    for a, work in enumerate(problem.arms):
+    for work in problem.arms:
         table, arm = StopTable.of(work), work.kinematics
         for k in range(6):
             R, p, z = (
@@ -172,7 +172,7 @@ def test_no_plan_is_faster_than_the_bound(random_job: Callable[..., Job], name: 
         model = CellModel.from_cell(job.cell)
         problem = sequence_problem(model, job)
         bounds = [lower_bound(problem, effort).value for effort in ("quick", "normal")]
-        assert 0.0 < min(bounds)
+        assert min(bounds) > 0.0
         tables = tuple(StopTable.of(work) for work in problem.arms)
         start = decisions_of(problem, model, choose_stages(model, job, "fixed", "arm_angle"))
         found = search(problem, [start], "normal", 0)
