@@ -21,12 +21,12 @@ def line_bounds(
 
     With the tool's orientation constant the wrist centre moves straight from one end to the other, without turning
     back. In time T from rest to rest joint j turns D_j(T) at most in all. (a) The distance from the shoulder is joint
-    4's alone: D_4(T) is at least its difference between the ends. (b) The shoulder-wrist line turns by an angle beta about an axis m that
-    stays, perpendicular to it. Joint 4 turns it against the upper arm by no more than alpha varies in all, and alpha
-    follows from the distance. The rest is up to the joints before: axis 1 has a share |z1·m| of it, axis 2 (at right
-    angles to it) at most the rest of a unit vector, axis 3 (the upper arm) at most sin alpha:
-    beta - var(alpha) <= sum of the shares times D_j(T). (c) The same as the tool sees it, with the axes 7, 6, 5 and the
-    forearm's angle gamma. Everything at its worst over the interval. Our own derivation.
+    4's alone: D_4(T) is at least its difference between the ends. (b) The shoulder-wrist line turns by an angle beta
+    about an axis m that stays, perpendicular to it. Joint 4 turns it against the upper arm by no more than alpha
+    varies in all, and alpha follows from the distance. The rest is up to the joints before: axis 1 has a share |z1·m|
+    of it, axis 2 (at right angles to it) at most the rest of a unit vector, axis 3 (the upper arm) at most sin alpha:
+    beta - var(alpha) <= sum of the shares times D_j(T). (c) The same as the tool sees it, with the axes 7, 6, 5 and
+    the forearm's angle gamma. Everything at its worst over the interval. Our own derivation.
 
     Args:
         work: the arm.
