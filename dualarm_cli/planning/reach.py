@@ -17,6 +17,10 @@ SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at [rad]."""
 SCAN_YAWS = 8
 """Yaws that are looked at where any will do."""
+SCAN_BLOCK = 12
+"""Angles, nearest first, that are looked at together at first; then twice as many, and so on."""
+REACH_SLACK = 1e-9
+"""How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
 SCAN_TRIES = 24
 """Reachable angles, nearest first, at which the whole stage is tried."""
 
@@ -48,12 +52,26 @@ def reachable_positions(
     if not model.platform.is_turntable:
         return
     angles, here = _angles(model, position)
-    usable = np.ones(len(angles), dtype=np.bool_)
+    turn = angles - here
+    near = np.ones(len(angles), dtype=np.bool_)
     for stop in stops.values():
-        usable &= _together(_points(stop, angles - here))
-    nearest = np.argsort(np.abs(angles - here), kind="stable")
-    for k in [i for i in nearest if usable[i]][:SCAN_TRIES]:
-        yield angles[[k]]
+        near &= np.logical_and.reduce(
+            [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, turn)]
+        )
+    order = np.argsort(np.abs(turn), kind="stable")
+    order = order[near[order]]
+    tried, first, size = 0, 0, SCAN_BLOCK
+    while first < len(order):
+        block = order[first : first + size]
+        usable = np.logical_and.reduce(
+            [_together(_points(stop, turn[block])) for stop in stops.values()]
+        )
+        for k in block[usable][: SCAN_TRIES - tried]:
+            yield angles[[k]]
+        tried += int(usable.sum())
+        if tried >= SCAN_TRIES:
+            return
+        first, size = first + size, 2 * size
 
 
 def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> str | None:
@@ -105,25 +123,40 @@ def _together(points: list[_PointReach]) -> BoolArray:
 
 def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
     """Returns reach of target, approach and retract after further turns of the platform (a,)."""
+    names = ["the target"]
+    if stop.approach > 0:
+        names.append(f"the start of the {stop.approach * 1000:g} mm approach")
+    if stop.retract > 0:
+        names.append(f"the end of the {stop.retract * 1000:g} mm retract")
+    points = []
+    for name, (R, p) in zip(names, _flanges(stop, turn), strict=True):
+        feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
+        points.append(_PointReach(name, feasible, _miss(stop, R, p)))
+    return points
+
+
+def _misses(stop: StopProblem, turn: FloatArray) -> list[FloatArray]:
+    """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
+    return [_miss(stop, R, p) for R, p in _flanges(stop, turn)]
+
+
+def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
+    least, most = stop.arm.reach
+    distance = np.linalg.norm(stop.arm.wrist_center(R, p) - stop.arm.geometry.shoulder, axis=-1)
+    return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
+
+
+def _flanges(stop: StopProblem, turn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3)."""
     if stop.configurations is not None:
         # Joint targets turn with the platform: what holds at one angle holds at all.
         turn = np.zeros(len(turn))
     yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
     R_turn = rotation_z(-turn)
-    depths = {"the target": 0.0}
-    if stop.approach > 0:
-        depths[f"the start of the {stop.approach * 1000:g} mm approach"] = stop.approach
-    if stop.retract > 0:
-        depths[f"the end of the {stop.retract * 1000:g} mm retract"] = stop.retract
-    least, most = stop.arm.reach
-    points = []
-    for name, depth in depths.items():
-        R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
-        p_tool = (R_turn @ stop.p_base_tool[0])[:, None] - R_tool[..., :, 2] * depth
-        R = R_tool @ stop.R_tool_flange
-        p = p_tool + R_tool @ stop.p_tool_flange
-        feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
-        distance = np.linalg.norm(stop.arm.wrist_center(R, p) - stop.arm.geometry.shoulder, axis=-1)
-        miss = np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
-        points.append(_PointReach(name, feasible, miss))
-    return points
+    R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
+    target = (R_turn @ stop.p_base_tool[0])[:, None]
+    R = R_tool @ stop.R_tool_flange
+    depths = [0.0, *(depth for depth in (stop.approach, stop.retract) if depth > 0)]
+    return [
+        (R, target - R_tool[..., :, 2] * depth + R_tool @ stop.p_tool_flange) for depth in depths
+    ]

@@ -10,7 +10,7 @@ from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.move_by_move import solve_move_by_move
 from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
 from dualarm_cli.planning.sequence_problem import sequence_problem
-from dualarm_cli.planning.stages import StagePlan, choose_stages
+from dualarm_cli.planning.stages import StagePlan, choose_stages_with
 
 MOVES = "minimum_time"
 """Name of the method that goes move by move."""
@@ -38,16 +38,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job)
-    starts: dict[str, list[StagePlan]] = {}
-    failure: InfeasibleError | None = None
-    for name in (*problem.simpler, MOVES):
-        try:
-            if name == MOVES:
-                starts[name] = solve_move_by_move(problem, refined=False).stages
-            else:
-                starts[name] = choose_stages(model, job, name, problem.redundancy, refine=False)
-        except InfeasibleError as error:
-            failure = failure or error
+    starts, failure = _starts(problem)
     found = search(
         numbers,
         [decisions_of(numbers, model, stages) for stages in starts.values()],
@@ -59,6 +50,25 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
     alternatives = _rivals(problem, starts, found)
     return Decided(stages, _grid_gap(found), alternatives)
+
+
+def _starts(
+    problem: MethodProblem,
+) -> tuple[dict[str, list[StagePlan]], InfeasibleError | None]:
+    """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
+    starts: dict[str, list[StagePlan]] = {}
+    failure: InfeasibleError | None = None
+    rough = choose_stages_with(
+        problem.model, problem.job, problem.simpler, problem.redundancy, refine=False
+    )
+    for name, plan in rough.items():
+        if isinstance(plan, InfeasibleError):
+            failure = failure or plan
+        else:
+            starts[name] = plan
+    with suppress(InfeasibleError):
+        starts[MOVES] = solve_move_by_move(problem, refined=False).stages
+    return starts, failure
 
 
 def _grid_gap(found: Found) -> float | None:
@@ -73,15 +83,19 @@ def _rivals(
     """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly."""
     total = found.best.total
     few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
-    plans = []
+    capped = problem.job.tool_speed is not None
+    plans, near = [], []
     for name, rough in starts.items():
         slower = _length(rough) / total - 1.0 if total > 0.0 else 0.0
         if name == MOVES and (few or slower <= REFINED_MOVES):
             with suppress(InfeasibleError):
                 plans.append(solve_move_by_move(problem).stages)
-        elif name != MOVES and (slower <= REFINED or problem.job.tool_speed is not None):
-            plans.append(choose_stages(problem.model, problem.job, name, problem.redundancy))
-    alike = ALIKE if problem.job.tool_speed is None else ALIKE_CAPPED
+        elif name != MOVES and (slower <= REFINED or capped):
+            near.append(name)
+    if near:
+        refined = choose_stages_with(problem.model, problem.job, near, problem.redundancy)
+        plans += [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
+    alike = ALIKE_CAPPED if capped else ALIKE
     return tuple(plan for plan in plans if _length(plan) <= (1.0 + alike) * total)
 
 

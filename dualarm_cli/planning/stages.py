@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.planning.platform_candidates import platform_candidates
 from dualarm_cli.planning.reach import explain_reach, reachable_positions
-from dualarm_cli.redundancy import REDUNDANCY_SOLVERS, NoPosture, StopPosture, StopProblem
-from dualarm_cli.timing.line_profile import estimate_line_durations
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.planning.stage_problems import Clock, stage_problems, stop_problems, stop_yaws
+from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem, solve_stops
 
-YAW_STEPS = 24
-"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
+__all__ = [
+    "ArmStop",
+    "StagePlan",
+    "choose_stages",
+    "choose_stages_with",
+    "stop_problems",
+    "stop_yaws",
+]
+
+REACH = "reach"
+"""What a stage's solver is called where none of its angles would do."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +60,26 @@ class StagePlan:
     solver: str
     """The method that gave the platform angle."""
     duration: float
-    """Estimated length of the stage [s]."""
+    """Length of the stage [s]: transfers and dwells in closed form, lines as estimated."""
 
 
 @dataclass(frozen=True)
-class _Clock:
-    """Closed-form times under the job's limits."""
+class _Stage:
+    """One stage to be decided, for whatever comes before it."""
 
-    platform: RestToRest | None
-    arms: Mapping[str, RestToRest]
-    limits: Mapping[str, JointLimits]
-    refine: bool = True
+    model: CellModel
+    clock: Clock
+    work: Mapping[str, tuple[Task, Stop]]
+    redundancy: str
+    refine: bool
+
+    def from_position(
+        self, position: FloatArray, angles: FloatArray
+    ) -> list[dict[str, StopProblem]]:
+        """Returns the arms' stops with the platform at positions (m, k)."""
+        return stage_problems(
+            self.model, self.clock, position, angles, self.work, refine=self.refine
+        )
 
 
 def choose_stages(
@@ -82,209 +98,189 @@ def choose_stages(
         job: what is to be done.
         platform: name of the platform solver.
         redundancy: name of the redundancy solver.
-        refine: whether postures are refined; without it stages are decided three times as fast, to compare.
+        refine: whether postures are refined; without it stages are decided faster, to compare.
         count: how many stages are decided; all of them by default.
 
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
     """
-    robot, clock = job.cell.robot, replace(_clock(job), refine=refine)
-    position = np.array(robot.postures["home" if job.start == "free" else job.start])
-    plans: list[StagePlan] = []
-    for work in job.stages()[:count]:
-        plan = _choose_stage(model, clock, position, work, platform, redundancy)
-        if not plans and job.start == "free":
-            plan = replace(plan, start=plan.arrival)
-        plans.append(plan)
-        position = np.array(plan.end)
-    if job.returns and plans:
-        first = plans[0].start
-        time = _transfer_times(model, clock, position, first)
-        plans.append(StagePlan(position, first, first, {}, "return", max(time.values())))
-    return plans
+    plans = choose_stages_with(model, job, [platform], redundancy, refine=refine, count=count)
+    found = plans[platform]
+    if isinstance(found, InfeasibleError):
+        raise found
+    return found
 
 
-def stop_problems(
-    model: CellModel, job: Job, position: FloatArray, work: Mapping[str, tuple[Task, Stop]]
-) -> dict[str, StopProblem]:
-    """Returns each arm's stop as seen with the platform where it is.
+def choose_stages_with(
+    model: CellModel,
+    job: Job,
+    platforms: Sequence[str],
+    redundancy: str,
+    *,
+    refine: bool = True,
+    count: int | None = None,
+) -> dict[str, list[StagePlan] | InfeasibleError]:
+    """Returns the stages of a job as several platform solvers decide them, each for itself, or why one cannot.
+
+    Stage by stage all of them together, so that postures from every solver's positions are computed at once.
 
     Args:
         model: the job's cell.
-        job: for its limits.
-        position: all joints before the stage [rad], shape (n,).
-        work: the stage's targets by arm.
+        job: what is to be done.
+        platforms: names of the platform solvers.
+        redundancy: name of the redundancy solver.
+        refine: whether postures are refined.
+        count: how many stages are decided; all of them by default.
     """
-    clock = _clock(job)
-    return {
-        name: _stop_problem(model, clock, position, position, name, stop)
-        for name, (_, stop) in work.items()
-    }
+    clock = Clock.of(model, job)
+    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
+    failures: dict[str, InfeasibleError] = {}
+    for work in job.stages()[:count]:
+        stage = _Stage(model, clock, work, redundancy, refine)
+        positions = {
+            name: np.array(found[-1].end) if found else home
+            for name, found in plans.items()
+            if name not in failures
+        }
+        for name, plan in _choose_stage(stage, positions).items():
+            if isinstance(plan, InfeasibleError):
+                failures[name] = plan
+            elif not plans[name] and job.start == "free":
+                plans[name].append(replace(plan, start=plan.arrival))
+            else:
+                plans[name].append(plan)
+    for found in plans.values():
+        if job.returns and found:
+            found.append(_return(model, clock, found))
+    return {name: failures.get(name, plans[name]) for name in platforms}
 
 
-def _clock(job: Job) -> _Clock:
-    robot = job.cell.robot
-    limits = robot.limits.scaled(job.speed)
-    return _Clock(
-        _rest_to_rest(limits.select(robot.platform)) if robot.platform else None,
-        {arm.name: _rest_to_rest(limits.select(arm.joints)) for arm in robot.arms},
-        {arm.name: limits.select(arm.joints) for arm in robot.arms},
+def _return(model: CellModel, clock: Clock, plans: Sequence[StagePlan]) -> StagePlan:
+    """Returns the last transfer, back to where the first one began."""
+    position, first = plans[-1].end, plans[0].start
+    moved = first - position
+    longest = max(
+        float(clock.platform_times(moved[model.platform_columns])),
+        *(
+            float(clock.arms[name].law.duration(moved[arm.columns]))
+            for name, arm in model.arms.items()
+        ),
     )
-
-
-def _rest_to_rest(limits: JointLimits) -> RestToRest:
-    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    return StagePlan(position, first, first, {}, "return", longest)
 
 
 def _choose_stage(
-    model: CellModel,
-    clock: _Clock,
-    position: FloatArray,
-    work: Mapping[str, tuple[Task, Stop]],
-    platform: str,
-    redundancy: str,
-) -> StagePlan:
-    """Returns the stage at the first platform position at which every arm finds a posture."""
-    reasons: dict[str, NoPosture] = {}
-    at_start = {
-        name: _stop_problem(model, clock, position, position, name, stop)
-        for name, (_, stop) in work.items()
+    stage: _Stage, positions: Mapping[str, FloatArray]
+) -> dict[str, StagePlan | InfeasibleError]:
+    """Returns by solver the stage at the first platform position at which every arm finds a posture.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage [rad], shape (n,), by platform solver.
+    """
+    tries = {name: _tries(stage, position, name) for name, position in positions.items()}
+    reasons: dict[str, Mapping[str, NoPosture]] = {name: {} for name in positions}
+    found: dict[str, StagePlan | InfeasibleError] = {}
+    while tries:
+        asked = {name: next(angles, None) for name, angles in tries.items()}
+        places = {name: one for name, one in asked.items() if one is not None}
+        made = _try_places(stage, positions, places)
+        for name, one in asked.items():
+            if one is None:
+                found[name] = _explain(stage, positions[name], reasons[name])
+            elif isinstance(plan := made[name], StagePlan):
+                found[name] = plan
+            elif one[0] != REACH:
+                reasons[name] = plan
+        tries = {name: angles for name, angles in tries.items() if name not in found}
+    return found
+
+
+def _tries(stage: _Stage, position: FloatArray, platform: str) -> Iterator[tuple[str, FloatArray]]:
+    """Yields platform positions to try, each with the name of what gave it."""
+    here = position[stage.model.platform_columns]
+    at_start = stage.from_position(position, here[None])[0]
+    yield from platform_candidates(stage.model, position, at_start, platform)
+    for angles in reachable_positions(stage.model, position, at_start):
+        yield REACH, angles
+
+
+def _try_places(
+    stage: _Stage,
+    positions: Mapping[str, FloatArray],
+    places: Mapping[str, tuple[str, FloatArray]],
+) -> dict[str, StagePlan | dict[str, NoPosture]]:
+    """Returns by solver the stage at one platform position, or every arm's reason against it.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage, by solver.
+        places: what gave the platform position, and the position, by solver.
+    """
+    keys = {
+        name: (positions[name].tobytes(), angles.tobytes()) for name, (_, angles) in places.items()
     }
-    for solver, angles in platform_candidates(model, position, at_start, platform):
-        plan, reasons = _try_position(model, clock, position, angles, work, solver, redundancy)
-        if plan is not None:
-            return plan
-    for angles in reachable_positions(model, position, at_start):
-        plan, _ = _try_position(model, clock, position, angles, work, "reach", redundancy)
-        if plan is not None:
-            return plan
-    raise InfeasibleError(_explain(model, position, work, at_start, reasons))
+    firsts = {key: name for name, key in reversed(keys.items())}
+    problems = {
+        key: stage.from_position(positions[name], places[name][1][None])[0]
+        for key, name in firsts.items()
+    }
+    each = [(key, arm) for key, stops in problems.items() for arm in stops]
+    answers = solve_stops(stage.redundancy, [problems[key][arm] for key, arm in each])
+    postures: dict[tuple[bytes, bytes], dict[str, StopPosture | NoPosture]] = {}
+    for (key, arm), answer in zip(each, answers, strict=True):
+        postures.setdefault(key, {})[arm] = answer
+    return {
+        name: _made(stage, positions[name], *places[name], problems[key], postures[key])
+        for name, key in keys.items()
+    }
 
 
-def _try_position(
-    model: CellModel,
-    clock: _Clock,
+def _made(
+    stage: _Stage,
     position: FloatArray,
-    angles: FloatArray,
-    work: Mapping[str, tuple[Task, Stop]],
     solver: str,
-    redundancy: str,
-) -> tuple[StagePlan | None, dict[str, NoPosture]]:
-    """Returns the stage at one platform position, or None and every arm's reason against it."""
-    choose = REDUNDANCY_SOLVERS[redundancy].solve
+    angles: FloatArray,
+    problems: Mapping[str, StopProblem],
+    postures: Mapping[str, StopPosture | NoPosture],
+) -> StagePlan | dict[str, NoPosture]:
+    """Returns the stage from its postures, or the reasons against it."""
+    reasons = {arm: one for arm, one in postures.items() if isinstance(one, NoPosture)}
+    if reasons:
+        return reasons
     turned = np.array(position)
-    turned[model.platform_columns] = angles
-    stops: dict[str, ArmStop] = {}
-    reasons: dict[str, NoPosture] = {}
+    turned[stage.model.platform_columns] = angles
     arrival, end, longest = turned.copy(), turned.copy(), 0.0
-    for name, (task, stop) in work.items():
-        problem = _stop_problem(model, clock, position, turned, name, stop)
-        posture = choose(problem)
+    stops: dict[str, ArmStop] = {}
+    for arm, posture in postures.items():
         if isinstance(posture, NoPosture):
-            reasons[name] = posture
             continue
-        stops[name] = ArmStop(name, task, stop, problem, posture)
-        columns = model.arms[name].columns
+        task, stop = stage.work[arm]
+        stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
+        columns = stage.model.arms[arm].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
         longest = max(longest, posture.cost + stop.dwell.total)
-    if reasons:
-        return None, reasons
-    return StagePlan(np.array(position), arrival, end, stops, solver, longest), {}
-
-
-def _stop_problem(
-    model: CellModel,
-    clock: _Clock,
-    position: FloatArray,
-    turned: FloatArray,
-    name: str,
-    stop: Stop,
-) -> StopProblem:
-    """Returns one arm's stop with the platform as in `turned`, coming from `position`."""
-    arm = model.arms[name]
-    R_base_tool, p_base_tool, configurations = _targets(model, arm, turned, stop)
-    T_tool_flange = arm.T_flange_tcp.inverse()
-    limits = clock.limits[name]
-    waiting = 0.0
-    if clock.platform is not None:
-        moved = (turned - position)[model.platform_columns]
-        waiting = float(clock.platform.duration(moved))
-
-    def line_time(q: FloatArray, length: FloatArray) -> FloatArray:
-        return estimate_line_durations(q, length, limits)
-
-    return StopProblem(
-        arm=arm.kinematics,
-        R_base_tool=R_base_tool,
-        p_base_tool=p_base_tool,
-        R_tool_flange=T_tool_flange.rotation,
-        p_tool_flange=T_tool_flange.translation,
-        configurations=configurations,
-        yaw=stop_yaws(stop),
-        free_yaw=isinstance(stop.target, PoseTarget) and stop.target.free_yaw,
-        approach=stop.approach,
-        retract=stop.retract,
-        start=position[arm.columns],
-        waiting=waiting,
-        transfer_time=clock.arms[name].duration,
-        line_time=line_time,
-        refine=clock.refine,
-    )
-
-
-def _targets(
-    model: CellModel, arm: ArmModel, turned: FloatArray, stop: Stop
-) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Returns tool rotations, tool positions and configurations in the carried frame."""
-    tcp = arm.T_flange_tcp
-    if isinstance(stop.target, JointTarget):
-        R, p = arm.kinematics.forward(stop.target.configurations)
-        return R @ tcp.rotation, p + R @ tcp.translation, stop.target.configurations
-    R_world, p_world = model.carried_frame(turned)
-    R = R_world.T @ stop.target.pose.rotation
-    p = R_world.T @ (stop.target.pose.translation - p_world)
-    return R[None], p[None], None
-
-
-def stop_yaws(stop: Stop) -> FloatArray:
-    """Returns the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
-    if isinstance(stop.target, JointTarget):
-        return np.zeros(1)
-    turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
-    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)
-
-
-def _transfer_times(
-    model: CellModel, clock: _Clock, start: FloatArray, goal: FloatArray
-) -> dict[str, float]:
-    """Returns the closed-form time of each arm and of the platform [s]."""
-    moved = goal - start
-    times = {
-        name: float(clock.arms[name].duration(moved[arm.columns]))
-        for name, arm in model.arms.items()
-    }
-    if clock.platform is not None:
-        times["platform"] = float(clock.platform.duration(moved[model.platform_columns]))
-    return times
+    return StagePlan(np.array(position), arrival, end, stops, solver, longest)
 
 
 def _explain(
-    model: CellModel,
-    position: FloatArray,
-    work: Mapping[str, tuple[Task, Stop]],
-    stops: Mapping[str, StopProblem],
-    reasons: Mapping[str, NoPosture],
-) -> str:
+    stage: _Stage, position: FloatArray, reasons: Mapping[str, NoPosture]
+) -> InfeasibleError:
     """Returns what a person needs to mend a stage that cannot be made: only the arms at fault."""
+    model = stage.model
+    stops = stage.from_position(position, position[model.platform_columns][None])[0]
     faults = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
     faults = {name: fault for name, fault in faults.items() if fault is not None}
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
-        if model.platform.is_turntable and len(work) > 1:
-            faults = dict.fromkeys(work, "reached, but at no platform angle that suits both arms")
+        if model.platform.is_turntable and len(stage.work) > 1:
+            faults = dict.fromkeys(
+                stage.work, "reached, but at no platform angle that suits both arms"
+            )
     lines = []
     for name, fault in faults.items():
-        task, stop = work[name]
+        task, stop = stage.work[name]
         lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
     if not model.platform.joints:
         where = "no posture"
@@ -294,4 +290,4 @@ def _explain(
         where = (
             "no posture with the platform held where it starts (this version turns one joint only)"
         )
-    return where + " makes this stage:\n  " + "\n  ".join(lines)
+    return InfeasibleError(where + " makes this stage:\n  " + "\n  ".join(lines))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dualarm_cli.redundancy.arm_angle import choose_posture
+from collections.abc import Callable, Mapping, Sequence
+
+from dualarm_cli.redundancy.arm_angle import choose_posture, choose_postures
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
 from dualarm_cli.registry import Registry, Solver
 
@@ -18,4 +20,26 @@ REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Reg
     ],
 )
 
-__all__ = ["REDUNDANCY_SOLVERS", "NoPosture", "StopPosture", "StopProblem"]
+BATCH_FORMS: Mapping[str, Callable[[Sequence[StopProblem]], list[StopPosture | NoPosture]]] = {
+    "arm_angle": choose_postures,
+}
+"""Members of the family that solve many problems faster together than one by one."""
+
+
+def solve_stops(name: str, problems: Sequence[StopProblem]) -> list[StopPosture | NoPosture]:
+    """Returns the answers of one member of the family to many problems, together where it can.
+
+    Args:
+        name: of the member.
+        problems: of any arms.
+
+    Raises:
+        UnknownSolverError: the family has no such member.
+    """
+    solver = REDUNDANCY_SOLVERS[name]
+    if name in BATCH_FORMS:
+        return BATCH_FORMS[name](problems)
+    return [solver.solve(problem) for problem in problems]
+
+
+__all__ = ["REDUNDANCY_SOLVERS", "NoPosture", "StopPosture", "StopProblem", "solve_stops"]

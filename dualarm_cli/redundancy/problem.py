@@ -42,8 +42,8 @@ class StopProblem:
     """Where the arm's joints are before [rad], shape (7,)."""
     waiting: float
     """Time that the transfer takes in any case, because the platform turns [s]."""
-    transfer_time: Callable[[FloatArray], FloatArray]
-    """Closed-form rest-to-rest time [s], shape (...), of joint displacements [rad], (..., 7)."""
+    joint_times: Callable[[FloatArray], FloatArray]
+    """Closed-form rest-to-rest time of each joint [s] for joint displacements [rad], both (..., 7)."""
     line_time: Callable[[FloatArray, FloatArray], FloatArray]
     """Estimated time [s], shape (n,), of lines q (n, s, 7) [rad] over their length (s,) [m]."""
     refine: bool = True
@@ -60,6 +60,11 @@ class StopProblem:
             "start",
         ):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def transfer_time(self, displacement: FloatArray) -> FloatArray:
+        """Returns the time of the slowest joint [s], shape (...), for displacements (..., 7) [rad]."""
+        slowest: FloatArray = self.joint_times(displacement).max(axis=-1)
+        return slowest
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ class StopPosture:
     q_retract: FloatArray
     """Joints where the retract ends [rad], shape (7,)."""
     cost: float
-    """Time of transfer, approach and retract, as estimated [s]."""
+    """Time of transfer, approach and retract, and of nothing else [s]: closed forms, the lines as estimated."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.composition import hold
@@ -44,6 +44,10 @@ ESTIMATE_SHAPES = symmetric_grid(np.array([0.5, 0.4, 0.3]), np.array([0.5, 0.3])
 ESTIMATE_BLOCK = 48
 """Lines that are estimated in one product of matrices: small enough for a linear algebra library not to start
 threads, which on a busy machine would cost a hundred times the product."""
+DISTINCT_BLOCK = 64
+"""The same where only distinct instants are looked at, so that products are smaller."""
+SAME_RATE = 1e-12
+"""Rows of an operator that differ by less than this share of its largest entry are one."""
 
 
 def solve_line(problem: LineProblem) -> Trajectory:
@@ -92,30 +96,49 @@ def estimate_line_durations(
         length: path length at the samples [m], shape (m,); only their number counts.
         limits: of the d joints.
     """
-    lines = range(0, len(position), ESTIMATE_BLOCK)
+    joints_first = np.ascontiguousarray(position.transpose(1, 2, 0))
+    lines = range(0, len(position), DISTINCT_BLOCK)
     return np.concatenate(
-        [_estimate_block(position[k : k + ESTIMATE_BLOCK], limits) for k in lines]
+        [_estimate_block(joints_first[:, :, k : k + DISTINCT_BLOCK], limits) for k in lines]
     )
 
 
 def _estimate_block(position: FloatArray, limits: JointLimits) -> FloatArray:
-    """Returns the estimates of a few lines [s], shape (n,)."""
-    n, samples, joints = position.shape
-    flat = np.moveaxis(position, 1, 0).reshape(samples, -1)
-    g = len(ESTIMATE_SHAPES.start)
-    rates = [
-        np.abs(operator @ flat).reshape(g, -1, n, joints).max(axis=1)
-        for operator in estimate_operators(samples)
-    ]
-    time = np.maximum(
-        (rates[0] / limits.velocity).max(axis=-1),
-        np.maximum(
-            np.sqrt((rates[1] / limits.acceleration).max(axis=-1)),
-            np.cbrt((rates[2] / limits.jerk).max(axis=-1)),
-        ),
-    )
+    """Returns the estimates of a few lines [s], shape (n,), from samples of shape (m, d, n)."""
+    samples, joints, n = position.shape
+    rates = []
+    scales = limits.velocity, limits.acceleration, limits.jerk
+    for (operator, first), scale in zip(distinct_operators(samples), scales, strict=True):
+        rate = operator @ (position / scale[:, None]).reshape(samples, -1)
+        np.abs(rate, out=rate)
+        largest = rate.reshape(-1, joints, n).max(axis=1)
+        rates.append(np.maximum.reduceat(largest, first, axis=0))
+    time = np.maximum(rates[0], np.maximum(np.sqrt(rates[1]), np.cbrt(rates[2])))
     shortest: FloatArray = time.min(axis=0)
     return shortest
+
+
+@lru_cache(maxsize=8)
+def distinct_operators(samples: int) -> tuple[tuple[FloatArray, IntArray], ...]:
+    """Returns the rows of each of the `estimate_operators` that differ, and each shape's first row among them.
+
+    Phases meet in the same state, phases of no length are one instant, and at rest nothing moves: more than half of
+    the rows say nothing new.
+    """
+    return tuple(_distinct(operator) for operator in estimate_operators(samples))
+
+
+def _distinct(operator: FloatArray) -> tuple[FloatArray, IntArray]:
+    kept: list[FloatArray] = []
+    first = []
+    for rows in operator.reshape(len(ESTIMATE_SHAPES.start), -1, operator.shape[1]):
+        first.append(len(kept))
+        size = np.abs(rows).max()
+        for row in rows:
+            seen = [np.zeros(len(row)), *kept[first[-1] :]]
+            if min(np.abs(row - other).max() for other in seen) > SAME_RATE * size:
+                kept.append(row)
+    return np.array(kept), np.array(first, dtype=np.int64)
 
 
 @lru_cache(maxsize=8)

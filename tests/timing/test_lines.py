@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from dualarm_cli.timing import TIMING_SOLVERS
-from dualarm_cli.timing.line_profile import estimate_line_durations
+from dualarm_cli.timing.line_profile import (
+    ESTIMATE_SHAPES,
+    distinct_operators,
+    estimate_line_durations,
+    estimate_operators,
+)
+from dualarm_cli.timing.line_rates import joint_line_durations
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.spline import largest_rates
@@ -183,3 +189,22 @@ def test_the_same_line_gives_the_same_bytes(limits, lines):
     one, two = (TIMING_SOLVERS["ruckig"].line(problem) for _ in range(2))
     assert one.position.tobytes() == two.position.tobytes()
     assert one.time.tobytes() == two.time.tobytes()
+
+
+def test_the_estimate_is_the_largest_of_what_each_joint_asks_for(limits, lines):
+    """Distinct instants alone give the same as all of them, for more lines than one block holds."""
+    grid = np.linspace(0, 64, 7)
+    seven = np.stack(
+        [
+            np.column_stack([np.interp(grid, np.arange(65), p[:, k]) for k in range(7)])
+            for p in lines[0]
+        ]
+    )
+    many = np.concatenate([seven * scale for scale in np.linspace(0.2, 1.0, 40)])
+    share = np.linspace(0.0, 1.0, 7)
+    every = joint_line_durations(many, limits).max(axis=1)
+    assert np.allclose(estimate_line_durations(many, share, limits), every, rtol=1e-12)
+    operators = estimate_operators(7)
+    for operator, (distinct, first) in zip(operators, distinct_operators(7), strict=True):
+        assert len(distinct) < len(operator)
+        assert len(first) == len(ESTIMATE_SHAPES.start)
