@@ -45,7 +45,7 @@ def best_combination(
     cost = stage_costs(problem, best, found, angle)
     if frozen is not None:
         cost[frozen, :, 1:] = np.inf
-    picked = _shortest(cost, _closing_costs(problem, best, found, angle))
+    picked = _shortest(cost, closing_costs(problem, best, found, angle))
     if not picked.any():
         return best
     result = evaluate(problem, tables, _picked(plans, picked))
@@ -122,7 +122,7 @@ def stage_costs(
     return cost
 
 
-def _closing_costs(
+def closing_costs(
     problem: SequenceProblem, best: Evaluated, found: list[Postures], angle: FloatArray
 ) -> FloatArray:
     """Returns the length of the return for every plan of the last stage [s], shape (m,)."""

@@ -9,7 +9,7 @@ from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.linear_steps import linear_step
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
-from dualarm_cli.minimum_time.times import Evaluated
+from dualarm_cli.minimum_time.times import Evaluated, evaluate
 from dualarm_cli.minimum_time.variables import Variables
 
 SCALES = np.array([0.25, 0.5, 1.0, 1.7])
@@ -60,6 +60,10 @@ def polish(
         if problem.free_start and problem.returns:
             frozen = 0 if k % 2 else problem.stages - 1
         found = best_combination(problem, tables, best, moved, frozen)
+        if problem.returns:
+            # The return ties the last stage to the first one: steps of all stages at once see it.
+            whole = [evaluate(problem, tables, plan) for plan in moved[: len(SCALES)]]
+            found = min([found, *whole], key=lambda plan: plan.total)
         if best.total - found.total < LITTLE * best.total:
             radius *= SHRINK
         best = found

@@ -47,6 +47,15 @@ class Postures:
         """Returns one of several plans' postures, where arrays are of shape (stages, plans, ...)."""
         return Postures(*(getattr(self, field.name)[:, m] for field in fields(self)))
 
+    def where(self, mask: BoolArray, other: Postures) -> Postures:
+        """Returns these where the mask (stages, plans) says so, else the other ones, which have one plan only."""
+        parts = {}
+        for field in fields(self):
+            mine, theirs = getattr(self, field.name), getattr(other, field.name)[:, None]
+            wide = mask.reshape(*mask.shape, *(1,) * (mine.ndim - 2))
+            parts[field.name] = np.where(wide, mine, theirs)
+        return Postures(**parts)
+
     def take(self, rows: IntArray) -> Postures:
         """Returns some rows."""
         return Postures(*(getattr(self, field.name)[rows] for field in fields(self)))
@@ -119,7 +128,7 @@ def _postures(
     middle = LINE_SAMPLES - 1 if lines else 0
     first = work.kinematics.nearest_turns(q[:, middle], candidates.near)
     ok = np.asarray(reachable.all(axis=1))
-    bulge = np.zeros((n, 7))
+    bulge = np.zeros((n, 1, 7))
     if lines:
         steps = np.diff(q, axis=1)
         steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))
@@ -132,8 +141,8 @@ def _postures(
     carried = table.carried[row]
     if carried.any():
         q, ok = _at_configurations(table, row, carried, depth, q, ok, middle)
-    ok &= work.kinematics.within_limits(q.min(axis=1) - bulge)
-    ok &= work.kinematics.within_limits(q.max(axis=1) + bulge)
+    ok &= work.kinematics.within_limits((q - bulge).min(axis=1))
+    ok &= work.kinematics.within_limits((q + bulge).max(axis=1))
     spent = np.zeros((2, n, 7))
     if lines and ok.any():
         possible = q[ok]
@@ -144,15 +153,16 @@ def _postures(
 
 
 def _bulges(steps: FloatArray, middle: int) -> FloatArray:
-    """Returns how far joints may be beyond their samples between them [rad], shape (n, 7).
+    """Returns how far joints may be beyond each sample next to it [rad], shape (n, samples, 7).
 
-    A parabola through three samples is beyond the chord by an eighth of the second difference at most; twice that is
+    A parabola through three samples is beyond the chord by an eighth of the second difference at most; a little more is
     kept. The two lines meet at the middle sample with a bend that means nothing.
     """
     second = np.abs(np.diff(steps, axis=1))
     second[:, middle - 1] = 0.0
-    widest: FloatArray = second.max(axis=1)
-    return 0.25 * widest
+    around = np.pad(second, ((0, 0), (2, 2), (0, 0)))
+    widest: FloatArray = np.maximum(np.maximum(around[:, :-2], around[:, 1:-1]), around[:, 2:])
+    return 0.14 * widest
 
 
 def _swing(psi_end: FloatArray, candidates: ArmDecisions, length: FloatArray) -> FloatArray:

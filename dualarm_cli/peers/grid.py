@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.minimum_time.corridor import candidates_of, stage_costs
+from dualarm_cli.minimum_time.corridor import candidates_of, closing_costs, stage_costs
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate
@@ -77,6 +77,8 @@ def _round(
     # A stage's change with both neighbours as they are: its own length, and that of the next one.
     change = cost[:, 0, :] - cost[:, 0, :1]
     change[:-1] += cost[1:, :, 0] - cost[1:, :1, 0]
+    closing = closing_costs(problem, best, found, angle)
+    change[-1] += closing - closing[0]
     change[np.arange(problem.stages) % 2 != parity] = 0.0
     picked = np.argmin(change, axis=1)
     result = best.decisions

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.minimum_time.corridor import candidates_of
+from dualarm_cli.minimum_time.postures import Postures
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate, stage_times
@@ -31,7 +32,7 @@ def particle_swarm(
     """Returns the best plan that a particle swarm finds; never slower than the start.
 
     Variables are platform angles, arm angles and free yaws; branches stay. One particle begins at the start, the others
-    around it. An impossible plan counts as infinitely long.
+    around it. A stage that a particle makes impossible stays as it is at the start.
 
     Args:
         problem: the sequence.
@@ -58,6 +59,18 @@ def particle_swarm(
         place = place + speed
     step = best_place[int(np.argmin(best_value))]
     found = evaluate(problem, tables, _plan(problem, variables, start, step))
+    lost = np.flatnonzero(
+        ~np.all([_possible(problem, a, arm) for a, arm in enumerate(found.arms)], axis=0)
+    )
+    if len(lost):
+        decisions = found.decisions
+        angle = np.array(decisions.angle)
+        angle[lost] = start.decisions.angle[lost]
+        arms = tuple(
+            mine.put(lost, other.take(lost))
+            for mine, other in zip(decisions.arms, start.decisions.arms, strict=True)
+        )
+        found = evaluate(problem, tables, Decisions(angle, arms))
     return found if found.total < start.total else start
 
 
@@ -81,9 +94,18 @@ def _totals(
     plans = [_plan(problem, variables, start, place) for place in places]
     angle = np.stack([plan.angle for plan in plans], axis=1)
     found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
+    possible = np.all([_possible(problem, a, arm) for a, arm in enumerate(found)], axis=0)
+    angle = np.where(possible, angle, start.decisions.angle[:, None])
+    found = [arm.where(possible, start.arms[a]) for a, arm in enumerate(found)]
     totals = np.empty(len(plans))
     for m in range(len(plans)):
         arms = tuple(arm.of_plan(m) for arm in found)
         stages, closing = stage_times(problem, angle[:, m], arms)
         totals[m] = stages.sum() + closing
     return totals
+
+
+def _possible(problem: SequenceProblem, a: int, found: Postures) -> BoolArray:
+    """Returns where an arm can be, or has nothing to do; shape (n, ...)."""
+    idle = np.array([stop is None for stop in problem.arms[a].stops])
+    return np.asarray(found.possible | idle.reshape(-1, *(1,) * (found.work.ndim - 1)))

@@ -77,7 +77,7 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
         Solver(
             name="grid",
             solve=solve_grid,
-            summary="Peer: a dense grid stage by stage, then local search over single decisions.",
+            summary="Peer: local search over single decisions, from the plan of `minimum_time`.",
             reference="compass search [Kolda2003]",
             why_unsupported=_needs_arm_angles,
         ),
@@ -91,7 +91,7 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
         Solver(
             name="ipopt",
             solve=solve_ipopt,
-            summary="Peer: the nonlinear program in CasADi by IPOPT from the plan of `fixed`.",
+            summary="Peer: one nonlinear program over all angles by IPOPT, from the plan of `fixed`, branches kept.",
             reference="IPOPT [Waechter2006]",
             why_unsupported=_needs_arm_angles,
         ),

@@ -65,6 +65,11 @@ def realise(model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSo
             model, plan, columns, limits, timing, job.tool_speed
         )
         _add_stage(record, model, job, plan, transfers, columns, limits, timing)
+    for name, index in columns.items():
+        if not record.pieces[name]:
+            # Nothing ever moves: a free start that is also the end.
+            joints = tuple(robot.joints[i] for i in index)
+            record.pieces[name].append(hold(joints, plans[-1].end[index], 0.0))
     trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
     events = [_at_knot(event, trajectory.time) for event in record.events]
     return Motion(
