@@ -91,11 +91,12 @@ def bound_line(report: dict[str, Any]) -> str:
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
     else:
-        line = (
-            f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s; "
-            f"at most {report['gap']:.1%} could be saved"
-        )
-    if report["grid_gap"] is not None:
+        line = f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s"
+        if report["gap"] is not None:
+            line += f"; at most {report['gap']:.1%} could be saved"
+        if report["tool_speed_cap"] is not None:
+            line += "; neither the bound nor the search knows the cap on the tools' speed"
+    if report["grid_gap"] is not None and report["tool_speed_cap"] is None:
         line += (
             f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
         )

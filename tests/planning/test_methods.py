@@ -12,6 +12,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.reporting.console import summary_lines
+from dualarm_cli.reporting.report import build_report
 from dualarm_cli.verification import verify
 
 
@@ -82,3 +84,18 @@ def test_whole_sequence_methods_choose_arm_angles_themselves(job):
     """Another redundancy solver is refused with the reason."""
     problem = MethodProblem(CellModel.from_cell(job.cell), job, "min_norm")
     assert "chooses the arm angles itself" in METHODS["sequence"].why_unsupported(problem)
+
+
+def test_a_cycle_without_motion_is_planned(job):
+    """One stop of one arm, free start, return: nothing moves, and every report can be written."""
+    task = dataclasses.replace(job.tasks[0], stops=job.tasks[0].stops[:1])
+    stop = dataclasses.replace(
+        task.stops[0], approach=0.0, retract=0.0, dwell=type(task.stops[0].dwell)()
+    )
+    still = dataclasses.replace(
+        job, tasks=(dataclasses.replace(task, stops=(stop,)),), start="free", returns=True
+    )
+    schedule = plan_without_bound(still, PlanSettings(effort="quick"))
+    assert schedule.duration == 0.0
+    report = build_report(dataclasses.replace(schedule, lower_bound=0.0), still)
+    assert any(line.startswith("lower bound") for line in summary_lines(report))
