@@ -17,6 +17,7 @@ from dualarm_cli.minimum_time.bound_cells import (
 )
 from dualarm_cli.minimum_time.bound_lines import line_bounds
 from dualarm_cli.minimum_time.nodes import yaw_turns_last_joint
+from dualarm_cli.minimum_time.potentials import LAST_JOINT
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.minimum_time.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.minimum_time.transfer_table import Coordinates, TransferTable
@@ -30,6 +31,8 @@ class Boxes:
 
     index: IntArray
     """Platform cell of each, ascending, shape (n,)."""
+    kind: IntArray
+    """See `Cells`, shape (n,)."""
     low: Coordinates
     """Lowest joints and platform, shape (c, n)."""
     high: Coordinates
@@ -41,7 +44,7 @@ class Boxes:
     def of(cls, table: TransferTable, cells: Cells, columns: int) -> Boxes:
         """Returns cells in steps."""
         low, high = table.box(cells.low[:, :columns], cells.high[:, :columns])
-        return cls(cells.index, low, high, cells.line.astype(np.float32))
+        return cls(cells.index, cells.kind, low, high, cells.line.astype(np.float32))
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ def stop_boxes(
             _pose(problem, work, stops, stage, stop, yaw, edges, resolution, free_last)
             for yaw in yaws
         ]
-        ends = [_joined([part[end] for part in parts]) for end in (0, 1)]
+        ends = [Cells.joined([part[end] for part in parts]) for end in (0, 1)]
     approach, retract = (Boxes.of(table, cells, columns) for cells in ends)
     return StopBoxes(approach, retract, still, stop.dwell, free_last)
 
@@ -147,12 +150,58 @@ def _pose(
     return [approach, approach if stop.approach == stop.retract else cells(stop.retract)]
 
 
-def _joined(parts: list[Cells]) -> Cells:
-    """Returns the cells of several yaws, in order of their platform cell."""
-    index = np.concatenate([part.index for part in parts])
-    order = np.argsort(index, kind="stable")
-    low, high, line = (
-        np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("low", "high", "line")
-    )
-    return Cells(index[order], low, high, line)
+@dataclass(frozen=True)
+class StopWork:
+    """Approach, dwell and retract of one stop."""
+
+    index: IntArray
+    """Platform cell of each approach cell, shape (n,)."""
+    count: int
+    """Number n of approach cells."""
+    parts: list[tuple[slice, slice, Times]]
+    """By platform cell: approach cells, retract cells and the least work between them [s]."""
+    least: Times
+    """From each approach cell, whatever follows [s], shape (n,)."""
+
+    def with_rest(self, rest: Times) -> tuple[Times, Times]:
+        """Returns the least of work and rest, and of the rest alone, from each approach cell [s], shape (n,) each.
+
+        Args:
+            rest: from each retract cell [s].
+        """
+        own, beyond = (np.full(self.count, np.inf, dtype=np.float32) for _ in range(2))
+        for approach, retract, least in self.parts:
+            own[approach] = (least + rest[retract]).min(axis=1)
+            beyond[approach] = np.where(np.isfinite(least), rest[retract], np.inf).min(axis=1)
+        return own, beyond
+
+
+def stop_work(table: TransferTable, stop: StopBoxes) -> StopWork:
+    """Returns the least times of approach, dwell and retract between the cells of one stop.
+
+    Args:
+        table: the arm's transfer times.
+        stop: the cells.
+    """
+    approach, retract = stop.approach, stop.retract
+    parts = []
+    work = np.full(len(approach.index), np.inf, dtype=np.float32)
+    dwell = np.float32(stop.dwell)
+    for cell in np.intersect1d(approach.index, retract.index):
+        a, r = (slice(*np.searchsorted(x.index, [cell, cell + 1])) for x in (approach, retract))
+        if stop.same:
+            least = np.full((a.stop - a.start,) * 2, np.inf, dtype=np.float32)
+            np.fill_diagonal(least, dwell)
+        else:
+            moved = table.gap_times(
+                approach.low[:, a],
+                approach.high[:, a],
+                retract.low[:, r],
+                retract.high[:, r],
+                (LAST_JOINT,) if stop.free_last else (),
+            )
+            lines = approach.line[a][:, None] + retract.line[r][None, :]
+            least = np.maximum(moved, lines) + dwell
+        parts.append((a, r, least))
+        work[a] = least.min(axis=1)
+    return StopWork(approach.index, len(work), parts, work)

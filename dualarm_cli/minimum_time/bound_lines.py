@@ -8,10 +8,10 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.bound_reach import AngleCells, ShapeRates, shape_rates, turned
 from dualarm_cli.minimum_time.problem import ArmWork
 
-BISECTIONS = 24
+BISECTIONS = 16
 """Halvings of the time; the lower end is taken."""
-PARTS = 6
-"""Parts of an interval of the platform angle that are looked at one by one."""
+WIDEST = 0.004
+"""Intervals of the platform angle are cut into parts of this width at most, looked at one by one [rad]."""
 
 
 def line_bounds(
@@ -19,14 +19,19 @@ def line_bounds(
 ) -> FloatArray:
     """Returns the least time of a line of the wrist centre [s], shape (c,), over each interval of the platform angle.
 
-    With the tool's orientation constant the wrist centre moves straight from one end to the other, without turning
-    back. In time T from rest to rest joint j turns D_j(T) at most in all. (a) The distance from the shoulder is joint
-    4's alone: D_4(T) is at least its difference between the ends. (b) The shoulder-wrist line turns by an angle beta
-    about an axis m that stays, perpendicular to it. Joint 4 turns it against the upper arm by no more than alpha
-    varies in all, and alpha follows from the distance. The rest is up to the joints before: axis 1 has a share |z1·m|
-    of it, axis 2 (at right angles to it) at most the rest of a unit vector, axis 3 (the upper arm) at most sin alpha:
-    beta - var(alpha) <= sum of the shares times D_j(T). (c) The same as the tool sees it, with the axes 7, 6, 5 and
-    the forearm's angle gamma. Everything at its worst over the interval. Our own derivation.
+    With the tool's orientation constant the wrist centre goes straight from one end to the other. In time T from rest
+    to rest joint j turns D_j(T) at most, forth and back added up: a motion that turns back is nowhere faster than some
+    motion that does not (between the greatest speeds v_i and v_k to either side of a turn, put v_k + (v + v_k)
+    (v_i - v_k) / (v_i + v_k) for v, v_i >= v_k: never less than |v|, and its rates are scaled down).
+
+    (a) The distance from the shoulder is joint 4's alone: D_4(T) is at least its difference between the ends. (b) The
+    shoulder-wrist line turns by an angle beta about an axis m that stays, perpendicular to it. Joint 4 turns it
+    against the upper arm by no more than alpha varies in all, and alpha follows from the distance. The rest is up to
+    the joints before: axis 1 has a share |z1·m| of it, axis 2 (at right angles to it) at most the rest of a unit
+    vector, axis 3 (the upper arm) at most sin alpha: beta - var(alpha) <= sum of the shares times D_j(T). Only the
+    instants count at which the wrist is farther than ever before; so it may turn back on the line. (c) The same as the
+    tool sees it, with the axes 7, 6, 5 and the forearm's angle gamma. Everything at its worst over the interval. Our
+    own derivation.
 
     Args:
         work: the arm.
@@ -38,12 +43,13 @@ def line_bounds(
     c = len(cells.index)
     if not c or np.linalg.norm(end - wrist) == 0.0:
         return np.zeros(c)
-    share = np.arange(PARTS) / PARTS
+    count = max(1, int(np.ceil(2.0 * cells.half.max() / WIDEST)))
+    share = np.arange(count) / count
     low = (cells.low[:, None] + (2.0 * cells.half)[:, None] * share).ravel()
     parts = AngleCells(
-        np.repeat(cells.index, PARTS), low, low + np.repeat(2.0 * cells.half / PARTS, PARTS)
+        np.repeat(cells.index, count), low, low + np.repeat(2.0 * cells.half / count, count)
     )
-    return _line_bounds(work, R, wrist, end, parts).reshape(c, PARTS).min(axis=1)
+    return _line_bounds(work, R, wrist, end, parts).reshape(c, count).min(axis=1)
 
 
 def _line_bounds(
@@ -60,9 +66,10 @@ def _line_bounds(
     size = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
     axis = cross / size[:, None]
     beta = np.arctan2(size, (v * w).sum(axis=1))
-    beta -= away / one.distance_low + away / other.distance_low
-    # m = v × w changes by no more than |v - w| times the shoulder's way; as a direction by that over its size.
-    tilt = np.minimum(length * away / size, 2.0)
+    for end_rates in (one, other):
+        beta -= _turn(away / np.maximum(end_rates.distance_low, 1e-12))
+    # m = v × w changes by no more than |v - w| times the shoulder's way.
+    tilt = 2.0 * np.sin(0.5 * _turn(length * away / size))
     near, far, passes = _distances(v, w, length, size, away, one, other)
     near = np.maximum(near, arm.reach[0])
     upper, fore = geometry.upper, geometry.fore
@@ -76,6 +83,11 @@ def _line_bounds(
     wrist_way = np.stack([*_shares(last, tilt), sin_gamma])
     bend = _turns_of_joint_4(upper, fore, one, other)
     return _least_time(work, bend, (beta - alpha, shoulder_way), (beta - gamma, wrist_way))
+
+
+def _turn(ratio: FloatArray) -> FloatArray:
+    """Returns by what angle a vector turns at most when its end moves by a share of its length [rad]."""
+    return np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
 
 
 def _distances(

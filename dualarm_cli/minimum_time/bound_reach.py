@@ -11,7 +11,11 @@ from dualarm_cli.kinematics.srs_arm import SrsArm
 
 FULL = 2.0 * np.pi
 ROUNDING = 1e-9
-"""What intervals are widened by, since they are computed in floating point [rad or m]."""
+"""What distances are widened by, since they are computed in floating point [m]."""
+TINY = 1e-5
+"""Where the wrist may be this close to the shoulder, nothing is known of the directions between them [m]."""
+HAIR = 1e-7
+"""What arcs are widened by for the same reason [rad]: a square root of what is lost at the end of the reach."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleC
     """Returns the parts of a grid's cells from which a wrist centre is within reach.
 
     The squared distance from shoulder to wrist is A - B cos(phi - phi_B): the reachable angles are two arcs
-    around phi_B, one to either side, exactly.
+    around phi_B, one to either side; a hair is added to their ends.
 
     Args:
         arm: kinematics in the carried frame, whose z axis is the platform's.
@@ -57,15 +61,18 @@ def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleC
         if not least - ROUNDING <= gap <= most + ROUNDING:
             return AngleCells(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
         return AngleCells(np.arange(len(edges) - 1), edges[:-1], edges[1:])
+    if np.sqrt(max(A - B, 0.0)) > most + ROUNDING or np.sqrt(A + B) < least - ROUNDING:
+        return AngleCells(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
     # In the carried frame the wrist turns backwards: its azimuth is theta - phi.
     nearest = np.arctan2(wrist[1], wrist[0]) - np.arctan2(shoulder[1], shoulder[0])
+    nearest += FULL * np.round((0.5 * (edges[0] + edges[-1]) - nearest) / FULL)
     inner = np.arccos(np.clip((A - least**2) / B, -1.0, 1.0))
     outer = np.arccos(np.clip((A - most**2) / B, -1.0, 1.0))
     index, low, high = [], [], []
     for turn in range(-2, 3):
         for begin, end in ((inner, outer), (-outer, -inner)):
-            first = np.maximum(edges[:-1], nearest + turn * FULL + begin)
-            last = np.minimum(edges[1:], nearest + turn * FULL + end)
+            first = np.maximum(edges[:-1], nearest + turn * FULL + begin - HAIR)
+            last = np.minimum(edges[1:], nearest + turn * FULL + end + HAIR)
             some = np.flatnonzero(first < last)
             index.append(some)
             low.append(first[some])
@@ -128,12 +135,15 @@ def shape_rates(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> ShapeRates
         ]
     )
     least, most = arm.reach
-    near = np.maximum(ends.min(axis=0) - R0 * half, 1e-6)
-    # Between three samples half a width apart: the error of a parabola's chord.
-    bulge = (R0 + R0**2 / near) * half**2 / 8.0
+    near = np.maximum(ends.min(axis=0) - R0 * half, TINY)
+    # Between three samples half a width apart: the way to the nearest one, or the error of a parabola's chord.
+    bulge = np.where(near > TINY, (R0 + R0**2 / near) * half**2 / 8.0, np.inf)
+    bulge = np.minimum(bulge, 0.5 * R0 * half)
+    # Cells end at the reach, but for a hair.
+    least, most = least - R0 * HAIR, most + R0 * HAIR
     low = np.clip(ends.min(axis=0) - bulge - ROUNDING, least, most)
     high = np.clip(ends.max(axis=0) + bulge + ROUNDING, least, most)
-    low = np.maximum(low, 1e-6)
+    nearest, low = np.maximum(low, 0.0), np.maximum(low, TINY)
     rate = R0 / low
     rate_2 = 2.0 * R0 / low + 3.0 * (R0 / low) ** 2
     angle = np.minimum(rate * half, 1.5)
@@ -146,16 +156,14 @@ def shape_rates(arm: SrsArm, wrist: FloatArray, cells: AngleCells) -> ShapeRates
     turning = 1.0 if (half > 0).any() else 0.0
     carried, carried_2 = spin + turning, spin_2 + spin * turning
     first, wrist_first = carried + upper_1, spin + fore_1
-    return ShapeRates(
-        low,
-        high,
-        sin_upper,
-        sin_fore,
+    rates = [
         first,
         carried_2 + upper_2 + upper_1 * carried + first**2,
         wrist_first,
         spin_2 + fore_2 + fore_1 * spin + wrist_first**2,
-    )
+    ]
+    rates = [np.where(low > TINY, r, np.inf) for r in rates]
+    return ShapeRates(nearest, high, sin_upper, sin_fore, *rates)
 
 
 def _bend_rates(

@@ -75,12 +75,6 @@ EFFORTS = {
     ),
 }
 """By name."""
-MOVE = Mesh(np.radians(6.0), 20, 4000, 8, 8)
-"""The grid of a single move."""
-ROUGH_MOVE = Mesh(np.radians(10.0), 16, 1500, 1, 4)
-"""The grid of a single move that is not refined."""
-MOVE_ROUNDS = 6
-"""Rounds of polishing of a single move."""
 PROMISING = 1.06
 """A plan that is slower than the best one by more than this factor is not polished."""
 BANS = 12
@@ -142,30 +136,6 @@ def search(
     return Found(best, bound, None if paths[0] is None else paths[0].total)
 
 
-def best_move(
-    problem: SequenceProblem, extra_angles: FloatArray, refined: bool, seed: int
-) -> Evaluated | None:
-    """Returns the quickest plan found for a single stage, None if there is none.
-
-    For a given platform angle the arms separate. The stage's length, the longer of platform and arm transfers with each
-    arm's work, is looked at over a grid of platform angles with the extra ones among them, for all branches over a grid
-    of arm angles, with lines by their proxy; then refined by linear steps within shrinking radii. The grid's minimum is
-    exact on the grid; nothing is proven between.
-
-    Args:
-        problem: one stage.
-        extra_angles: platform angles to look at besides [rad].
-        refined: whether the grid's plan is refined; without, a coarser grid's plan is found five times as fast.
-        seed: of the refinement.
-    """
-    tables = tuple(StopTable.of(work) for work in problem.arms)
-    path, _ = _on_nodes(problem, tables, MOVE if refined else ROUGH_MOVE, extra_angles)
-    if path is None:
-        return None
-    plan = evaluate(problem, tables, path.decisions)
-    return polish(problem, tables, plan, MOVE_ROUNDS, 0, seed) if refined else plan
-
-
 def _different(pool: list[Evaluated]) -> list[Evaluated]:
     """Returns plans of different length; equal to a nanosecond is the same plan."""
     return list({round(plan.total, 9): plan for plan in reversed(pool)}.values())
@@ -191,14 +161,9 @@ def _on_nodes(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
     mesh: Mesh,
-    extra_angles: FloatArray | None = None,
 ) -> tuple[NodePath | None, float | None]:
     """Returns the beam's plan, with all its lines possible, and the grid's bound."""
     angles, start = grid_angles(problem, mesh.angle_step)
-    if extra_angles is not None and problem.turns:
-        here = angles[start]
-        angles = np.unique(np.concatenate([angles, extra_angles]))
-        start = int(np.searchsorted(angles, here))
     grid = Grid(angles, mesh.arm_angles, mesh.most_nodes)
     arms = []
     for a, work in enumerate(problem.arms):

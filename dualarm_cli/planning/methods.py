@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.move_by_move import solve_move_by_move
+from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.peer_methods import (
     solve_continuous,
     solve_grid,
@@ -51,8 +51,8 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
             why_unsupported=_needs_arm_angles,
         ),
         Solver(
-            name="minimum_time",
-            solve=solve_move_by_move,
+            name=MINIMUM_TIME,
+            solve=_greedy(MINIMUM_TIME),
             summary="Stage by stage: the platform angle and postures of least time for this stage alone.",
             reference="ours",
             why_unsupported=_needs_arm_angles,

@@ -11,7 +11,7 @@ from dualarm_cli.minimum_time.times import Evaluated, evaluate
 from dualarm_cli.peers.grid import local_search
 from dualarm_cli.peers.swarm import particle_swarm
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.move_by_move import solve_move_by_move
+from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.sequence import solve_sequence
 from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
 from dualarm_cli.planning.sequence_problem import sequence_problem
@@ -22,7 +22,7 @@ Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluate
 
 def solve_grid(problem: MethodProblem) -> Decided:
     """Returns the plan of a dense grid, stage by stage, improved by local search."""
-    start = solve_move_by_move(problem)
+    start = _greedy(problem, MINIMUM_TIME)
 
     def improve(
         numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
@@ -40,7 +40,7 @@ def solve_swarm(problem: MethodProblem) -> Decided:
     ) -> Evaluated:
         return particle_swarm(numbers, tables, plan, problem.effort, problem.seed)
 
-    return _improved(problem, _simple(problem), "swarm", improve)
+    return _improved(problem, _greedy(problem, "fixed"), "swarm", improve)
 
 
 def solve_ipopt(problem: MethodProblem) -> Decided:
@@ -51,7 +51,7 @@ def solve_ipopt(problem: MethodProblem) -> Decided:
     ) -> Evaluated:
         return refine(numbers, tables, plan, problem.effort)
 
-    return _improved(problem, _simple(problem), "ipopt", improve)
+    return _improved(problem, _greedy(problem, "fixed"), "ipopt", improve)
 
 
 def solve_continuous(problem: MethodProblem) -> Decided:
@@ -65,8 +65,8 @@ def solve_continuous(problem: MethodProblem) -> Decided:
     return _improved(problem, solve_sequence(problem), "continuous", improve)
 
 
-def _simple(problem: MethodProblem) -> Decided:
-    return Decided(choose_stages(problem.model, problem.job, "fixed", problem.redundancy))
+def _greedy(problem: MethodProblem, name: str) -> Decided:
+    return Decided(choose_stages(problem.model, problem.job, name, problem.redundancy))
 
 
 def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improve) -> Decided:

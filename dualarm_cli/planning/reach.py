@@ -129,7 +129,7 @@ def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
     if stop.retract > 0:
         names.append(f"the end of the {stop.retract * 1000:g} mm retract")
     points = []
-    for name, (R, p) in zip(names, _flanges(stop, turn), strict=True):
+    for name, (R, p) in zip(names, turned_flanges(stop, turn), strict=True):
         feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
         points.append(_PointReach(name, feasible, _miss(stop, R, p)))
     return points
@@ -137,7 +137,7 @@ def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
 
 def _misses(stop: StopProblem, turn: FloatArray) -> list[FloatArray]:
     """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
-    return [_miss(stop, R, p) for R, p in _flanges(stop, turn)]
+    return [_miss(stop, R, p) for R, p in turned_flanges(stop, turn)]
 
 
 def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -146,7 +146,7 @@ def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
     return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
 
 
-def _flanges(stop: StopProblem, turn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+def turned_flanges(stop: StopProblem, turn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
     """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3)."""
     if stop.configurations is not None:
         # Joint targets turn with the platform: what holds at one angle holds at all.

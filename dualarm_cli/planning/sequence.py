@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.minimum_time.search import Found, search
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.move_by_move import solve_move_by_move
+from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan, choose_stages_with
 
-MOVES = "minimum_time"
-"""Name of the method that goes move by move."""
 ALIKE = 0.08
 """A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
 lines are a few percent off, and a third of a cycle is lines."""
 ALIKE_CAPPED = 0.25
 """The same where the tools' speed is capped: the search does not know what a cap costs."""
-REFINED = 0.12
+REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
@@ -58,16 +56,13 @@ def _starts(
     """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    rough = choose_stages_with(
-        problem.model, problem.job, problem.simpler, problem.redundancy, refine=False
-    )
+    names = (*problem.simpler, MINIMUM_TIME)
+    rough = choose_stages_with(problem.model, problem.job, names, problem.redundancy, refine=False)
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
             failure = failure or plan
         else:
             starts[name] = plan
-    with suppress(InfeasibleError):
-        starts[MOVES] = solve_move_by_move(problem, refined=False).stages
     return starts, failure
 
 
@@ -84,17 +79,12 @@ def _rivals(
     total = found.best.total
     few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
     capped = problem.job.tool_speed is not None
-    plans, near = [], []
-    for name, rough in starts.items():
-        slower = _length(rough) / total - 1.0 if total > 0.0 else 0.0
-        if name == MOVES and (few or slower <= REFINED_MOVES):
-            with suppress(InfeasibleError):
-                plans.append(solve_move_by_move(problem).stages)
-        elif name != MOVES and (slower <= REFINED or capped):
-            near.append(name)
-    if near:
-        refined = choose_stages_with(problem.model, problem.job, near, problem.redundancy)
-        plans += [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
+    worth = dict.fromkeys(starts, np.inf if capped else REFINED)
+    if MINIMUM_TIME in worth:
+        worth[MINIMUM_TIME] = np.inf if few else REFINED_MOVES
+    near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
+    refined = choose_stages_with(problem.model, problem.job, near, problem.redundancy)
+    plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     alike = ALIKE_CAPPED if capped else ALIKE
     return tuple(plan for plan in plans if _length(plan) <= (1.0 + alike) * total)
 

@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.redundancy.coarse_ways import coarse_ways
 from dualarm_cli.redundancy.line_following import Followed
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
-from dualarm_cli.redundancy.refinement import leading, refinements
+from dualarm_cli.redundancy.refinement import leading, refinements, variation
 from dualarm_cli.redundancy.stop_batch import StopBatch, batches
 from dualarm_cli.redundancy.target_grid import TargetPostures, target_postures
 from dualarm_cli.redundancy.ways import LINE_SAMPLES, Ways
@@ -44,6 +44,44 @@ def choose_postures(problems: Sequence[StopProblem]) -> list[StopPosture | NoPos
         for number, answer in zip(numbers, _choose(batch), strict=True):
             answers[number] = answer
     return [answer for answer in answers if answer is not None]
+
+
+def choose_near(
+    problems: Sequence[StopProblem],
+    likes: Sequence[StopPosture],
+    limits: Sequence[float],
+    width: float,
+) -> list[StopPosture | None]:
+    """Returns for each stop the quickest posture of a round of variation about another stop's, None for too slow.
+
+    What a search over platform positions needs: the same posture a little further on, mended where it can be.
+
+    Args:
+        problems: of any arms.
+        likes: for each problem a posture of nearly the same stop.
+        limits: for each problem the time from which on a posture is of no use [s].
+        width: half-width of the variation [rad].
+    """
+    answers: list[StopPosture | None] = [None] * len(problems)
+    for numbers, batch in batches(problems):
+        own = [likes[k] for k in numbers]
+        psi = np.array([like.psi_target for like in own])
+        ways = Ways(
+            row=np.arange(len(own)),
+            target=np.array([like.target for like in own]),
+            yaw=np.array([like.yaw for like in own]),
+            branch=np.array([like.branch for like in own]),
+            psi=psi,
+            swing_in=np.array([like.psi_approach for like in own]) - psi,
+            swing_out=np.array([like.psi_retract for like in own]) - psi,
+            time=np.full(len(own), np.inf),
+            cost=np.array([limits[k] for k in numbers]),
+        )
+        varied = variation(batch, ways, width)
+        possible = varied.take(np.flatnonzero(np.isfinite(varied.time)))
+        for row, answer in _held(batch, possible).items():
+            answers[numbers[row]] = answer
+    return answers
 
 
 def _choose(batch: StopBatch) -> list[StopPosture | NoPosture]:
@@ -107,14 +145,20 @@ def _settled(batch: StopBatch, ways: Ways) -> dict[int, StopPosture]:
     for stage in reversed(history):
         # Nearly always the most refined ways hold.
         some = stage.take(left)
-        followed = some.follow(batch, samples)
-        held = followed.ok.reshape(2, -1).all(axis=0)
-        for k in np.flatnonzero(held).tolist():
-            answers[int(some.row[k])] = _posture(some, followed, k)
-        left = left[~held]
+        answers |= _held(batch, some, samples)
+        left = left[[row not in answers for row in some.row.tolist()]]
         if not len(left):
             break
     return answers
+
+
+def _held(batch: StopBatch, ways: Ways, samples: int = DENSE_SAMPLES) -> dict[int, StopPosture]:
+    """Returns by problem the postures of those ways (one of each) that keep all limits at so many samples."""
+    if not len(ways.row):
+        return {}
+    followed = ways.follow(batch, samples)
+    held = np.flatnonzero(followed.ok.reshape(2, -1).all(axis=0))
+    return {int(ways.row[k]): _posture(ways, followed, k) for k in held.tolist()}
 
 
 def _posture(ways: Ways, followed: Followed, k: int) -> StopPosture:

@@ -47,6 +47,11 @@ class _Pattern:
         yaw, psi, shrink = (9, 9, 0.25) if batch.free_yaw else (1, 17, 0.125)
         return cls(_steps(yaw), _steps(1 if batch.given else psi), _steps(1), shrink, 3)
 
+    def thinned(self) -> _Pattern:
+        """Returns the same with three variations at most of each."""
+        yaw, psi, swing = (_steps(min(3, len(v))) for v in (self.yaw, self.psi, self.swing))
+        return replace(self, yaw=yaw, psi=psi, swing=swing)
+
 
 def refinements(batch: StopBatch, ways: Ways) -> list[Ways]:
     """Returns one ever better way of each problem, the first one given; all in lockstep.
@@ -76,6 +81,13 @@ def refinements(batch: StopBatch, ways: Ways) -> list[Ways]:
             lines = _lines(batch, last, yaw)
         found.append(_better(batch, last, lines, pattern, width))
     return found
+
+
+def variation(batch: StopBatch, ways: Ways, width: float) -> Ways:
+    """Returns the best of one round of variation of each way, by up to a half-width [rad]; or the way itself."""
+    pattern = _Pattern.of(batch).thinned()
+    lines = _lines(batch, ways, ways.yaw[:, None] + width * pattern.yaw)
+    return _better(batch, ways, lines, pattern, width)
 
 
 def leading(ways: Ways) -> IntArray:

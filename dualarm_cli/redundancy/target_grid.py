@@ -11,13 +11,15 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs_limits import LIMIT_SLACK
 from dualarm_cli.redundancy.line_following import FLIPPED
-from dualarm_cli.redundancy.problem import NoPosture
+from dualarm_cli.redundancy.problem import NoPosture, StopProblem
 from dualarm_cli.redundancy.stop_batch import StopBatch
 
 ARM_ANGLE_STEPS = 48
 """Arm angles tried at each target: 7.5 degrees apart."""
 KEPT = 48
 """Target postures, quickest transfer first, whose lines are looked at."""
+ROUGH_STEPS = 24
+"""Arm angles where only a first idea of a time is wanted: 15 degrees apart."""
 _ARM_ANGLES = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
 _SECOND = FLIPPED.astype(np.int64)
 
@@ -39,25 +41,13 @@ class TargetPostures:
 def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
     """Returns for every problem the KEPT quickest postures at its target, best first, or why there is none.
 
-    Quickest to get to, that is, by the closed form of the slowest joint. Each joint has only two values over the eight
-    branches of one arm angle, so that times and limits are looked at twice and not eight times.
+    Quickest to get to, that is, by the closed form of the slowest joint.
     """
     if batch.given:
         return [_given(batch, row) for row in range(len(batch.problems))]
     owner, target, yaw = _poses(batch)
     poses = batch.poses(owner, target, yaw)
-    curves = batch.arm.curves(poses.R[:, None], poses.p[:, None])
-    pairs = curves.pairs(np.sin(_ARM_ANGLES), np.cos(_ARM_ANGLES))
-    values = np.array(pairs).transpose(1, 2, 3, 0)
-    start = batch.start[owner][:, None]
-    values = batch.arm.nearest_turns(values, start)
-    time = batch.problems[0].joint_times(values - start)
-    inside = (values >= batch.arm.lower - LIMIT_SLACK) & (values <= batch.arm.upper + LIMIT_SLACK)
-    time = np.where(inside & curves.plane.reachable[..., None], time, np.inf)
-    slowest = time[_SECOND[:, 0], :, :, 0]
-    for joint in range(1, 7):
-        np.maximum(slowest, time[_SECOND[:, joint], :, :, joint], out=slowest)
-    slowest = np.moveaxis(slowest, 0, -1)
+    slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], _ARM_ANGLES)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
     found: list[TargetPostures | NoPosture] = []
     for low, high in pairwise(edges.tolist()):
@@ -70,6 +60,57 @@ def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
         pose = pose + low
         found.append(TargetPostures(target[pose], yaw[pose], branch, _ARM_ANGLES[angle]))
     return found
+
+
+def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
+    """Returns how long the quickest transfer to each of many flange poses takes, nearly [s], shape (m,).
+
+    Over ROUGH_STEPS arm angles and all branches, the platform's own time left out; infinite where none of them is
+    within limits. Where configurations are given they are the only poses there are.
+
+    Args:
+        problem: for the arm, where it starts, and its times.
+        R: flange rotations in the base frame, alternatives second, shape (m, y, 3, 3).
+        p: flange positions [m], shape (m, y, 3).
+    """
+    if problem.configurations is not None:
+        least = float(problem.transfer_time(problem.configurations - problem.start).min())
+        return np.full(len(p), least)
+    angles = np.linspace(-np.pi, np.pi, ROUGH_STEPS, endpoint=False)
+    flat = R.reshape(-1, 3, 3), p.reshape(-1, 3)
+    slowest = _transfer_times(
+        problem, *flat, np.broadcast_to(problem.start, (len(flat[1]), 7)), angles
+    )
+    least_of_all: FloatArray = slowest.reshape(len(p), -1).min(axis=1)
+    return least_of_all
+
+
+def _transfer_times(
+    problem: StopProblem, R: FloatArray, p: FloatArray, start: FloatArray, angles: FloatArray
+) -> FloatArray:
+    """Returns times of transfers [s] to k flange poses at a arm angles in 8 branches, shape (k, a, 8).
+
+    Each joint has only two values over the eight branches of one arm angle, so that times and limits are looked at
+    twice and not eight times. Infinite where a posture is out of reach or limits.
+
+    Args:
+        problem: for the arm and its times.
+        R: flange rotations, shape (k, 3, 3).
+        p: flange positions [m], shape (k, 3).
+        start: where the joints are before [rad], shape (k, 7).
+        angles: arm angles [rad], shape (a,).
+    """
+    arm = problem.arm
+    curves = arm.curves(R[:, None], p[:, None])
+    values = np.array(curves.pairs(np.sin(angles), np.cos(angles))).transpose(1, 2, 3, 0)
+    values = arm.nearest_turns(values, start[:, None])
+    time = problem.joint_times(values - start[:, None])
+    inside = (values >= arm.lower - LIMIT_SLACK) & (values <= arm.upper + LIMIT_SLACK)
+    time = np.where(inside & curves.plane.reachable[..., None], time, np.inf)
+    slowest = time[_SECOND[:, 0], :, :, 0]
+    for joint in range(1, 7):
+        np.maximum(slowest, time[_SECOND[:, joint], :, :, joint], out=slowest)
+    return np.moveaxis(slowest, 0, -1)
 
 
 def _poses(batch: StopBatch) -> tuple[IntArray, IntArray, FloatArray]:

@@ -12,6 +12,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.planning import reach
+from dualarm_cli.planning.stage_choice import Stage, try_places
+from dualarm_cli.planning.stage_problems import Clock
 from dualarm_cli.planning.stages import choose_stages, choose_stages_with, stop_problems
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -61,7 +63,7 @@ def test_together_is_as_each_for_itself(packing, model, start):
 
 def test_one_that_fails_leaves_the_others_alone(packing, model, monkeypatch):
     """A solver whose angles none will do, and whose scan is empty, is a reason; the others plan on."""
-    from dualarm_cli.planning import stages
+    from dualarm_cli.planning import stage_choice as stages
 
     candidates, scan = stages.platform_candidates, stages.reachable_positions
     stuck = []
@@ -145,3 +147,25 @@ def test_the_scan_in_blocks_finds_what_the_whole_scan_finds(packing, model, plac
     expected = [a for a in nearest if usable[angles == a][0]][: reach.SCAN_TRIES]
     found = [float(one[0]) for one in reach.reachable_positions(model, home, stops)]
     assert found == expected
+
+
+def test_solvers_at_the_same_angle_from_different_positions_are_not_confused(packing, model):
+    """Two starts, one platform angle: each has its own transfer, as if it had been alone."""
+    home = np.array(packing.cell.robot.postures["home"])
+    other = home.copy()
+    other[model.arms["left"].columns] += 0.2
+    stage = Stage(model, Clock.of(model, packing), packing.stages()[0], "arm_angle", True)
+    places = {name: ("fixed", np.zeros(1)) for name in ("one", "two", "three")}
+    positions = {"one": home, "two": other, "three": home}
+    together = try_places(stage, positions, places)
+    for name, position in positions.items():
+        alone = try_places(stage, {name: position}, {name: places[name]})[name]
+        assert together[name].start == pytest.approx(position)
+        assert together[name].duration == pytest.approx(alone.duration, rel=1e-9)
+        assert together[name].arrival == pytest.approx(alone.arrival, abs=1e-9)
+    assert together["one"].stops["left"].problem.start == pytest.approx(
+        home[model.arms["left"].columns]
+    )
+    assert together["two"].stops["left"].problem.start == pytest.approx(
+        other[model.arms["left"].columns]
+    )

@@ -1,0 +1,187 @@
+"""One stage: postures at platform positions of one's choice, and the first position that will do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.planning.platform_candidates import platform_candidates
+from dualarm_cli.planning.reach import explain_reach, reachable_positions
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_problems import Clock, stage_problems
+from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem, solve_stops
+
+REACH = "reach"
+"""What a stage's solver is called where none of its angles would do."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage to be decided, for whatever comes before it."""
+
+    model: CellModel
+    clock: Clock
+    work: Mapping[str, tuple[Task, Stop]]
+    redundancy: str
+    refine: bool
+
+    def from_position(
+        self, position: FloatArray, angles: FloatArray
+    ) -> list[dict[str, StopProblem]]:
+        """Returns the arms' stops with the platform at positions (m, k)."""
+        return stage_problems(
+            self.model, self.clock, position, angles, self.work, refine=self.refine
+        )
+
+    def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
+        """Returns the arms' stops with the platform where it is."""
+        return self.from_position(position, position[self.model.platform_columns][None])[0]
+
+
+def choose_stage(
+    stage: Stage, positions: Mapping[str, FloatArray]
+) -> dict[str, StagePlan | InfeasibleError]:
+    """Returns by solver the stage at the first platform position at which every arm finds a posture.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage [rad], shape (n,), by platform solver.
+    """
+    tries = {name: places_to_try(stage, position, name) for name, position in positions.items()}
+    return {
+        name: plan if isinstance(plan, StagePlan) else explain(stage, positions[name], plan)
+        for name, plan in first_that_serve(stage, positions, tries).items()
+    }
+
+
+def first_that_serve(
+    stage: Stage,
+    positions: Mapping[str, FloatArray],
+    tries: Mapping[str, Iterator[tuple[str, FloatArray]]],
+) -> dict[str, StagePlan | Mapping[str, NoPosture]]:
+    """Returns by name the stage at the first place to try that serves, or the arms' reasons against its own last one.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage [rad], shape (n,), by name.
+        tries: platform positions in order, each with the name of what gave it, by name.
+    """
+    left = dict(tries)
+    reasons: dict[str, Mapping[str, NoPosture]] = {name: {} for name in left}
+    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    while left:
+        asked = {name: next(places, None) for name, places in left.items()}
+        places = {name: one for name, one in asked.items() if one is not None}
+        made = try_places(stage, positions, places)
+        for name, one in asked.items():
+            if one is None:
+                found[name] = reasons[name]
+            elif isinstance(plan := made[name], StagePlan):
+                found[name] = plan
+            elif one[0] != REACH:
+                reasons[name] = plan
+        left = {name: places for name, places in left.items() if name not in found}
+    return found
+
+
+def places_to_try(
+    stage: Stage, position: FloatArray, platform: str
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yields platform positions to try, each with the name of what gave it."""
+    at_start = stage.at_start(position)
+    yield from platform_candidates(stage.model, position, at_start, platform)
+    for angles in reachable_positions(stage.model, position, at_start):
+        yield REACH, angles
+
+
+def try_places(
+    stage: Stage,
+    positions: Mapping[str, FloatArray],
+    places: Mapping[str, tuple[str, FloatArray]],
+) -> dict[str, StagePlan | dict[str, NoPosture]]:
+    """Returns by solver the stage at one platform position, or every arm's reason against it.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage, by solver.
+        places: what gave the platform position, and the position, by solver.
+    """
+    keys = {
+        name: (positions[name].tobytes(), angles.tobytes()) for name, (_, angles) in places.items()
+    }
+    firsts = {key: name for name, key in reversed(keys.items())}
+    problems = {
+        key: stage.from_position(positions[name], places[name][1][None])[0]
+        for key, name in firsts.items()
+    }
+    each = [(key, arm) for key, stops in problems.items() for arm in stops]
+    answers = solve_stops(stage.redundancy, [problems[key][arm] for key, arm in each])
+    postures: dict[tuple[bytes, bytes], dict[str, StopPosture | NoPosture]] = {}
+    for (key, arm), answer in zip(each, answers, strict=True):
+        postures.setdefault(key, {})[arm] = answer
+    return {
+        name: stage_plan(stage, positions[name], *places[name], problems[key], postures[key])
+        for name, key in keys.items()
+    }
+
+
+def stage_plan(
+    stage: Stage,
+    position: FloatArray,
+    solver: str,
+    angles: FloatArray,
+    problems: Mapping[str, StopProblem],
+    postures: Mapping[str, StopPosture | NoPosture],
+) -> StagePlan | dict[str, NoPosture]:
+    """Returns the stage from its postures, or the reasons against it."""
+    reasons = {arm: one for arm, one in postures.items() if isinstance(one, NoPosture)}
+    if reasons:
+        return reasons
+    turned = np.array(position)
+    turned[stage.model.platform_columns] = angles
+    arrival, end, longest = turned.copy(), turned.copy(), 0.0
+    stops: dict[str, ArmStop] = {}
+    for arm, posture in postures.items():
+        if isinstance(posture, NoPosture):
+            continue
+        task, stop = stage.work[arm]
+        stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
+        columns = stage.model.arms[arm].columns
+        arrival[columns], end[columns] = posture.q_approach, posture.q_retract
+        longest = max(longest, posture.cost + stop.dwell.total)
+    return StagePlan(np.array(position), arrival, end, stops, solver, longest)
+
+
+def explain(
+    stage: Stage, position: FloatArray, reasons: Mapping[str, NoPosture]
+) -> InfeasibleError:
+    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault."""
+    model = stage.model
+    stops = stage.at_start(position)
+    faults = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
+    faults = {name: fault for name, fault in faults.items() if fault is not None}
+    if not faults:
+        faults = {name: reason.reason for name, reason in reasons.items()}
+        if model.platform.is_turntable and len(stage.work) > 1:
+            faults = dict.fromkeys(
+                stage.work, "reached, but at no platform angle that suits both arms"
+            )
+    lines = []
+    for name, fault in faults.items():
+        task, stop = stage.work[name]
+        lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
+    if not model.platform.joints:
+        where = "no posture"
+    elif model.platform.is_turntable:
+        where = "no posture at any platform angle"
+    else:
+        where = (
+            "no posture with the platform held where it starts (this version turns one joint only)"
+        )
+    return InfeasibleError(where + " makes this stage:\n  " + "\n  ".join(lines))

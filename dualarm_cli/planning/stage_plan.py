@@ -1,0 +1,44 @@
+"""What is decided about a stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.redundancy import StopPosture, StopProblem
+
+
+@dataclass(frozen=True)
+class ArmStop:
+    """What one arm does in a stage."""
+
+    arm: str
+    """Name of the arm."""
+    task: Task
+    """The task it works on."""
+    stop: Stop
+    """The target."""
+    problem: StopProblem
+    """The stop as the redundancy solver saw it, for the lines."""
+    posture: StopPosture
+    """How the stop is made."""
+
+
+@dataclass(frozen=True)
+class StagePlan:
+    """Everything decided about one stage; times follow from it."""
+
+    start: FloatArray
+    """All joints before [rad], shape (n,)."""
+    arrival: FloatArray
+    """All joints after the transfer [rad], shape (n,)."""
+    end: FloatArray
+    """All joints after the retracts [rad], shape (n,)."""
+    stops: Mapping[str, ArmStop]
+    """By arm; an arm without a partner's work in this stage is missing. Empty for a return."""
+    solver: str
+    """The method that gave the platform angle."""
+    duration: float
+    """Length of the stage [s]: transfers and dwells in closed form, lines as estimated."""
