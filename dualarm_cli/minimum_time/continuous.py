@@ -2,47 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.minimum_time.postures import Postures
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem
+from dualarm_cli.minimum_time.program import Program
+from dualarm_cli.minimum_time.program_kinematics import inverse, turned_pose
 from dualarm_cli.minimum_time.stops import StopTable, flange_poses, platform_positions
-from dualarm_cli.minimum_time.times import (
-    Chain,
-    Evaluated,
-    evaluate,
-    start_angle,
-    start_joints,
-)
-from dualarm_cli.minimum_time.variables import Variables
-from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.minimum_time.variables import FIELDS, Slopes, Variables, slopes
 
 LIMIT_MARGIN = 1e-4
 """What is kept free of position limits [rad]: the solver meets constraints to a millionth."""
-LARGEST_MOVES = (0.3, 0.1, 0.02)
-"""How far a variable may move from the plan so far, program after program [rad]; branches and whole turns stay."""
-ITERATIONS = {"quick": 40, "normal": 120, "thorough": 400}
+BOXES = {
+    "quick": (0.1, 0.02),
+    "normal": (0.3, 0.1, 0.03, 0.01),
+    "thorough": (0.6, 0.3, 0.3, 0.1, 0.1, 0.03, 0.03, 0.01, 0.003),
+}
+"""How far a variable may move from the best plan so far, program after program, by effort [rad]."""
+SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Shares of a program's step that are tried: lines are linear in it."""
+ITERATIONS = {"quick": 60, "normal": 150, "thorough": 500}
 """IPOPT's iterations by effort."""
-SHORTEST = 0.02
-"""Least time from which the program begins for a transfer or a line [s]: the reachable distance is flat below."""
-LEAST_SHARE, MOST_SHARE = 0.4, 2.0
-"""Range of a time, as shares of what it is in the given plan."""
+NEAR_CRITICAL = 0.6
+"""Share of a line's time from which on a joint's own time is watched."""
 
 
 def refine(
     problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated, effort: str
 ) -> Evaluated:
-    """Returns a plan that is nowhere slower than the given one.
+    """Returns a plan that is never slower than the given one.
 
     Variables are the platform angles, the arm angles at the targets and at the outer ends of the lines, free yaws, and
     the times of all transfers and lines; joints follow from the closed-form inverse kinematics with the branches of the
     given plan. A move of d takes T if |d| <= D_j(T) for every joint, with D_j the distance reached from rest to rest:
-    the closed form turned round, smooth but for its second derivative where a limit sets in. A line's time is that of
-    its joints' displacements, times the factor that it has in the given plan. IPOPT finds a local optimum within a box,
-    three times in ever smaller ones; it is evaluated exactly, and taken only if it is possible and faster.
+    the closed form turned round, once continuously differentiable, with a second derivative that jumps where a limit
+    sets in. A line's time is linear in the variables, joint by joint, about the plan so far. IPOPT finds a local
+    optimum within a box; shares of its step are timed exactly, as they are and combined stage by stage, and the fastest
+    is taken. Then again, in smaller boxes.
 
     Args:
         problem: the sequence.
@@ -51,313 +52,130 @@ def refine(
         effort: one of ITERATIONS.
     """
     variables = Variables.of(problem)
-    if not variables.count:
+    if not variables.count or not np.isfinite(start.total):
         return start
     best = start
-    for largest in LARGEST_MOVES:
-        step = _solve(problem, tables, variables, best, ITERATIONS[effort], largest)
-        # A step that the lines' fixed factors make too long may be good in part.
-        tried = [
-            evaluate(problem, tables, variables.moved(best.decisions, share * step))
-            for share in (1.0, 0.5, 0.25)
-        ]
-        best = min([best, *tried], key=lambda plan: plan.total)
+    for box in BOXES[effort]:
+        program = _AngleProgram.of(problem, tables, best, box)
+        values = program.solve(ITERATIONS[effort])
+        if values is None:
+            continue
+        step = program.step_of_all(variables, values)
+        moved = [variables.moved(best.decisions, share * step) for share in SHARES]
+        # Whole steps too: a combination keeps the start of a cycle that closes where it is.
+        whole = [evaluate(problem, tables, plan) for plan in moved]
+        best = min([best, *whole], key=lambda plan: plan.total)
+        best = best_combination(problem, tables, best, moved)
     return best
 
 
-def _solve(
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    variables: Variables,
-    start: Evaluated,
-    iterations: int,
-    largest: float,
-) -> FloatArray:
-    """Returns the step of all variables to the program's optimum [rad]; zeros where IPOPT gives none."""
-    import casadi as ca
+@dataclass
+class _AngleProgram(Program):
+    """The program whose unknowns are a plan's own continuous decisions."""
 
-    n, v = problem.stages, variables.count
-    x = ca.MX.sym("x", v)
-    stage = ca.MX.sym("stage", n + 1)
-    unknown, first_guess = [x, stage], [np.zeros(v), np.append(start.stages, start.closing)]
-    lower = [np.full(v, -largest), np.zeros(n + 1)]
-    upper = [np.full(v, largest), np.full(n + 1, np.inf)]
-    if problem.turns:
-        low, high = problem.platform_range
-        lower[0][variables.angle] = np.maximum(-largest, low - start.decisions.angle)
-        upper[0][variables.angle] = np.minimum(largest, high - start.decisions.angle)
-    below: list[Any] = []
-    angle = [
-        start.decisions.angle[k] + (x[int(variables.angle[k])] if problem.turns else 0.0)
-        for k in range(n)
-    ]
-    begin_angle = angle[0] if problem.free_start else start_angle(problem, start.decisions.angle)
+    rates: tuple[Slopes, ...] = ()
+    """What the lines' times do, by arm."""
+    numbering: tuple[IntArray, ...] = ()
+    """Which FIELDS are free, by arm: see `Variables`."""
+    steps: dict[tuple[int, int, int], Any] = field(default_factory=dict)
+    """Of arm, stage and FIELDS."""
 
-    def time(guess: float) -> Any:
-        """Adds a time to the unknowns."""
-        symbol = ca.MX.sym("t")
-        unknown.append(symbol)
-        guess = max(guess, SHORTEST)
-        first_guess.append(np.array([guess]))
-        lower.append(np.array([LEAST_SHARE * guess]))
-        upper.append(np.array([MOST_SHARE * guess]))
-        return symbol
+    @classmethod
+    def of(
+        cls, problem: SequenceProblem, tables: tuple[StopTable, ...], start: Evaluated, box: float
+    ) -> _AngleProgram:
+        """Returns the program around a possible plan."""
+        rates = tuple(
+            slopes(problem, a, table, start.decisions, start.arms[a])
+            for a, table in enumerate(tables)
+        )
+        program = cls(
+            problem, tables, start, box, rates=rates, numbering=Variables.of(problem).arms
+        )
+        program.write()
+        return program
 
-    for a, work in enumerate(problem.arms):
-        kinematics = _stop_function(work)
-        chain, found = Chain.of(work), start.arms[a]
-        q_from: Any = ca.DM(start_joints(problem, work, chain, found))
-        begin = q_from
-        for k in chain.active.tolist():
-            q = _joints(ca, problem, tables, variables, start, kinematics, a, k, x)
-            if problem.free_start and k == 0:
-                begin = q[0]
-                transfer = None
-            else:
-                before = angle[k - 1] if k else begin_angle
-                transfer = time(_guess(work, problem, found, start, a, k))
-                below += _within(ca, work.law, q[0] - q_from, transfer)
-                if problem.platform_law is not None:
-                    below += _within(
-                        ca, problem.platform_law, ca.vertcat(angle[k] - before), transfer
-                    )
-            length = (transfer if transfer is not None else 0.0) + tables[a].dwell[k]
-            for one, other, spent in ((q[0], q[1], found.approach), (q[1], q[2], found.retract)):
-                asked = float(spent[k].max())
-                if asked > 0.0:
-                    line = time(asked / _factor(work, found, k, spent is found.approach))
-                    below += _within(ca, work.law, other - one, line)
-                    length = length + line * _factor(work, found, k, spent is found.approach)
-            below.append(length - stage[k])
-            below += _limits(ca, work, q)
-            q_from = q[2]
-        if problem.returns and len(chain.active):
-            below += _within(ca, work.law, begin - q_from, stage[n])
-    if problem.returns and problem.platform_law is not None:
-        below += _within(ca, problem.platform_law, ca.vertcat(begin_angle - angle[-1]), stage[n])
-    if not problem.returns:
-        upper[1][n] = 0.0
-    else:
-        lower[1][n] = min(SHORTEST, max(start.closing, 1e-9))
-    return _optimum(ca, unknown, first_guess, lower, upper, stage, below, v, iterations)
+    def step_of_all(self, variables: Variables, values: FloatArray) -> FloatArray:
+        """Returns the step of all variables for values of the unknowns [rad], shape (count,)."""
+        step: list[Any] = [0.0] * variables.count
+        for (a, k, column), symbol in self.steps.items():
+            step[int(variables.arms[a][k, column])] = symbol
+        if self.problem.turns:
+            for k, place in enumerate(variables.angle.tolist()):
+                step[place] = self.turn(k)
+        return self.numbers(step, values)
 
+    def turn(self, k: int) -> Any:
+        """Returns how far the platform is from where the plan so far has it."""
+        return self.angle[k] - float(self.start.decisions.angle[k])
 
-def _optimum(
-    ca: Any,
-    unknown: list[Any],
-    first_guess: list[FloatArray],
-    lower: list[FloatArray],
-    upper: list[FloatArray],
-    stage: Any,
-    below: list[Any],
-    count: int,
-    iterations: int,
-) -> FloatArray:
-    constraints = ca.vertcat(*below)
-    program = {"x": ca.vertcat(*unknown), "f": ca.sum1(stage), "g": constraints}
-    options = {
-        "print_time": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": iterations,
-            "tol": 1e-6,
-        },
-    }
-    solver = ca.nlpsol("sequence", "ipopt", program, options)
-    solution = solver(
-        x0=np.concatenate(first_guess),
-        lbx=np.concatenate(lower),
-        ubx=np.concatenate(upper),
-        lbg=-np.inf,
-        ubg=0.0,
-    )
-    step = np.array(solution["x"]).ravel()[:count]
-    return step if np.isfinite(step).all() else np.zeros(count)
+    def step(self, a: int, k: int, column: int) -> Any:
+        """Returns the step of one of an arm's FIELDS."""
+        return self.steps.get((a, k, column), 0.0)
 
+    def stop(self, a: int, k: int) -> tuple[Any, Any, Any]:
+        """Returns the joints of one stop as functions of its decisions."""
+        work, table, found = self.problem.arms[a], self.tables[a], self.start.arms[a]
+        row = self.start.decisions.arms[a].take(np.array([k]))
+        index = table.first[[k]] + row.target
+        carried = bool(table.carried[index[0]])
+        position = platform_positions(self.problem, self.start.decisions.angle[[k]])
+        R, p, z = (
+            value[0]
+            for value in flange_poses(self.problem.platform, work, table, index, row.yaw, position)
+        )
+        for column in np.flatnonzero(self.numbering[a][k] >= 0).tolist():
+            bounds = np.array([-self.box]), np.array([self.box])
+            self.steps[a, k, column] = self.variable(np.zeros(1), *bounds)
+        turn = self.turn(k) if self.problem.turns and not carried else 0.0
+        psi = float(row.psi_target[0]) + self.step(a, k, 0)
+        ends = (
+            (float(table.approach[k]), float(row.psi_approach[0]), 1, found.q_approach[k]),
+            (0.0, 0.0, 0, found.q_target[k]),
+            (float(table.retract[k]), float(row.psi_retract[0]), 2, found.q_retract[k]),
+        )
+        joints = []
+        for depth, psi_end, column, near in ends:
+            if carried and depth == 0.0:
+                joints.append(near)
+                continue
+            arm_angle = psi
+            if depth > 0.0:
+                # Where there is no line the arm angle has nothing to vary along.
+                arm_angle = psi_end + self.step(a, k, 0) + self.step(a, k, column)
+            R_here, p_here = turned_pose(work, R, p - depth * z, turn, self.step(a, k, 3))
+            q = inverse(work.kinematics, R_here, p_here, arm_angle, int(row.branch[0]), near)
+            joints.append(q)
+            self._within_limits(work, q)
+        return joints[0], joints[1], joints[2]
 
-def _guess(
-    work: ArmWork, problem: SequenceProblem, found: Postures, start: Evaluated, a: int, k: int
-) -> float:
-    """Returns how long the transfer into a stage takes in the given plan [s]."""
-    chain = Chain.of(work)
-    came = int(chain.previous[k])
-    q_from = found.q_retract[came] if came >= 0 else start_joints(problem, work, chain, found)
-    own = float(work.law.duration(found.q_approach[k] - q_from))
-    if problem.platform_law is None:
-        return own
-    angle = start.decisions.angle
-    before = angle[k - 1] if k else start_angle(problem, angle)
-    return max(own, float(problem.platform_law.duration(np.array([angle[k] - before]))))
-
-
-def _factor(work: ArmWork, found: Postures, k: int, approach: bool) -> float:
-    """Returns the time of a line over the rest-to-rest time of its joints' displacements in the given plan."""
-    spent = found.approach[k] if approach else found.retract[k]
-    end = found.q_approach[k] if approach else found.q_retract[k]
-    straight = float(work.law.duration(end - found.q_target[k]))
-    return float(spent.max()) / max(straight, 1e-9)
-
-
-def _within(ca: Any, law: RestToRest, moved: Any, time: Any) -> list[Any]:
-    """Returns expressions that are not positive where every joint gets there in time: |d| - D_j(T)."""
-    constraints = []
-    for joint in range(len(law.velocity)):
-        reach = _reachable(ca, law, joint, time)
-        constraints += [moved[joint] - reach, -moved[joint] - reach]
-    return constraints
-
-
-def _reachable(ca: Any, law: RestToRest, joint: int, time: Any) -> Any:
-    """Returns D(T) of one joint as `RestToRest.reachable_distance`, in CasADi."""
-    v, a, j = (float(x[joint]) for x in (law.velocity, law.acceleration, law.jerk))
-    ramp = a / j
-    reaches_a = v * j >= a * a
-    t_v = v / a + ramp if reaches_a else 2.0 * np.sqrt(v / j)
-    full = v * (time - t_v)
-    middle = a * (0.5 * time - ramp) * 0.5 * time
-    if np.isinf(j):
-        return ca.if_else(time >= 2.0 * t_v, full, middle)
-    short = j * time**3 / 32.0
-    if not reaches_a:
-        return ca.if_else(time >= 2.0 * t_v, full, short)
-    slow = ca.if_else(time <= 4.0 * ramp, short, middle)
-    return ca.if_else(time >= 2.0 * t_v, full, slow)
-
-
-def _limits(ca: Any, work: ArmWork, q: list[Any]) -> list[Any]:
-    """Returns expressions that are not positive where all joints keep their position limits."""
-    constraints = []
-    for joints in q:
+    def _within_limits(self, work: ArmWork, q: Any) -> None:
+        """Adds the position limits of those joints that may come near them."""
         for joint in range(7):
             low, high = work.limits.lower[joint], work.limits.upper[joint]
             if np.isfinite(high):
-                constraints.append(joints[joint] - (high - LIMIT_MARGIN))
+                self.below.append(q[joint] - (high - LIMIT_MARGIN))
             if np.isfinite(low):
-                constraints.append((low + LIMIT_MARGIN) - joints[joint])
-    return constraints
+                self.below.append((low + LIMIT_MARGIN) - q[joint])
 
-
-def _joints(
-    ca: Any,
-    problem: SequenceProblem,
-    tables: tuple[StopTable, ...],
-    variables: Variables,
-    start: Evaluated,
-    kinematics: Any,
-    a: int,
-    k: int,
-    x: Any,
-) -> list[Any]:
-    """Returns joints at the approach's start, the target and the retract's end as expressions."""
-    work, table, found = problem.arms[a], tables[a], start.arms[a]
-    row = start.decisions.arms[a].take(np.array([k]))
-    column = variables.arms[a][k]
-
-    def moved(field: int) -> Any:
-        return x[int(column[field])] if column[field] >= 0 else 0.0
-
-    carried = bool(table.carried[table.first[k] + row.target[0]])
-    position = platform_positions(problem, start.decisions.angle[[k]])
-    R, p, z = (
-        value[0]
-        for value in flange_poses(
-            problem.platform, work, table, table.first[[k]] + row.target, row.yaw, position
-        )
-    )
-    turn = x[int(variables.angle[k])] if problem.turns and not carried else 0.0
-    psi = float(row.psi_target[0]) + moved(0)
-
-    def outer(length: float, psi_end: float, field: int) -> tuple[float, Any]:
-        # Where there is no line the arm angle has nothing to vary along.
-        swing = psi_end - float(row.psi_target[0]) + moved(field) if length > 0.0 else 0.0
-        return length, psi + swing
-
-    ends = (
-        outer(float(table.approach[k]), float(row.psi_approach[0]), 1),
-        (0.0, psi),
-        outer(float(table.retract[k]), float(row.psi_retract[0]), 2),
-    )
-    near = (found.q_approach[k], found.q_target[k], found.q_retract[k])
-    yaw = moved(3)
-    results = []
-    for (length, arm_angle), reference in zip(ends, near, strict=True):
-        if carried and length == 0.0:
-            results.append(ca.DM(reference))
-            continue
-        results.append(
-            kinematics(R, p - length * z, turn, yaw, arm_angle, int(row.branch[0]), reference)
-        )
-    return results
-
-
-def _stop_function(work: ArmWork) -> Any:
-    """Returns a CasADi function of (R, p, platform turn, yaw, arm angle, branch, reference) -> joints."""
-    import casadi as ca
-
-    geometry, canonical = work.kinematics.geometry, work.kinematics.canonical
-    R0, p0 = ca.SX.sym("R", 3, 3), ca.SX.sym("p", 3)
-    turn, yaw, psi = (ca.SX.sym(name) for name in ("turn", "yaw", "psi"))
-    branch, near = ca.SX.sym("branch"), ca.SX.sym("near", 7)
-    # The tool turns about its own z axis through its centre point, then everything with the platform, backwards.
-    tool = ca.DM(work.R_tool_flange)
-    spin = ca.mtimes([tool.T, _rotation(ca, yaw), tool])
-    tcp = -ca.mtimes(tool.T, ca.DM(work.p_tool_flange))
-    R_yawed = ca.mtimes(R0, spin)
-    p_yawed = p0 + ca.mtimes(R0, tcp) - ca.mtimes(R_yawed, tcp)
-    back = _rotation(ca, -turn)
-    R, p = ca.mtimes(back, R_yawed), ca.mtimes(back, p_yawed)
-    B, C = ca.DM(canonical.B), ca.DM(canonical.C)
-    wrist = p + ca.mtimes(R, ca.DM(geometry.p_flange_wrist))
-    w = ca.mtimes(B.T, wrist - ca.DM(geometry.shoulder))
-    R7 = ca.mtimes([B.T, R, C.T])
-    shoulder, fore, bend = _arm_plane(ca, w, psi, geometry.upper, geometry.fore)
-    outer = ca.mtimes(fore, R7)
-    elbow = ca.floor(branch / 4)
-    flip = ca.floor(branch / 2) - 2 * elbow
-    wrist_bit = branch - 4 * elbow - 2 * flip
-    theta: list[Any] = [None] * 7
-    for first, triple, mine in ((0, shoulder, flip), (4, outer, wrist_bit)):
-        sign = 1 - 2 * mine
-        theta[first] = ca.atan2(sign * triple[1, 2], sign * triple[0, 2])
-        size = ca.sqrt(triple[0, 2] ** 2 + triple[1, 2] ** 2)
-        theta[first + 1] = sign * ca.atan2(size, triple[2, 2])
-        theta[first + 2] = ca.atan2(sign * triple[2, 1], -sign * triple[2, 0])
-    theta[2] = theta[2] + np.pi * elbow
-    theta[4] = theta[4] + np.pi * elbow
-    theta[3] = (1 - 2 * elbow) * bend
-    q = []
-    for joint in range(7):
-        raw = canonical.sign[joint] * (theta[joint] - canonical.offset[joint])
-        gap = raw - near[joint]
-        # On the turn of the reference, without a jump where it crosses half a turn.
-        q.append(near[joint] + ca.atan2(ca.sin(gap), ca.cos(gap)))
-    return ca.Function("stop", [R0, p0, turn, yaw, psi, branch, near], [ca.vertcat(*q)])
-
-
-def _arm_plane(ca: Any, w: Any, psi: Any, upper: float, fore: float) -> tuple[Any, Any, Any]:
-    """Returns the shoulder triple, the transposed frame of the forearm, and the bend; see `ArmPlane`."""
-    d = ca.sqrt(ca.dot(w, w))
-    u = w / d
-    cos_bend = (d * d - upper**2 - fore**2) / (2.0 * upper * fore)
-    bend = ca.acos(ca.fmin(ca.fmax(cos_bend, -1.0 + 1e-12), 1.0 - 1e-12))
-    a = ca.atan2(fore * ca.sin(bend), upper + fore * ca.cos(bend))
-    f = bend - a
-    # reference_directions without its division: v c² = x²/(1+z), v c s = x y/(1+z).
-    x, y, z = u[0], u[1], u[2]
-    r = ca.vertcat(1 - x * x / (1 + z), -x * y / (1 + z), -x)
-    t = ca.vertcat(-x * y / (1 + z), 1 - y * y / (1 + z), -y)
-    h, m = r * ca.cos(psi) + t * ca.sin(psi), t * ca.cos(psi) - r * ca.sin(psi)
-    shoulder = ca.horzcat(ca.sin(a) * u - ca.cos(a) * h, -m, ca.cos(a) * u + ca.sin(a) * h)
-    forearm = ca.vertcat(
-        (-ca.cos(f) * h - ca.sin(f) * u).T, -m.T, (ca.cos(f) * u - ca.sin(f) * h).T
-    )
-    return shoulder, forearm, bend
-
-
-def _rotation(ca: Any, angle: Any) -> Any:
-    """Returns a rotation about z."""
-    c, s = ca.cos(angle), ca.sin(angle)
-    return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
+    def lines(self, a: int, k: int) -> Any:
+        """Returns the time of both lines, each joint's linear in the stop's decisions [s]."""
+        found, rates = self.start.arms[a], self.rates[a]
+        row = self.start.decisions.arms[a].take(np.array([k]))
+        carried = bool(self.tables[a].carried[self.tables[a].first[k] + row.target[0]])
+        turn = self.turn(k) if self.problem.turns and not carried else 0.0
+        steps = [turn, *(self.step(a, k, column) for column in range(len(FIELDS)))]
+        total: Any = 0.0
+        for spent, slope in (
+            (found.approach[k], rates.approach[k]),
+            (found.retract[k], rates.retract[k]),
+        ):
+            longest = float(spent.max())
+            if longest <= 0.0:
+                continue
+            time = self.time(longest)
+            for joint in np.flatnonzero(spent >= NEAR_CRITICAL * longest).tolist():
+                change = sum(float(c) * step for c, step in zip(slope[joint], steps, strict=True))
+                self.below.append(float(spent[joint]) + change - time)
+            total = total + time
+        return total

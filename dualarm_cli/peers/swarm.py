@@ -16,10 +16,11 @@ INERTIA, PULL = 0.7298, 1.49618
 """Constriction coefficients [Clerc2002]."""
 PARTICLES = 40
 """Size of the swarm, the customary one."""
-ITERATIONS = {"quick": 40, "normal": 150, "thorough": 1000}
+ITERATIONS = {"quick": 60, "normal": 500, "thorough": 3000}
 """By effort."""
-SPREAD = 0.05
-"""Standard deviation of the first positions around the start [rad]."""
+SPREADS = (0.0005, 0.05)
+"""Least and greatest standard deviation of the first positions around the start, and of the speeds [rad]: with many
+variables all wide steps are worse than the start, and a swarm that begins with nothing else falls back to it."""
 
 
 def particle_swarm(
@@ -32,7 +33,7 @@ def particle_swarm(
     """Returns the best plan that a particle swarm finds; never slower than the start.
 
     Variables are platform angles, arm angles and free yaws; branches stay. One particle begins at the start, the others
-    around it. A stage that a particle makes impossible stays as it is at the start.
+    around it, from very near to farther away. A stage that a particle makes impossible stays as it is at the start.
 
     Args:
         problem: the sequence.
@@ -45,9 +46,9 @@ def particle_swarm(
     if not variables.count:
         return start
     random = np.random.default_rng(seed)
-    place = random.normal(scale=SPREAD, size=(PARTICLES, variables.count))
+    scale = np.geomspace(*SPREADS, PARTICLES)[:, None]
+    place, speed = scale * random.normal(size=(2, PARTICLES, variables.count))
     place[0] = 0.0
-    speed = np.zeros_like(place)
     best_place, best_value = place.copy(), np.full(PARTICLES, np.inf)
     for _ in range(ITERATIONS[effort]):
         value = _totals(problem, tables, variables, start, place)

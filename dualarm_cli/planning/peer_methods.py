@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from dualarm_cli.minimum_time.continuous import refine
 from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
-from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.minimum_time.times import Evaluated
 from dualarm_cli.peers.grid import local_search
+from dualarm_cli.peers.ipopt import nonlinear_program
+from dualarm_cli.peers.repair import repaired
 from dualarm_cli.peers.swarm import particle_swarm
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
@@ -44,12 +47,12 @@ def solve_swarm(problem: MethodProblem) -> Decided:
 
 
 def solve_ipopt(problem: MethodProblem) -> Decided:
-    """Returns IPOPT's local optimum from the plan of the method `fixed`."""
+    """Returns IPOPT's local optimum over joints from the plan of the method `fixed`."""
 
     def improve(
         numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
     ) -> Evaluated:
-        return refine(numbers, tables, plan, problem.effort)
+        return nonlinear_program(numbers, tables, plan, problem.effort)
 
     return _improved(problem, _greedy(problem, "fixed"), "ipopt", improve)
 
@@ -74,7 +77,15 @@ def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improv
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job)
     tables = tuple(StopTable.of(work) for work in numbers.arms)
-    plan = evaluate(numbers, tables, decisions_of(numbers, model, start.stages))
+    plan = repaired(numbers, tables, decisions_of(numbers, model, start.stages))
+    if plan is None:
+        note = (
+            f"{name}: the plan it starts from is too close to a joint limit; it was left as it is"
+        )
+        return replace(start, notes=(*start.notes, note))
     better = improve(numbers, tables, plan)
     stages = stage_plans(model, job, numbers, better.decisions, name)
-    return Decided(stages, start.grid_gap, (start.stages, *start.alternatives), start.notes)
+    notes = start.notes
+    if better.total >= plan.total:
+        notes = (*notes, f"{name} found nothing faster than the plan it starts from")
+    return Decided(stages, start.grid_gap, (start.stages, *start.alternatives), notes)

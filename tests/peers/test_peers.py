@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -9,6 +10,8 @@ from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.peers.grid import local_search
+from dualarm_cli.peers.ipopt import nonlinear_program
+from dualarm_cli.peers.repair import repaired
 from dualarm_cli.peers.swarm import particle_swarm
 from dualarm_cli.planning.sequence_plans import decisions_of
 from dualarm_cli.planning.sequence_problem import sequence_problem
@@ -41,3 +44,37 @@ def test_the_swarm_gains_and_depends_on_its_seed_alone(start):
     problem, tables, plan = start
     one, two = (particle_swarm(problem, tables, plan, "quick", 7) for _ in range(2))
     assert one.total == two.total < plan.total
+
+
+def test_ipopt_gains_and_gives_the_same_twice(start):
+    """From the same plan, bit for bit; what it says is exact: its plan's own times."""
+    problem, tables, plan = start
+    one, two = (nonlinear_program(problem, tables, plan, "quick") for _ in range(2))
+    assert one.total == two.total < plan.total
+    assert evaluate(problem, tables, one.decisions).total == one.total
+
+
+def test_a_start_beyond_a_limit_is_repaired_where_it_is_impossible_only(start):
+    """One arm's lines get a swing that no joint limit allows; the other stages stay as they were."""
+    problem, tables, plan = start
+    left = plan.decisions.arms[0]
+    spoiled = np.array(left.psi_approach)
+    k = int(np.flatnonzero(tables[0].active & (tables[0].approach > 0.0))[0])
+    spoiled[k] += 3.0
+    arms = (dataclasses.replace(left, psi_approach=spoiled), *plan.decisions.arms[1:])
+    decisions = dataclasses.replace(plan.decisions, arms=arms)
+    assert evaluate(problem, tables, decisions).total == np.inf
+    found = repaired(problem, tables, decisions)
+    assert found is not None
+    assert np.isfinite(found.total)
+    others = np.arange(problem.stages) != k
+    for before, after in zip(decisions.arms, found.decisions.arms, strict=True):
+        assert np.array_equal(before.psi_approach[others], after.psi_approach[others])
+
+
+def test_a_possible_start_is_left_alone(start):
+    """Bit for bit."""
+    problem, tables, plan = start
+    found = repaired(problem, tables, plan.decisions)
+    assert found is not None
+    assert found.total == plan.total
