@@ -68,8 +68,9 @@ def beam_search(
     angles: FloatArray,
     width: int,
     per_angle: int,
-) -> NodePath | None:
-    """Returns a plan on the nodes, None where none was found.
+    plans: int = 1,
+) -> list[NodePath]:
+    """Returns the best plan found on the nodes, and the next best ones of other branches, targets or yaws.
 
     From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
     needs, plus the larger of what the arms still need at least. The best `width` different states are kept.
@@ -77,22 +78,57 @@ def beam_search(
     Args:
         problem: the sequence.
         arms: layers with potentials.
-        angles: the grid's platform angles [rad], shape (f,).
+        angles: the grid's platform angles at each stage [rad], shape (n, f).
         width: how many states are kept.
         per_angle: how many nodes of each arm are paired at each platform angle; with all of them and all states kept,
-            the plan is the best one on the nodes.
+            the first plan is the best one on the nodes.
+        plans: how many plans at most.
     """
     states = _first(problem, arms)
     steps: list[_Step] = []
     for k in range(problem.stages):
-        found = _extend(problem, arms, angles, states, k, width, per_angle)
+        found = _extend(problem, arms, angles.shape[1], states, k, width, per_angle)
         if found is None:
-            return None
+            return []
         step, states = found
         steps.append(step)
-    total = states.spent + states.left.max(axis=0)
-    best = int(np.argmin(total))
-    return _path(problem, arms, angles, steps, best, float(total[best]))
+    total = states.spent + np.maximum(states.left.max(axis=0), _closing(problem, arms, steps))
+    if plans == 1:
+        best = int(np.argmin(total))
+        return [_path(problem, arms, angles, steps, best, float(total[best]))]
+    found_plans: dict[bytes, NodePath] = {}
+    for state in np.argsort(total, kind="stable").tolist():
+        path = _path(problem, arms, angles, steps, state, float(total[state]))
+        found_plans.setdefault(_kind(path.decisions), path)
+        if len(found_plans) == plans:
+            break
+    return list(found_plans.values())
+
+
+def _closing(
+    problem: SequenceProblem, arms: tuple[ArmLayers, ...], steps: list[_Step]
+) -> NDArray[np.float32]:
+    """Returns how long the final states take to close a cycle whose start is free [s], shape (b,), else 0."""
+    closing = np.zeros(len(steps[-1].parent), dtype=np.float32)
+    if not (problem.returns and problem.free_start):
+        return closing
+    state = np.arange(len(closing))
+    for step in steps[:0:-1]:
+        state = step.parent[state]
+    first, last = steps[0].node[:, state], steps[-1].node
+    for a, arm in enumerate(arms):
+        begin, end = arm.layers[0], arm.layers[-1]
+        if begin is not None and end is not None:
+            origin, goal = rows_of(end.retract, last[a]), rows_of(begin.approach, first[a])
+            times = arm.table.times(origin, goal, free_columns(begin, end))
+            np.maximum(closing, times.diagonal(), out=closing)
+    return closing
+
+
+def _kind(decisions: Decisions) -> bytes:
+    """Returns what two plans have in common if polishing may turn one into the other."""
+    rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in decisions.arms]
+    return np.concatenate(rows).tobytes()
 
 
 def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
@@ -109,15 +145,15 @@ def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
 def _extend(
     problem: SequenceProblem,
     arms: tuple[ArmLayers, ...],
-    angles: FloatArray,
+    f: int,
     states: _States,
     k: int,
     width: int,
     per_angle: int,
 ) -> tuple[_Step, _States] | None:
-    """Returns the best states after stage k, None where no pair of nodes fits together."""
+    """Returns the best states after stage k, None where no pair of nodes fits together; f platform angles each."""
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
-    b, f = len(states.spent), len(angles)
+    b = len(states.spent)
     # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
     options = [_options(problem, arms[a], states, a, k, f, per_angle) for a in working]
     cost, left, nodes = options[0]
@@ -241,7 +277,7 @@ def _path(
     nodes = np.full((len(arms), n), -1, dtype=np.int64)
     for k in range(n - 1, -1, -1):
         step = steps[k]
-        angle[k] = angles[step.angle_index[best]]
+        angle[k] = angles[k, step.angle_index[best]]
         nodes[:, k] = step.node[:, best]
         best = int(step.parent[best])
     decisions = tuple(_arm(problem, a, arm, nodes[a]) for a, arm in enumerate(arms))

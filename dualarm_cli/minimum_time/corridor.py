@@ -24,7 +24,6 @@ def best_combination(
     tables: tuple[StopTable, ...],
     best: Evaluated,
     others: list[Decisions],
-    frozen: int | None = None,
 ) -> Evaluated:
     """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
 
@@ -37,14 +36,11 @@ def best_combination(
         tables: the arms' stops.
         best: a possible plan.
         others: plans to combine it with.
-        frozen: a stage that stays as it is in `best`.
     """
     plans = [best.decisions, *others]
     angle = np.stack([plan.angle for plan in plans], axis=1)
     found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
     cost = stage_costs(problem, best, found, angle)
-    if frozen is not None:
-        cost[frozen, :, 1:] = np.inf
     picked = _shortest(cost, closing_costs(problem, best, found, angle))
     if not picked.any():
         return best
@@ -125,33 +121,52 @@ def stage_costs(
 def closing_costs(
     problem: SequenceProblem, best: Evaluated, found: list[Postures], angle: FloatArray
 ) -> FloatArray:
-    """Returns the length of the return for every plan of the last stage [s], shape (m,)."""
+    """Returns the length of the return for every plan of the last stage and of the first one [s], shape (m, m).
+
+    The first stage tells only where the start is free, as a cycle then closes wherever its first transfer would end.
+    """
     n, m = angle.shape
     if not problem.returns:
-        return np.zeros(m)
-    home = best.decisions.angle[0] if problem.free_start else 0.0
-    if problem.turns and not problem.free_start:
-        home = problem.platform_start[0]
-    closing = platform_times(problem, home - angle[-1])
+        return np.zeros((m, m))
+    home: FloatArray = np.zeros(1)
+    if problem.turns:
+        home = angle[0] if problem.free_start else problem.platform_start[:1]
+    closing = np.zeros((m, m))
+    closing[:] = platform_times(problem, home[None, :] - angle[-1, :, None])
     for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
         chain = Chain.of(work)
-        if len(chain.active) and chain.active[-1] == n - 1:
-            start = start_joints(problem, work, chain, now)
-            closing = np.maximum(closing, work.law.duration(start - arm.q_retract[-1]))
+        if not len(chain.active) or chain.active[-1] != n - 1:
+            continue
+        start = start_joints(problem, work, chain, now)[None]
+        if problem.free_start and chain.active[0] == 0:
+            start = arm.q_approach[0]
+        back = work.law.duration(start[None, :, :] - arm.q_retract[-1][:, None, :])
+        np.maximum(closing, back, out=closing)
     return closing
 
 
 def _shortest(cost: FloatArray, closing: FloatArray) -> IntArray:
-    """Returns the choice at every stage along the shortest path, shape (n,)."""
-    n = len(cost)
-    total = cost[0, 0]
-    parents = np.zeros(cost.shape[:2], dtype=np.int64)
+    """Returns the choice at every stage along the shortest path, shape (n,).
+
+    Where the return depends on the first stage, every choice of that has a dynamic programme of its own.
+
+    Args:
+        cost: of every stage, by the choices before and in it, shape (n, m, m).
+        closing: of the return, by the choices in the last and the first stage, shape (m, m).
+    """
+    n, m = cost.shape[:2]
+    total = cost[0, :1]
+    if (closing != closing[:, :1]).any():
+        total = np.where(np.eye(m, dtype=np.bool_), total, np.inf)
+    parents = np.zeros((n, *total.shape), dtype=np.int64)
     for k in range(1, n):
-        through = total[:, None] + cost[k]
-        parents[k] = np.argmin(through, axis=0)
-        total = through[parents[k], np.arange(len(closing))]
+        through = total[:, :, None] + cost[k]
+        parents[k] = np.argmin(through, axis=1)
+        total = np.take_along_axis(through, parents[k][:, None, :], axis=1)[:, 0]
+    total = total + closing.T[: len(total)]
+    first, last = np.unravel_index(int(np.argmin(total)), total.shape)
     picked = np.zeros(n, dtype=np.int64)
-    picked[-1] = int(np.argmin(total + closing))
+    picked[-1] = last
     for k in range(n - 1, 0, -1):
-        picked[k - 1] = parents[k, picked[k]]
+        picked[k - 1] = parents[k, first, picked[k]]
     return picked

@@ -56,12 +56,9 @@ def polish(
             [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
         )
         moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
-        frozen = None
-        if problem.free_start and problem.returns:
-            frozen = 0 if k % 2 else problem.stages - 1
-        found = best_combination(problem, tables, best, moved, frozen)
+        found = best_combination(problem, tables, best, moved)
         if problem.returns:
-            # The return ties the last stage to the first one: steps of all stages at once see it.
+            # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
             whole = [evaluate(problem, tables, plan) for plan in moved[: len(SCALES)]]
             found = min([found, *whole], key=lambda plan: plan.total)
         if best.total - found.total < LITTLE * best.total:

@@ -80,12 +80,15 @@ def arm_layers(
     Args:
         problem: the sequence.
         arm: index of the arm.
-        angles: the grid's platform angles [rad], shape (f,).
+        angles: the grid's platform angles at each stage [rad], shape (n, f).
         nodes: the arm's nodes by stage, in order of their platform angle; None where it is idle.
     """
     work = problem.arms[arm]
     table = transfer_table(problem, work)
-    layers = [None if n is None else _layer(problem, table, angles, n) for n in nodes]
+    layers = [
+        None if own is None else _layer(problem, table, here, own)
+        for here, own in zip(angles, nodes, strict=True)
+    ]
     n = problem.stages
     return ArmLayers(table, Chain.of(work), layers, [None] * n, np.zeros(n), 0.0)
 
@@ -101,7 +104,7 @@ def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
 
 
 def with_potentials(
-    problem: SequenceProblem, arms: Sequence[ArmLayers], start_index: int, angles: int
+    problem: SequenceProblem, arms: Sequence[ArmLayers], angles: int
 ) -> tuple[ArmLayers, ...]:
     """Returns the arms' layers with their potentials, by backward dynamic programming over the stages.
 
@@ -113,8 +116,7 @@ def with_potentials(
     Args:
         problem: the sequence.
         arms: its layers.
-        start_index: index of the platform angle at the start.
-        angles: number of the grid's platform angles.
+        angles: number of the grid's platform angles at a stage.
     """
     n = problem.stages
     potential: list[list[Times | None]] = [[None] * n for _ in arms]
@@ -124,7 +126,7 @@ def with_potentials(
     passed = np.zeros((len(arms), n))
     for k in range(n - 1, -1, -1):
         edges = {
-            a: _edges(problem, a, arm, k, start_index, angles)
+            a: _edges(problem, a, arm, k, angles)
             for a, arm in enumerate(arms)
             if arm.layers[k] is not None
         }
@@ -190,9 +192,7 @@ def _layer(
     )
 
 
-def _edges(
-    problem: SequenceProblem, a: int, arm: ArmLayers, k: int, start_index: int, angles: int
-) -> _Edges:
+def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int) -> _Edges:
     """Returns one arm's transfers into stage k, in which it works."""
     layer, came = arm.layers[k], int(arm.chain.previous[k])
     assert layer is not None
@@ -209,7 +209,8 @@ def _edges(
     times += layer.work
     angle_before = None
     if adjacent:
-        angle_before = np.array([start_index]) if before is None else before.angle_index
+        # There is but one angle at the start: by any number.
+        angle_before = np.zeros(1, dtype=np.int64) if before is None else before.angle_index
     return _Edges(times, angle_before, angle, _by_angles(times, angle_before, angle, angles))
 
 

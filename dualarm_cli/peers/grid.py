@@ -78,7 +78,8 @@ def _round(
     change = cost[:, 0, :] - cost[:, 0, :1]
     change[:-1] += cost[1:, :, 0] - cost[1:, :1, 0]
     closing = closing_costs(problem, best, found, angle)
-    change[-1] += closing - closing[0]
+    change[-1] += closing[:, 0] - closing[0, 0]
+    change[0] += closing[0] - closing[0, 0]
     change[np.arange(problem.stages) % 2 != parity] = 0.0
     picked = np.argmin(change, axis=1)
     result = best.decisions

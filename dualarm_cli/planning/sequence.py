@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.search import Found, search
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.peers.grid import local_search
+from dualarm_cli.peers.ipopt import nonlinear_program
+from dualarm_cli.peers.repair import repaired
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
@@ -21,6 +26,9 @@ REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
+FEWEST_STAGES = 4
+"""Up to so many stages the search starts from local optima of the peers as well, which takes them tenths of a second:
+the fewer the stages, the less does the grid tell which of many local optima is best."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
 
@@ -37,12 +45,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job)
     starts, failure = _starts(problem)
-    found = search(
-        numbers,
-        [decisions_of(numbers, model, stages) for stages in starts.values()],
-        problem.effort,
-        problem.seed,
-    )
+    decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
+    if len(job.stages()) <= FEWEST_STAGES:
+        decided += _other_basins(problem, numbers)
+    found = search(numbers, decided, problem.effort, problem.seed)
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
@@ -64,6 +70,21 @@ def _starts(
         else:
             starts[name] = plan
     return starts, failure
+
+
+def _other_basins(problem: MethodProblem, numbers: SequenceProblem) -> list[Decisions]:
+    """Returns local optima that other methods find from simple plans."""
+    tables = tuple(StopTable.of(work) for work in numbers.arms)
+    methods = {"fixed": nonlinear_program, MINIMUM_TIME: local_search}
+    plans = choose_stages_with(problem.model, problem.job, list(methods), problem.redundancy)
+    found = []
+    for name, plan in plans.items():
+        if isinstance(plan, InfeasibleError):
+            continue
+        start = repaired(numbers, tables, decisions_of(numbers, problem.model, plan))
+        if start is not None:
+            found.append(methods[name](numbers, tables, start, problem.effort).decisions)
+    return found
 
 
 def _grid_gap(found: Found) -> float | None:

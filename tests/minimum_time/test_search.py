@@ -10,11 +10,12 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.corridor import best_combination
+from dualarm_cli.minimum_time.node_plans import grid_angles
 from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.potentials import arm_layers, with_potentials
 from dualarm_cli.minimum_time.problem import SequenceProblem
-from dualarm_cli.minimum_time.search import grid_angles, search
+from dualarm_cli.minimum_time.search import search
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.minimum_time.variables import FIELDS, Variables, slopes
@@ -90,12 +91,12 @@ def test_the_beam_with_all_states_equals_brute_force(
 ) -> None:
     """Three stages with a few nodes each: the same least cost, and the grid's bound is not above it."""
     problem = _with_one_law(random_problem(seed, (3, 3), line=line))
-    nodes, angles, start = _few_nodes(problem, seed)
-    layers = [arm_layers(problem, a, angles, nodes[a]) for a in (0, 1)]
-    arms = with_potentials(problem, layers, start, len(angles))
-    path = beam_search(problem, arms, angles, width=10_000, per_angle=FEW)
+    nodes, angles, _ = _few_nodes(problem, seed)
+    every = np.tile(angles, (3, 1))
+    layers = [arm_layers(problem, a, every, nodes[a]) for a in (0, 1)]
+    arms = with_potentials(problem, layers, len(angles))
+    [path] = beam_search(problem, arms, every, width=10_000, per_angle=FEW)
     expected = _cheapest(problem, nodes, angles)
-    assert path is not None
     # The table's steps make less than a millisecond in three stages.
     assert path.total == pytest.approx(expected, abs=1e-3)
     assert path.total <= expected + 1e-5
@@ -189,18 +190,18 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
     """From a plan on coarse nodes some percent are gained; every round is at least as good as the one before."""
     problem = random_problem(4, (6, 6))
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    angles, start = grid_angles(problem, np.radians(15.0))
+    angles = grid_angles(problem, np.radians(15.0))
+    every = np.tile(angles, (6, 1))
     layers = [
         arm_layers(
             problem,
             a,
-            angles,
+            every,
             [grid_nodes(problem, a, tables[a], k, Grid(angles, 12, 2000)) for k in range(6)],
         )
         for a in (0, 1)
     ]
-    path = beam_search(problem, with_potentials(problem, layers, start, len(angles)), angles, 20, 4)
-    assert path is not None
+    [path] = beam_search(problem, with_potentials(problem, layers, len(angles)), every, 20, 4)
     plan = evaluate(problem, tables, path.decisions)
     totals = [polish(problem, tables, plan, rounds, 2, 0).total for rounds in (0, 1, 3, 8)]
     assert totals[0] == plan.total

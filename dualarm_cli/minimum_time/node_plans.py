@@ -1,0 +1,132 @@
+"""Plans on one grid of nodes: potentials, beam, and what its lines are really worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.minimum_time.beam import NodePath, beam_search
+from dualarm_cli.minimum_time.nodes import Grid, grid_nodes
+from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
+from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.minimum_time.yaws import with_yaws
+
+BANS = 12
+"""How often the beam is repeated without nodes whose lines turned out to be impossible."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """How finely one grid of nodes is set, and how wide a beam goes through it."""
+
+    angle_step: float
+    """Spacing of the platform angles [rad]."""
+    arm_angles: int
+    """Arm angles around the circle."""
+    most_nodes: int
+    """Most nodes of one stop."""
+    width: int
+    """States that the beam keeps."""
+    per_angle: int = 4
+    """Nodes of each arm that the beam pairs at each platform angle."""
+    around: int = 0
+    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
+
+
+@dataclass(frozen=True)
+class NodePlans:
+    """What one grid gives."""
+
+    plans: list[tuple[NodePath, Evaluated]]
+    """Different plans whose lines are all possible, the best on the nodes first; none where none was found."""
+    bound: float | None
+    """No plan on the nodes is faster, with their own line times [s]; None where a stop has no node."""
+
+
+def plans_on_nodes(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    mesh: Mesh,
+    plans: int,
+    near: Decisions | None = None,
+) -> NodePlans:
+    """Returns the beam's plans on a grid of nodes, and the grid's bound.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        mesh: how finely nodes are set.
+        plans: how many plans at most.
+        near: a plan around which the platform angles lie, if the mesh has them around one.
+    """
+    if mesh.around and near is not None:
+        angles = angles_near(problem, near, mesh)
+    else:
+        angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
+    arms = []
+    for a, work in enumerate(problem.arms):
+        nodes = (
+            None
+            if stop is None
+            else grid_nodes(
+                problem, a, tables[a], k, Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
+            )
+            for k, stop in enumerate(work.stops)
+        )
+        layers = arm_layers(problem, a, angles, nodes)
+        if any(layer is not None and not len(layer.work) for layer in layers.layers):
+            return NodePlans([], None)
+        arms.append(layers)
+    arms = list(with_potentials(problem, arms, angles.shape[1]))
+    bound = max(arm.bound for arm in arms)
+    for _ in range(BANS):
+        paths = beam_search(problem, tuple(arms), angles, mesh.width, mesh.per_angle, plans)
+        found = []
+        for path in paths:
+            yawed = replace(path, decisions=with_yaws(problem, tables, path.decisions))
+            found.append((yawed, evaluate(problem, tables, yawed.decisions)))
+        possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
+        if possible or not found:
+            return NodePlans(possible, bound)
+        arms = [_without(arm, a, *found[0]) for a, arm in enumerate(arms)]
+    return NodePlans([], bound)
+
+
+def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:
+    """Returns platform angles around the start, which is one of them, shape (f,).
+
+    Args:
+        problem: the sequence.
+        step: their spacing [rad].
+    """
+    if not problem.turns:
+        return np.zeros(1)
+    here = float(problem.platform_start[0])
+    low, high = problem.platform_range
+    low, high = max(low, here - np.pi), min(high, here + np.pi)
+    below, above = int((here - low) / step + 1e-9), int((high - here) / step + 1e-9)
+    return here + step * np.arange(-below, above + 1, dtype=np.float64)
+
+
+def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatArray:
+    """Returns platform angles around those of a plan, which are among them, shape (n, f)."""
+    if not problem.turns:
+        return np.zeros((problem.stages, 1))
+    steps = mesh.angle_step * np.arange(-mesh.around, mesh.around + 1)
+    return np.clip(plan.angle[:, None] + steps, *problem.platform_range)
+
+
+def _without(arm: ArmLayers, a: int, path: NodePath, plan: Evaluated) -> ArmLayers:
+    """Returns an arm's layers without the nodes of a plan whose lines are impossible."""
+    layers = list(arm.layers)
+    for k in arm.chain.active:
+        layer = layers[k]
+        if layer is not None and not plan.arms[a].possible[k]:
+            work = layer.work.copy()
+            work[path.nodes[a, k]] = np.inf
+            layers[k] = replace(layer, work=work)
+    return replace(arm, layers=layers)
