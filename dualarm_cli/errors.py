@@ -72,12 +72,11 @@ class OutputError(DualArmError):
 class UnknownSolverError(UsageError):
     """A solver name that its family does not have."""
 
-    def __init__(self, family: str, name: str, known: list[str]) -> None:
-        """Stores the family, the name asked for and the names there are."""
-        self.family, self.name, self.known = family, name, known
-        super().__init__(
-            f"{family} has no solver '{name}'{did_you_mean(name, known)} Known: {', '.join(known)}."
-        )
+    def __init__(self, option: str, name: str, known: list[str]) -> None:
+        """Stores the option that names the family's solvers, the name asked for and the names there are."""
+        self.option, self.name, self.known = option, name, known
+        guess = did_you_mean(name, known) or ";"
+        super().__init__(f"{option}: there is no '{name}'{guess} known: {', '.join(known)}")
 
 
 class UnsupportedError(UsageError):

@@ -54,9 +54,15 @@ class Solver(Generic[P, S]):
 class Registry(Generic[E]):
     """The solvers of one family, best default first."""
 
-    def __init__(self, family: str, solvers: list[E]) -> None:
-        """Builds the family from an explicit list; names must differ."""
-        self.family = family
+    def __init__(self, family: str, option: str, solvers: list[E]) -> None:
+        """Builds the family from an explicit list; names must differ.
+
+        Args:
+            family: what its members are.
+            option: the option of the command line that names one.
+            solvers: the members.
+        """
+        self.family, self.option = family, option
         self._solvers = {solver.name: solver for solver in solvers}
         if len(self._solvers) != len(solvers):
             raise ValueError(f"two {family} solvers share a name")
@@ -72,7 +78,7 @@ class Registry(Generic[E]):
             UnknownSolverError: no solver of the family has that name.
         """
         if name not in self._solvers:
-            raise UnknownSolverError(self.family, name, list(self._solvers))
+            raise UnknownSolverError(self.option, name, list(self._solvers))
         return self._solvers[name]
 
     @property

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stdout_console
+from dualarm_cli.cli.result_files import printable
 
 if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
@@ -41,7 +42,7 @@ def verify_command(
     judged = verify(found, load_job(tasks) if tasks else None)
     checks = (*judged.checks, *_file_checks(schedule, found))
     judged = replace(
-        judged, checks=tuple(replace(check, detail=_printable(check.detail)) for check in checks)
+        judged, checks=tuple(replace(check, detail=printable(check.detail)) for check in checks)
     )
     if json_output:
         document = verification_document(judged) or {}
@@ -72,13 +73,6 @@ def _file_checks(path: Path, schedule: Schedule) -> list[Check]:
         where = "; ".join(torn) or "as written"
         checks.append(Check("files", verdict, float(len(torn)), 0.0, "", where))
     return checks
-
-
-def _printable(text: str) -> str:
-    """Returns text in which what would steer a terminal, or is no text at all, is spelt out."""
-    return "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
-    )
 
 
 def _table(judged: Verification) -> Any:

@@ -35,7 +35,10 @@ class JsonReader:
         """Returns the object in a file; NaN and infinities are read as such."""
         try:
             if not file.is_file():
-                self.fail("schedule", "there is no such file")
+                self.fail(
+                    "schedule",
+                    "there is no such file; name a plan's folder or its schedule.json",
+                )
             if file.stat().st_size > LARGEST_FILE:
                 self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
             document = json.loads(file.read_bytes(), object_pairs_hook=self._object)

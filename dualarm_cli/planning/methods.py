@@ -42,6 +42,7 @@ def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
 
 METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
     "method",
+    "--platform (compare: --method)",
     [
         Solver(
             name="sequence",

@@ -20,7 +20,7 @@ from dualarm_cli.planning.stage_choice import (
     stage_plan,
 )
 from dualarm_cli.planning.stage_plan import StagePlan
-from dualarm_cli.redundancy import StopPosture, StopProblem
+from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem
 from dualarm_cli.redundancy.arm_angle import choose_near
 from dualarm_cli.redundancy.target_grid import least_transfer_times
 
@@ -56,12 +56,13 @@ def choose_quickest(stage: Stage, position: FloatArray) -> StagePlan | Infeasibl
     it, without lines, is had on a grid of angles and at every candidate of the `exact` solver (roots, stationary
     points, ends of reach); at its best local minima and at the angles of SIMPLER postures are chosen in full; about
     the best of those, angle and postures are refined together in ever narrower brackets, which finds the balances
-    of platform against arm, and the limits, between the grid's angles (not where postures are not refined either). Of
-    stages equally quick the one with the shortest way of the platform is taken.
+    of platform against arm, and the limits, between the grid's angles. Of stages equally quick the one with the least
+    turn of the platform is taken. Where postures are not refined, brackets and (if any other angle serves) SIMPLER are
+    left out.
 
-    What is certain: by the same estimate (closed forms for transfers; lines as estimated) the stage is never longer
-    than the one that `fixed`, `exact` or `linearised` would make from the same position. That it is the least of all
-    is not: the function has many local minima, and both grid and brackets may miss the best.
+    What is certain with refinement: by the same estimate (closed forms for transfers; lines as estimated) the stage is
+    never longer than the one that `fixed`, `exact` or `linearised` would make from the same position. That it is the
+    least of all is not: the function has many local minima, and both grid and brackets may miss the best.
 
     Args:
         stage: what is to be done.
@@ -71,10 +72,18 @@ def choose_quickest(stage: Stage, position: FloatArray) -> StagePlan | Infeasibl
     if not model.platform.is_turntable:
         plan = choose_stage(stage, {"fixed": position})["fixed"]
         return replace(plan, solver=MINIMUM_TIME) if isinstance(plan, StagePlan) else plan
-    tries = {name: places_to_try(stage, position, name) for name in SIMPLER}
-    for k, angle in enumerate(_promising(stage, position)):
-        tries[f"{MINIMUM_TIME} {k}"] = iter([(MINIMUM_TIME, np.array([angle]))])
-    found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
+    places = {
+        f"{MINIMUM_TIME} {k}": [(MINIMUM_TIME, np.array([angle]))]
+        for k, angle in enumerate(_promising(stage, position))
+    }
+    tries = {name: iter(one) for name, one in places.items()}
+    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    if not stage.refine:
+        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
+    if not any(isinstance(plan, StagePlan) for plan in found.values()):
+        tries = {name: places_to_try(stage, position, name) for name in SIMPLER}
+        tries |= {name: iter(one) for name, one in places.items()}
+        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
     plans = [plan for plan in found.values() if isinstance(plan, StagePlan)]
     if not plans:
         reasons = found["fixed"]

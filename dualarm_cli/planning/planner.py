@@ -66,9 +66,7 @@ def plan_without_bound(
     model = CellModel.from_cell(job.cell)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
-        raise UnsupportedError(
-            f"--platform {method.name} does not serve {robot.name}: {reason}; or leave the option out"
-        )
+        raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     progress(f"deciding platform angles and postures ({method.name})")
     decided = method.solve(problem)
     progress("timing the motion")

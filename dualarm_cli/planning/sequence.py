@@ -26,8 +26,8 @@ REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
-FEWEST_STAGES = 4
-"""Up to so many stages the search starts from local optima of the peers as well, which takes them tenths of a second:
+SHORT = range(2, 5)
+"""With so many stages the search starts from local optima of the peers as well, which takes them tenths of a second:
 the fewer the stages, the less does the grid tell which of many local optima is best."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
@@ -46,7 +46,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = sequence_problem(model, job)
     starts, failure = _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
-    if len(job.stages()) <= FEWEST_STAGES:
+    if len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
     if found is None:

@@ -10,6 +10,7 @@ from dualarm_cli.registry import Registry, Solver
 
 REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
     "redundancy",
+    "--redundancy",
     [
         Solver(
             name="arm_angle",

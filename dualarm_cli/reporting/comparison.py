@@ -27,7 +27,9 @@ REFERENCE = "fixed"
 LEAST_SAVING = 0.01
 """Savings below this are not worth a word [s]."""
 SAME = 1e-6
-"""Cycle times nearer than this are equal [s]."""
+"""Cycle times nearer than this have the same rank [s]."""
+SHOWN = 0.0005
+"""Cycle times that differ by less are the same to the printed digit [s]."""
 
 
 def job_comparison(
@@ -141,8 +143,8 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
         return "no method finds a plan that the verifier passes"
     winner, time = good[0], good[0]["cycle_time"]
     called = row_namer(rows)
-    equal = [called(row) for row in good if row["cycle_time"] - time <= SAME]
-    slower = [row for row in good if row["cycle_time"] - time > SAME]
+    equal = [called(row) for row in good if row["cycle_time"] - time <= SHOWN]
+    slower = [row for row in good if row["cycle_time"] - time > SHOWN]
     if len(equal) > 1:
         text = f"{_listed(equal)} are equally fast with {time:.3f} s"
     else:
@@ -212,8 +214,9 @@ def _deciders(row: dict[str, Any]) -> str:
         if time > 0.0
     ]
     total = sum(row["deciding_stages"].values())
-    noun = "transfer" if total == 1 else "transfers"
-    stages = f"; of its {total} {noun} {_listed(counts)}" if counts else ""
+    stages = f"; of its {total} transfers {_listed(counts)}" if counts else ""
+    if total == 1:
+        stages = f"; the {group_name(next(iter(row['deciding_stages'])))} decides its only transfer"
     return f"{stages}; its time is {', '.join(shares)}"
 
 

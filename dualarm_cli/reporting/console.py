@@ -8,6 +8,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+SHOWN = 0.0005
+"""Times that differ by less are the same to the printed digit [s]."""
 SHOWN_LIMITS = 3
 """How many single limits the sensitivity lines name."""
 
@@ -90,6 +92,8 @@ def bound_line(report: dict[str, Any]) -> str:
     """Returns the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
+    elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
+        line = "lower bound: 0 s, as its cells are too coarse for moves this short: try --effort thorough"
     else:
         line = f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s"
         if report["gap"] is not None:
@@ -112,17 +116,25 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
     together = [entry for entry in entries if entry["joint"] is None]
     single = [entry for entry in entries if entry["joint"] is not None]
     lines = []
-    for entry in together[-1:] + single[:SHOWN_LIMITS]:
+    telling = [e for e in single if max(abs(e["lower"] - cycle), abs(e["higher"] - cycle)) >= SHOWN]
+    for entry in together[-1:] + telling[:SHOWN_LIMITS]:
         name = f"all assumed {entry['limit']}" if entry["joint"] is None else entry["joint"]
         what = "limits" if entry["joint"] is None else entry["limit"]
         lower, higher = entry["lower"], entry["higher"]
         lines.append(
-            f"{name} {what} 10 % lower: {lower:.3f} s ({lower / cycle - 1.0:+.1%}), "
-            f"higher: {higher:.3f} s ({higher / cycle - 1.0:+.1%})"
+            f"{name} {what} 10 % lower: {_with_change(lower, cycle)}, "
+            f"higher: {_with_change(higher, cycle)}"
         )
     if lines:
         lines[0] = f"sensitivity: {lines[0]}; postures kept: planning anew could do better"
     return lines
+
+
+def _with_change(time: float, cycle: float) -> str:
+    """Returns a cycle time and by how much it differs."""
+    if abs(time - cycle) < SHOWN:
+        return f"{time:.3f} s (no change)"
+    return f"{time:.3f} s ({time / cycle - 1.0:+.1%})"
 
 
 def _shares(shares: dict[str, float]) -> str:

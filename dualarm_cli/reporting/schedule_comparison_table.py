@@ -58,7 +58,8 @@ def schedules_sentence(document: dict[str, Any]) -> str:
     a, b = document["a"]["duration"], document["b"]["duration"]
     if document["identical"]:
         return f"A and B are identical: {a:.3f} s"
-    changes = [row["difference"] for row in document["stages"]]
+    both = [row for row in document["stages"] if None not in (row["a"], row["b"])]
+    changes = [row["difference"] for row in both]
     slower, faster = sum(c > SAME for c in changes), sum(c < -SAME for c in changes)
     if abs(document["difference"]) <= SAME:
         text = f"A and B are equally long with {a:.3f} s"
@@ -71,6 +72,9 @@ def schedules_sentence(document: dict[str, Any]) -> str:
             text += f" ({abs(document['relative']):.1%})"
         text += f" {word} than A ({a:.3f} s → {b:.3f} s)"
     text += f": {slower} of {len(changes)} stages slower, {faster} faster"
+    for side, other in (("A", "b"), ("B", "a")):
+        alone = sum(row[other] is None for row in document["stages"])
+        text += f", {alone} only in {side}" if alone else ""
     named = [
         f"{entry['name']} ({_signed(entry['difference'])} s in {entry['stages']})"
         for entry in _along(document)[:NAMED]

@@ -170,8 +170,8 @@ def test_a_plan_that_fails_its_verification_is_exit_1_and_never_wins(monkeypatch
     [
         (["solvers", "nowhere.yaml", "nothere.yaml"], ["nowhere.yaml", "nothere.yaml"]),
         (["solvers", "--method", "exat"], ["did you mean 'exact'"]),
-        (["solvers", "--timing", "nope"], ["timing has no solver 'nope'"]),
-        (["solvers", "--redundancy", "nope"], ["redundancy has no solver 'nope'"]),
+        (["solvers", "--timing", "nope"], ["--timing: there is no 'nope'"]),
+        (["solvers", "--redundancy", "nope"], ["--redundancy: there is no 'nope'"]),
         (["solvers", "--effort", "most"], ["--effort"]),
         (["solvers", "--out", ""], ["--out ''"]),
         (["solvers", "--plot", "x.gif"], ["must end in .png, .svg, .pdf"]),

@@ -52,7 +52,7 @@ def test_all_timings_are_every_one_and_names_given_twice_are_one():
 @pytest.mark.parametrize("names", [(["exat"], [], []), ([], ["exat"], []), ([], [], ["exat"])])
 def test_unknown_names_are_refused_with_the_known_ones(names):
     """Before any work."""
-    with pytest.raises(UnknownSolverError, match="has no solver 'exat'"):
+    with pytest.raises(UnknownSolverError, match="there is no 'exat'"):
         cases(*names)
 
 

@@ -143,7 +143,7 @@ def test_timing_that_knows_no_jerk_is_refused_where_jerk_is_limited(packing):
 @pytest.mark.parametrize("field", ["platform", "redundancy", "timing"])
 def test_unknown_solvers_are_named_with_the_known_ones(packing, field):
     """The error lists what there is."""
-    with pytest.raises(UnknownSolverError, match="has no solver 'exat'"):
+    with pytest.raises(UnknownSolverError, match="there is no 'exat'"):
         plan(packing, PlanSettings(**{field: "exat"}))
 
 
