@@ -66,7 +66,7 @@ EFFORTS = {
             Mesh(np.radians(12.0), 14, 1500, 40),
             Mesh(np.radians(15.0), 12, 1500, 20),
         ),
-        3,
+        4,
         6,
         4,
         (
