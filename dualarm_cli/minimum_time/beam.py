@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.node_paths import NodePath, Step, closing_times, kind_of, path_to
 from dualarm_cli.minimum_time.potentials import (
     ArmLayers,
-    Layer,
     free_columns,
     platform_columns,
     start_coordinates,
 )
-from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 WAYS = 4
@@ -36,30 +36,6 @@ class _States:
     """Platform angle in the arms' last common coordinates, in steps, shape (b,)."""
     left: NDArray[np.float32]
     """What each arm still needs at least [s], shape (arms, b)."""
-
-
-@dataclass(frozen=True)
-class _Step:
-    """How the states of one stage came about."""
-
-    parent: IntArray
-    """Index among the states before, shape (b,)."""
-    node: IntArray
-    """Each arm's node, -1 where idle, shape (arms, b)."""
-    angle_index: IntArray
-    """Platform angle within the grid's, shape (b,)."""
-
-
-@dataclass(frozen=True)
-class NodePath:
-    """A plan on the nodes."""
-
-    decisions: Decisions
-    """What it means."""
-    nodes: IntArray
-    """Each arm's node in every stage, -1 where idle, shape (arms, n)."""
-    total: float
-    """Its time with the nodes' own line times [s]."""
 
 
 def beam_search(
@@ -85,50 +61,24 @@ def beam_search(
         plans: how many plans at most.
     """
     states = _first(problem, arms)
-    steps: list[_Step] = []
+    steps: list[Step] = []
     for k in range(problem.stages):
         found = _extend(problem, arms, angles.shape[1], states, k, width, per_angle)
         if found is None:
             return []
         step, states = found
         steps.append(step)
-    total = states.spent + np.maximum(states.left.max(axis=0), _closing(problem, arms, steps))
+    total = states.spent + closing_times(problem, arms, angles, steps)
     if plans == 1:
         best = int(np.argmin(total))
-        return [_path(problem, arms, angles, steps, best, float(total[best]))]
+        return [path_to(problem, arms, angles, steps, best, float(total[best]))]
     found_plans: dict[bytes, NodePath] = {}
     for state in np.argsort(total, kind="stable").tolist():
-        path = _path(problem, arms, angles, steps, state, float(total[state]))
-        found_plans.setdefault(_kind(path.decisions), path)
+        path = path_to(problem, arms, angles, steps, state, float(total[state]))
+        found_plans.setdefault(kind_of(path.decisions), path)
         if len(found_plans) == plans:
             break
     return list(found_plans.values())
-
-
-def _closing(
-    problem: SequenceProblem, arms: tuple[ArmLayers, ...], steps: list[_Step]
-) -> NDArray[np.float32]:
-    """Returns how long the final states take to close a cycle whose start is free [s], shape (b,), else 0."""
-    closing = np.zeros(len(steps[-1].parent), dtype=np.float32)
-    if not (problem.returns and problem.free_start):
-        return closing
-    state = np.arange(len(closing))
-    for step in steps[:0:-1]:
-        state = step.parent[state]
-    first, last = steps[0].node[:, state], steps[-1].node
-    for a, arm in enumerate(arms):
-        begin, end = arm.layers[0], arm.layers[-1]
-        if begin is not None and end is not None:
-            origin, goal = rows_of(end.retract, last[a]), rows_of(begin.approach, first[a])
-            times = arm.table.times(origin, goal, free_columns(begin, end))
-            np.maximum(closing, times.diagonal(), out=closing)
-    return closing
-
-
-def _kind(decisions: Decisions) -> bytes:
-    """Returns what two plans have in common if polishing may turn one into the other."""
-    rows = [np.stack([arm.branch, arm.target, np.round(arm.yaw, 6)]) for arm in decisions.arms]
-    return np.concatenate(rows).tobytes()
 
 
 def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
@@ -150,7 +100,7 @@ def _extend(
     k: int,
     width: int,
     per_angle: int,
-) -> tuple[_Step, _States] | None:
+) -> tuple[Step, _States] | None:
     """Returns the best states after stage k, None where no pair of nodes fits together; f platform angles each."""
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
     b = len(states.spent)
@@ -186,7 +136,7 @@ def _extend(
     _, first = np.unique(same, axis=1, return_index=True)
     kept = np.sort(first)[:width]
     some, parent, angle, node = some[kept], parent[kept], angle[kept], node[:, kept]
-    step = _Step(parent, node, angle)
+    step = Step(parent, node, angle)
     return step, _moved(problem, arms, states, step, spent.ravel()[some], k)
 
 
@@ -237,7 +187,7 @@ def _moved(
     problem: SequenceProblem,
     arms: tuple[ArmLayers, ...],
     states: _States,
-    step: _Step,
+    step: Step,
     spent: NDArray[np.float32],
     k: int,
 ) -> _States:
@@ -261,33 +211,3 @@ def _moved(
             ratio = arm.table.scale[7] / scale[7]
             joints[a][7] = np.round(platform[0] * ratio).astype(np.int16)
     return _States(spent, node, tuple(joints), step.angle_index, left)
-
-
-def _path(
-    problem: SequenceProblem,
-    arms: tuple[ArmLayers, ...],
-    angles: FloatArray,
-    steps: list[_Step],
-    best: int,
-    total: float,
-) -> NodePath:
-    """Returns the plan that led to a final state."""
-    n = problem.stages
-    angle = np.zeros(n)
-    nodes = np.full((len(arms), n), -1, dtype=np.int64)
-    for k in range(n - 1, -1, -1):
-        step = steps[k]
-        angle[k] = angles[k, step.angle_index[best]]
-        nodes[:, k] = step.node[:, best]
-        best = int(step.parent[best])
-    decisions = tuple(_arm(problem, a, arm, nodes[a]) for a, arm in enumerate(arms))
-    return NodePath(Decisions(angle, decisions), nodes, total)
-
-
-def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> ArmDecisions:
-    rows = ArmDecisions.idle(problem.arms[a].start, len(chosen))
-    for k in np.nonzero(chosen >= 0)[0].tolist():
-        layer = arm.layers[k]
-        assert isinstance(layer, Layer)
-        rows = rows.put(np.array([k]), layer.decisions.take(chosen[[k]]))
-    return rows

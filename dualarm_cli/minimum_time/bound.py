@@ -155,6 +155,8 @@ def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
                 if not arm.here.possible:
                     return np.inf
                 before = cells_of(a, int(arm.chain.previous[k]))
+                if before is not None and not before.possible:
+                    return np.inf
                 stages[a] = _stage(problem, a, arm, k, before, edges)
                 if arm.more is None:
                     arm.pass_by(_return_times(problem, a, arm))

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.minimum_time.beam import NodePath, beam_search
+from dualarm_cli.minimum_time.beam import beam_search
+from dualarm_cli.minimum_time.node_paths import NodePath
 from dualarm_cli.minimum_time.nodes import Grid, grid_nodes
 from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem

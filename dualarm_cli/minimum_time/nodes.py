@@ -226,7 +226,7 @@ def _configuration_nodes(
 
 
 def _thinned(nodes: Nodes, most: int) -> Nodes:
-    """Returns at most so many nodes, spread evenly over their order; those with quicker lines first for each angle."""
+    """Returns at most so many nodes, spread evenly over platform angles and line times."""
     n = len(nodes.work)
     if n <= most:
         return nodes

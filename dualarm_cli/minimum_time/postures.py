@@ -15,7 +15,7 @@ LINE_SAMPLES = 7
 """Samples of a line."""
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
-SAME_POSTURE = 1e-6
+SAME_POSTURE = 1e-9
 """Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
 _BLOCK = 4096
 """Candidates that are followed at a time: their joints stay in the cache."""

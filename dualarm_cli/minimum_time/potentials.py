@@ -27,7 +27,7 @@ class Layer:
     """One arm's nodes in one stage, ready to be compared."""
 
     decisions: ArmDecisions
-    """What each node means, in half precision to save memory; in order of their platform angle."""
+    """What each node means, in single precision to save memory; in order of their platform angle."""
     angle_index: IntArray
     """Index of the platform angle within the grid's, ascending, shape (n,)."""
     free_last: bool
@@ -137,7 +137,7 @@ def with_potentials(
                 assert layer is not None
                 left = value[a]
                 if left is None:
-                    left = _return_times(problem, a, arm, layer) + np.float32(rest[a])
+                    left = _return_times(problem, a, arm, layer, k) + np.float32(rest[a])
                 potential[a][k] = left
                 value[a] = _least(edges[a], left, [e.relaxed for b, e in edges.items() if b != a])
                 continue
@@ -243,9 +243,15 @@ def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
     return least
 
 
-def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer) -> Times:
-    """Returns how long the return takes from every node of the last stop [s], 0 where there is none."""
+def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer, k: int) -> Times:
+    """Returns how long the return takes from every node of an arm's last stop [s], 0 where there is none.
+
+    The platform counts only where the stop is in the last stage k: else it turns on with the other arm.
+    """
     if not problem.returns or problem.free_start:
         return np.zeros(len(layer.work), dtype=np.float32)
     goal = start_coordinates(problem, a, arm.table)
-    return arm.table.times(layer.retract, goal, free_columns(layer))[:, 0]
+    without = free_columns(layer)
+    if k < problem.stages - 1:
+        without = (*without, *platform_columns(problem))
+    return arm.table.times(layer.retract, goal, without)[:, 0]

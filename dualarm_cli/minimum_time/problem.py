@@ -134,7 +134,7 @@ class ArmDecisions:
         return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def compact(self) -> ArmDecisions:
-        """Returns the same in a third of the memory, angles to 1e-7 rad."""
+        """Returns the same in half the memory, angles to 2e-7 rad."""
         small = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int16}
         values = (getattr(self, field.name) for field in fields(self))
         return ArmDecisions(*(v.astype(small.get(v.dtype, v.dtype)) for v in values))

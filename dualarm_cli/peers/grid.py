@@ -78,19 +78,37 @@ def _round(
     change = cost[:, 0, :] - cost[:, 0, :1]
     change[:-1] += cost[1:, :, 0] - cost[1:, :1, 0]
     closing = closing_costs(problem, best, found, angle)
-    change[-1] += closing[:, 0] - closing[0, 0]
-    change[0] += closing[0] - closing[0, 0]
+    if problem.stages == 1:
+        change[0] += closing.diagonal() - closing[0, 0]
+    else:
+        change[-1] += closing[:, 0] - closing[0, 0]
+        change[0] += closing[0] - closing[0, 0]
     change[np.arange(problem.stages) % 2 != parity] = 0.0
     picked = np.argmin(change, axis=1)
-    result = best.decisions
-    for k in np.flatnonzero(change[np.arange(len(picked)), picked] < -1e-9).tolist():
-        row, plan = np.array([k]), plans[int(picked[k])]
-        angles = np.array(result.angle)
-        angles[k] = angle[k, picked[k]]
-        arms = tuple(
-            mine.put(row, other.take(row))
-            for mine, other in zip(result.arms, plan.arms, strict=True)
+    better = np.flatnonzero(change[np.arange(len(picked)), picked] < -1e-9).tolist()
+    together = _changed(best.decisions, plans, angle, {k: int(picked[k]) for k in better})
+    after = evaluate(problem, tables, together)
+    if after.total < best.total:
+        return after
+    # Across idle stages, or the closing of a cycle, stages of one parity touch after all.
+    for k in better:
+        alone = evaluate(
+            problem, tables, _changed(best.decisions, plans, angle, {k: int(picked[k])})
         )
-        result = Decisions(angles, arms)
-    after = evaluate(problem, tables, result)
-    return after if after.total < best.total else best
+        best = min(best, alone, key=lambda plan: plan.total)
+    return best
+
+
+def _changed(
+    decisions: Decisions, plans: list[Decisions], angle: FloatArray, picked: dict[int, int]
+) -> Decisions:
+    """Returns decisions with some stages as other plans have them, at the angles of shape (stages, plans)."""
+    angles = np.array(decisions.angle)
+    arms = decisions.arms
+    for k, m in picked.items():
+        row = np.array([k])
+        angles[k] = angle[k, m]
+        arms = tuple(
+            mine.put(row, other.take(row)) for mine, other in zip(arms, plans[m].arms, strict=True)
+        )
+    return Decisions(angles, arms)

@@ -32,11 +32,13 @@ def repaired(
         plan: a plan that may be impossible.
     """
     start = evaluate(problem, tables, plan)
+    broken: list[tuple[int, IntArray]] = []
     for a, table in enumerate(tables):
         bad = np.flatnonzero(~start.arms[a].possible & table.active)
         if not len(bad):
             continue
-        near = [_changed(plan, a, bad, shift, swing) for swing in SWINGS for shift in SHIFTS]
+        broken.append((a, bad))
+        near = _near(plan, a, bad)
         work = np.array([evaluate(problem, tables, other).arms[a].work[bad] for other in near])
         # Any possible choice will do here; together they are weighed below.
         first = np.argmax(np.isfinite(work), axis=0)
@@ -45,10 +47,16 @@ def repaired(
             arms = list(plan.arms)
             arms[a] = arms[a].put(row, near[m].arms[a].take(row))
             plan = Decisions(plan.angle, tuple(arms))
-        near = [_changed(plan, a, bad, shift, swing) for swing in SWINGS for shift in SHIFTS]
-        start = best_combination(problem, tables, evaluate(problem, tables, plan), near)
-        plan = start.decisions
+    start = evaluate(problem, tables, plan)
+    for a, bad in broken:
+        if np.isfinite(start.total):
+            start = best_combination(problem, tables, start, _near(start.decisions, a, bad))
     return start if np.isfinite(start.total) else None
+
+
+def _near(plan: Decisions, a: int, stages: IntArray) -> list[Decisions]:
+    """Returns plans with other arm angles of one arm in some stages."""
+    return [_changed(plan, a, stages, shift, swing) for swing in SWINGS for shift in SHIFTS]
 
 
 def _changed(plan: Decisions, a: int, stages: IntArray, shift: float, swing: float) -> Decisions:

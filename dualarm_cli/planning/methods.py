@@ -92,7 +92,7 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
         Solver(
             name="ipopt",
             solve=solve_ipopt,
-            summary="Peer: one nonlinear program over all angles by IPOPT, from the plan of `fixed`, branches kept.",
+            summary="Peer: one nonlinear program over all joints by IPOPT, from the plan of `fixed`.",
             reference="IPOPT [Waechter2006]",
             why_unsupported=_needs_arm_angles,
         ),

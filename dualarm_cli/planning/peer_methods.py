@@ -24,7 +24,7 @@ Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluate
 
 
 def solve_grid(problem: MethodProblem) -> Decided:
-    """Returns the plan of a dense grid, stage by stage, improved by local search."""
+    """Returns the plan of the method `minimum_time`, improved by local search."""
     start = _greedy(problem, MINIMUM_TIME)
 
     def improve(

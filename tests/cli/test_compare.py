@@ -132,6 +132,30 @@ def test_a_job_that_no_method_can_do_is_exit_3_with_its_rows(far, capsys):
     assert "no method finds a plan" in out
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_stop_out_of_reach_is_a_row_with_its_reason_wherever_it_is(
+    tasks_folder, tmp_path, first, capsys
+):
+    """The first or the last stop of an arm; the lower bound says nothing then."""
+    cell = tasks_folder / "04_packing" / "cell.yaml"
+    (tmp_path / "tasks").mkdir()
+    (tmp_path / "tasks" / "cell.yaml").write_text(cell.read_text())
+    near, far = "[0.5, 0.3, 0.9]", "[2.5, 0.3, 0.9]"
+    places = (far, near) if first else (near, far)
+    moves = "".join(
+        f"  - {{id: m{k}, arm: left, move: {{xyz: {place}, rpy: [180 deg, 0, 0]}}}}\n"
+        for k, place in enumerate(places)
+    )
+    file = tmp_path / "tasks" / "tasks.yaml"
+    file.write_text(f"dualarm: tasks/1\ncell: cell.yaml\ntasks:\n{moves}")
+    assert run(["compare", "solvers", str(file), "--method", "fixed", "--json"]) == 3
+    out, err = capsys.readouterr()
+    [section] = json.loads(out)["comparisons"]
+    assert section["lower_bound"] is None
+    assert [row["status"] for row in section["rows"]] == ["infeasible"]
+    assert "Traceback" not in err
+
+
 def test_methods_that_do_not_serve_are_rows_and_exit_2_where_none_does(tasks_folder, capsys):
     """Two robots without a platform."""
     robots = str(tasks_folder / "05_two_robots" / "tasks.yaml")

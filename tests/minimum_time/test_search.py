@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.corridor import best_combination
-from dualarm_cli.minimum_time.node_plans import grid_angles
+from dualarm_cli.minimum_time.node_plans import Mesh, grid_angles, plans_on_nodes
 from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.potentials import arm_layers, with_potentials
@@ -20,10 +20,13 @@ from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.minimum_time.variables import FIELDS, Variables, slopes
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.sequence_plans import decisions_of
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.verification import verify
 
 Problems = Callable[..., SequenceProblem]
 FEW = 9
@@ -105,9 +108,11 @@ def test_the_beam_with_all_states_equals_brute_force(
     assert max(arm.bound for arm in arms) <= expected + 1e-5
 
 
-def test_combination_equals_brute_force(random_problem: Problems) -> None:
-    """Four stages, three plans: all 81 combinations one by one."""
-    problem = random_problem(3, (4, 4), line=0.05, returns=True)
+@pytest.mark.parametrize("start", ["home", "free"])
+@pytest.mark.parametrize("seed", range(3))
+def test_combination_equals_brute_force(random_problem: Problems, seed: int, start: str) -> None:
+    """Four stages, three plans: all 81 combinations one by one, closed cycles too."""
+    problem = random_problem(seed, (4, 4), line=0.05, returns=True, start=start)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     found = search(problem, [], "quick", 0)
     assert found is not None
@@ -144,7 +149,18 @@ SHAPES = {
     "free yaw": {"stages": (4, 4), "free_yaw": True, "line": 0.05},
     "symmetry": {"stages": (3, 3), "symmetry": 4},
     "joint targets": {"stages": (4, 4), "joints": True, "returns": True, "line": 0.04},
+    "many joint targets": {"stages": (6, 6), "joints": True, "returns": True, "line": 0.05},
 }
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_plan_of_every_shape_is_realised_and_verified(
+    random_job: Callable[..., Job], name: str
+) -> None:
+    """From the search to exact timing to the verifier."""
+    job = random_job(12, **SHAPES[name])
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert [check.name for check in verify(schedule, job).failures] == []
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -184,6 +200,25 @@ def test_without_starts_a_plan_is_found_too(random_problem: Problems, line: floa
     assert found.grid_bound is not None
     assert found.grid_total is not None
     assert 0.0 < found.grid_bound <= found.grid_total
+
+
+@pytest.mark.parametrize("stages", [(4, 4), (4, 3), (2, 4), (3, 0)])
+@pytest.mark.parametrize("start", ["home", "free"])
+@pytest.mark.parametrize("returns", [False, True])
+def test_a_path_on_nodes_takes_what_its_decisions_take(
+    random_problem: Problems, stages: tuple[int, int], start: str, returns: bool
+) -> None:
+    """Without lines the beam's total is exact but for the table's steps, and no bound is above it."""
+    problem = _with_one_law(random_problem(2, stages, start=start, returns=returns))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    found = plans_on_nodes(problem, tables, Mesh(np.radians(12.0), 14, 1500, 40), 4)
+    assert found.plans
+    for path, plan in found.plans:
+        assert path.total <= plan.total + 1e-5
+        # Two steps of 2e-4 rad are rounded away, at up to 2 s/rad: T³ = 32 d / jerk for moves of 0.03 rad.
+        assert path.total == pytest.approx(plan.total, abs=1e-3 * (problem.stages + 1))
+        assert found.bound is not None
+        assert found.bound <= plan.total + 1e-5
 
 
 def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
