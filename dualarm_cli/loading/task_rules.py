@@ -64,8 +64,6 @@ def permission_notes(model: TasksFile) -> list[str]:
         if getattr(defaults, key) == "allowed":
             during = "dwells" if key == "dwell_motion" else "lines"
             notes.append(f"{key}: allowed was not used; the platform stands still during {during}")
-    if any(task.after for task in model.tasks):
-        notes.append("after: not used; with order: given each arm does its tasks in file order")
     return notes
 
 

@@ -48,6 +48,8 @@ def load_job(path: str | Path) -> Job:
         _check_start(document, loaded[0], findings)
         defaults = model.defaults if model is not None else DefaultsSection()
         tasks = _TaskReader(document, defaults, loaded[0], findings).tasks(sections)
+        if not findings.diagnostics:
+            _check_order(document, tasks, findings)
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
@@ -77,6 +79,33 @@ def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSe
         except ValidationError:
             continue
     return good
+
+
+def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> None:
+    """Notes tasks that the file's own order does before one they are to come after."""
+    next_stage: dict[str, int] = {}
+    spans: dict[str, tuple[str, int, int]] = {}
+    for task in tasks:
+        first = next_stage.get(task.arm, 0)
+        next_stage[task.arm] = first + len(task.stops)
+        spans[task.id] = task.arm, first, next_stage[task.arm]
+    entries = document.data.get("tasks")
+    places = (
+        [entry.get("id") for entry in entries if isinstance(entry, dict)]
+        if isinstance(entries, list)
+        else []
+    )
+    for task in tasks:
+        _, first, _ = spans[task.id]
+        for k, name in enumerate(task.after):
+            if name not in spans or name == task.id or first >= spans[name][2]:
+                continue
+            what = "first" if spans[name][0] == task.arm else "at the same time or first"
+            message = (
+                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it {what}; "
+                "change their order in the file"
+            )
+            findings.add(document, ("tasks", places.index(task.id), "after", k), message)
 
 
 def _load_cell(

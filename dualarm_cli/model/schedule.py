@@ -13,6 +13,8 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 
+TOOL_SPEED = "tool_speed"
+"""What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return"]
 
 
@@ -86,7 +88,7 @@ class Stage:
     joint_times: Mapping[str, float]
     """How long each joint alone would need for its transfer [s]."""
     bottleneck: str
-    """The joint that decides the transfer's duration; empty where nothing moves."""
+    """The joint that decides the transfer's duration, TOOL_SPEED where a cap does; empty where nothing moves."""
 
 
 @dataclass(frozen=True)

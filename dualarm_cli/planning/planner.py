@@ -109,7 +109,8 @@ def _job_notes(job: Job) -> list[str]:
     if not idle:
         return []
     some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
-    return [f"dwell: {len(idle)} picks and places take no time at all ({some}); is that meant?"]
+    verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
+    return [f"dwell: {len(idle)} {verb} no time at all ({some}); is that meant?"]
 
 
 def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:

@@ -20,8 +20,6 @@ from dualarm_cli.planning.stages import StagePlan, choose_stages_with
 ALIKE = 0.08
 """A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
 lines are a few percent off, and a third of a cycle is lines."""
-ALIKE_CAPPED = 0.25
-"""The same where the tools' speed is capped: the search does not know what a cap costs."""
 REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
@@ -102,12 +100,12 @@ def _rivals(
     capped = problem.job.tool_speed is not None
     worth = dict.fromkeys(starts, np.inf if capped else REFINED)
     if MINIMUM_TIME in worth:
-        worth[MINIMUM_TIME] = np.inf if few else REFINED_MOVES
+        worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES
     near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
     refined = choose_stages_with(problem.model, problem.job, near, problem.redundancy)
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
-    alike = ALIKE_CAPPED if capped else ALIKE
-    return tuple(plan for plan in plans if _length(plan) <= (1.0 + alike) * total)
+    # What a cap on the tools' speed costs is not known before a plan is timed exactly.
+    return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE) * total)
 
 
 def _length(plan: list[StagePlan]) -> float:

@@ -11,6 +11,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.timing import TimingSolver
@@ -41,12 +42,16 @@ class Transfers:
     """Closed-form time of each joint on its own [s]."""
     slowest: Mapping[str, str]
     """Each group's slowest joint; empty where nothing moves."""
+    capped: bool = False
+    """Whether all were slowed for a cap on the tools' speed."""
 
     def bottleneck(self, arm: str) -> str:
-        """Returns the joint for which an arm's line waits; of all groups if `arm` is empty."""
+        """Returns the joint for which an arm's line waits, TOOL_SPEED if capped; of all groups if `arm` is empty."""
         groups = [g for g in self.times if g in (arm, PLATFORM) or not arm]
         slowest = max(groups, key=lambda g: self.times[g])
-        return self.slowest[slowest] if self.times[slowest] > 0 else ""
+        if not self.times[slowest] > 0:
+            return ""
+        return TOOL_SPEED if self.capped else self.slowest[slowest]
 
 
 def time_transfers(
@@ -136,7 +141,7 @@ def transfers_within_tool_speed(
             f"limits: tool_speed: {cap:g} m/s is slower than 1/{2**SPEED_BISECTIONS} of the joints' "
             "speed; allow more"
         )
-    return best
+    return replace(best, capped=True)
 
 
 def _largest_tool_speed(

@@ -59,7 +59,9 @@ def job_comparison(
                 "planning_time": outcome.planning_time,
             }
         )
-    order = sorted(range(len(rows)), key=lambda k: _rank(rows[k]))
+    times = [row["cycle_time"] for row in rows if row["status"] == "verified"]
+    best = min(times, default=0.0)
+    order = sorted(range(len(rows)), key=lambda k: _rank(rows[k], best))
     rows, clock = [rows[k] for k in order], [clock[k] for k in order]
     good = [row for row in rows if row["status"] == "verified"]
     section = {
@@ -97,10 +99,12 @@ def comparison_document(
     }
 
 
-def _rank(row: dict[str, Any]) -> tuple[int, float]:
-    # A microsecond apart is equal: then the first in the registry stays first.
+def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
+    # Equal to the printed digit is equally good: then the first in the registry stays first.
     time = row["cycle_time"]
-    return ORDER.index(row["status"]), 0.0 if time is None else round(time / SAME)
+    if time is None or abs(time - best) <= SHOWN:
+        return ORDER.index(row["status"]), 0.0
+    return ORDER.index(row["status"]), round(time / SAME)
 
 
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
@@ -141,7 +145,7 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
     good = [row for row in rows if row["status"] == "verified"]
     if not good:
         return "no method finds a plan that the verifier passes"
-    winner, time = good[0], good[0]["cycle_time"]
+    winner, time = good[0], min(row["cycle_time"] for row in good)
     called = row_namer(rows)
     equal = [called(row) for row in good if row["cycle_time"] - time <= SHOWN]
     slower = [row for row in good if row["cycle_time"] - time > SHOWN]

@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from dualarm_cli.planning.stage_parts import PLATFORM
-from dualarm_cli.reporting.comparison import SAME, group_name, row_namer, section_title, share_text
+from dualarm_cli.reporting.comparison import SHOWN, group_name, row_namer, section_title, share_text
 from dualarm_cli.reporting.figures import new_figure, rendered
 from dualarm_cli.reporting.measures import DWELLS, LINES, OTHER
 
@@ -139,7 +139,7 @@ def _bar_text(row: dict[str, Any], best: float | None) -> str:
 
 
 def _is_best(row: dict[str, Any], best: float | None) -> bool:
-    return best is not None and row["status"] == "verified" and row["cycle_time"] - best <= SAME
+    return best is not None and row["status"] == "verified" and row["cycle_time"] - best <= SHOWN
 
 
 def _short(reason: str) -> str:

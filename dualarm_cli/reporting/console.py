@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 SHOWN = 0.0005
-"""Times that differ by less are the same to the printed digit [s]."""
+"""Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
 SHOWN_LIMITS = 3
 """How many single limits the sensitivity lines name."""
 
@@ -98,9 +98,9 @@ def bound_line(report: dict[str, Any]) -> str:
         line = f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s"
         if report["gap"] is not None:
             line += f"; at most {report['gap']:.1%} could be saved"
-        if report["tool_speed_cap"] is not None:
-            line += "; neither the bound nor the search knows the cap on the tools' speed"
-    if report["grid_gap"] is not None and report["tool_speed_cap"] is None:
+    if report["tool_speed_cap"] is not None:
+        line += "; neither the bound nor the search knows the cap on the tools' speed"
+    elif report["grid_gap"] is not None:
         line += (
             f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
         )
@@ -127,6 +127,10 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
         )
     if lines:
         lines[0] = f"sensitivity: {lines[0]}; postures kept: planning anew could do better"
+    if len(telling) > SHOWN_LIMITS:
+        lines.append(
+            f"these are the {SHOWN_LIMITS} that matter most of {len(single)} limits; the rest is in report.json"
+        )
     return lines
 
 
@@ -134,7 +138,10 @@ def _with_change(time: float, cycle: float) -> str:
     """Returns a cycle time and by how much it differs."""
     if abs(time - cycle) < SHOWN:
         return f"{time:.3f} s (no change)"
-    return f"{time:.3f} s ({time / cycle - 1.0:+.1%})"
+    share = time / cycle - 1.0
+    if abs(share) < SHOWN:
+        return f"{time:.3f} s ({(time - cycle) * 1e3:+.0f} ms)"
+    return f"{time:.3f} s ({share:+.1%})"
 
 
 def _shares(shares: dict[str, float]) -> str:

@@ -37,7 +37,8 @@ def check_order(schedule: Schedule, job: Job) -> Check:
             )
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
-            where = f"{arm.name} arm: {' '.join(first[0])} is due, {' '.join(first[1])} is done"
+            due, did = (" ".join(entry).strip() for entry in first)
+            where = f"{arm.name} arm: {due} is due, {did} is done"
     return judge("order", wrong, 0, "", where)
 
 

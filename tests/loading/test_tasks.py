@@ -66,11 +66,9 @@ def test_permissions_that_are_not_used_become_notes(project: Path, change: Chang
     change(
         "tasks.yaml", "settle: 30 ms}}", "settle: 30 ms}, straight: 40 mm, dwell_motion: allowed}"
     )
-    change("tasks.yaml", "id: b", "id: b\n    after: [a]")
     assert load_job("tasks.yaml").notes == (
         "straight: not used; every approach and retract is straight over its whole length",
         "dwell_motion: allowed was not used; the platform stands still during dwells",
-        "after: not used; with order: given each arm does its tasks in file order",
     )
 
 
@@ -168,12 +166,28 @@ def test_tasks_that_wait_for_each_other_are_found(
 def test_a_long_chain_of_tasks_is_no_ring(project: Path, change: Change) -> None:
     """2,000 tasks after one another load; nothing recurses."""
     lines = [
-        f"  - {{id: t{k}, arm: left, after: [t{k + 1}], move: {{xyz: [0, 0, 0]}}}}"
-        for k in range(2000)
+        f"  - {{id: t{k}, arm: left, after: [t{k - 1}], move: {{xyz: [0, 0, 0]}}}}"
+        for k in range(1, 2000)
     ]
-    change("tasks.yaml", "tasks:\n", "tasks:\n" + "\n".join(lines) + "\n")
-    change("tasks.yaml", "id: a\n", "id: t2000\n")
+    first = "  - {id: t0, arm: left, move: {xyz: [0, 0, 0]}}\n"
+    change("tasks.yaml", "tasks:\n", "tasks:\n" + first + "\n".join(lines) + "\n")
     assert len(load_job("tasks.yaml").tasks) == 2002
+
+
+@pytest.mark.parametrize(
+    ("arm", "when"), [("left", "first"), ("right", "at the same time or first")]
+)
+def test_an_order_that_the_file_itself_breaks_is_refused(
+    project: Path, change: Change, messages: Messages, arm: str, when: str
+) -> None:
+    """On one arm the first of two cannot wait for the second; on two arms they share a stage."""
+    tasks = (
+        "  - {id: x, arm: left, after: [z], move: {xyz: [0, 0, 0]}}\n"
+        f"  - {{id: z, arm: {arm}, move: {{xyz: [0, 0, 0]}}}}\n"
+    )
+    change("tasks.yaml", "tasks:\n", f"tasks:\n{tasks}")
+    [message] = messages(lambda: load_job("tasks.yaml"))
+    assert f"task 'x' is to come after 'z', but order: given does it {when}" in message
 
 
 def test_all_errors_of_all_files_come_at_once(

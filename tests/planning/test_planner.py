@@ -5,14 +5,16 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError, UnknownSolverError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.method import MethodProblem
-from dualarm_cli.planning.planner import plan
+from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
@@ -285,3 +287,22 @@ def test_random_jobs_are_verified_or_refused(packing, seed):
     else:
         verification = verify(schedule, job)
         assert verification.passed, verification.failures
+
+
+def test_under_a_cap_on_tool_speed_no_simpler_method_is_faster(packing):
+    """A short move at 10 mm/s: the search knows no cap, so that the simplest plan must win; the cap is named."""
+    [task] = [task for task in packing.tasks if task.arm == "left"][:1]
+    pose = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0), np.array([0.45, 0.3, 0.9]))
+    stop = dataclasses.replace(
+        task.stops[0], action="move", target=PoseTarget(pose), approach=0.0, retract=0.0
+    )
+    job = dataclasses.replace(
+        packing, tasks=(dataclasses.replace(task, stops=(stop,)),), tool_speed=0.01
+    )
+    found = {
+        name: plan_without_bound(job, PlanSettings(platform=name, effort="quick"))
+        for name in ("sequence", "fixed", "minimum_time")
+    }
+    least = min(schedule.duration for schedule in found.values())
+    assert found["sequence"].duration == pytest.approx(least, abs=1e-9)
+    assert {stage.bottleneck for stage in found["sequence"].stages} == {"tool_speed"}

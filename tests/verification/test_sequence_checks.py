@@ -45,7 +45,7 @@ def test_an_event_that_is_missing_is_named_as_due(clean, failing):
     found = failing(dataclasses.replace(clean.schedule, events=events), clean.job)
     assert set(found) == {"order", "pairing", "lines_straight", "dwells"}
     assert found["dwells"] == "left-part (place) stands still without an event"
-    assert found["order"] == "left arm: left-part place is due, nothing  is done"
+    assert found["order"] == "left arm: left-part place is due, nothing is done"
 
 
 def test_an_event_that_nobody_asked_for_is_named(clean, failing):
