@@ -44,12 +44,13 @@ def load_job(path: str | Path) -> Job:
         check_settings(document, model, findings)
     loaded = _load_cell(project, document, Path(path), findings)
     tasks: tuple[Task, ...] = ()
+    order_notes: list[str] = []
     if loaded is not None:
         _check_start(document, loaded[0], findings)
         defaults = model.defaults if model is not None else DefaultsSection()
         tasks = _TaskReader(document, defaults, loaded[0], findings).tasks(sections)
         if not findings.diagnostics:
-            _check_order(document, tasks, findings)
+            order_notes = _check_order(document, tasks, findings)
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
@@ -63,7 +64,7 @@ def load_job(path: str | Path) -> Job:
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        (*notes, *permission_notes(model)),
+        (*notes, *permission_notes(model), *order_notes),
     )
 
 
@@ -81,8 +82,8 @@ def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSe
     return good
 
 
-def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> None:
-    """Notes tasks that the file's own order does before one they are to come after."""
+def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> list[str]:
+    """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file."""
     next_stage: dict[str, int] = {}
     spans: dict[str, tuple[str, int, int]] = {}
     for task in tasks:
@@ -90,22 +91,25 @@ def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings
         next_stage[task.arm] = first + len(task.stops)
         spans[task.id] = task.arm, first, next_stage[task.arm]
     entries = document.data.get("tasks")
-    places = (
-        [entry.get("id") for entry in entries if isinstance(entry, dict)]
-        if isinstance(entries, list)
-        else []
-    )
+    ids = [e.get("id") if isinstance(e, dict) else None for e in entries or ()]
+    notes = []
     for task in tasks:
-        _, first, _ = spans[task.id]
+        arm, first, _ = spans[task.id]
         for k, name in enumerate(task.after):
             if name not in spans or name == task.id or first >= spans[name][2]:
                 continue
-            what = "first" if spans[name][0] == task.arm else "at the same time or first"
+            if spans[name][0] != arm:
+                notes.append(
+                    f"after: with order: given task {quote(task.id)} does not wait for {quote(name)}, "
+                    "as their arms do their tasks side by side"
+                )
+                continue
             message = (
-                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it {what}; "
+                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it first; "
                 "change their order in the file"
             )
-            findings.add(document, ("tasks", places.index(task.id), "after", k), message)
+            findings.add(document, ("tasks", ids.index(task.id), "after", k), message)
+    return notes
 
 
 def _load_cell(
