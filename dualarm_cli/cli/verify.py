@@ -27,19 +27,31 @@ def verify_command(
             show_default=False,
         ),
     ] = None,
+    clearance: Annotated[
+        bool,
+        typer.Option(
+            "--clearance",
+            help="Prove that nothing touches, over the whole motion (with --tasks).",
+        ),
+    ] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Judge a schedule, also one edited by hand or made elsewhere."""
     from dataclasses import replace
 
+    from dualarm_cli.errors import UsageError
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.loading.tasks import load_job
     from dualarm_cli.reporting.report import verification_document
     from dualarm_cli.verification import verify
 
     found = read_schedule(schedule)
-    judged = verify(found, load_job(tasks) if tasks else None)
+    if clearance and tasks is None:
+        raise UsageError(
+            "--clearance needs --tasks: obstacles, tools and clearances are in the cell file"
+        )
+    judged = verify(found, load_job(tasks) if tasks else None, clearance=clearance)
     checks = (*judged.checks, *_file_checks(schedule, found))
     judged = replace(
         judged, checks=tuple(replace(check, detail=printable(check.detail)) for check in checks)
@@ -50,6 +62,8 @@ def verify_command(
     elif not quiet:
         console = stdout_console()
         console.print(_table(judged))
+        if judged.clearances:
+            console.print(_clearances(judged))
         console.print(f"verification: {'passed' if judged.passed else 'FAILED'}")
     if not judged.passed:
         raise typer.Exit(1)
@@ -73,6 +87,26 @@ def _file_checks(path: Path, schedule: Schedule) -> list[Check]:
         where = "; ".join(torn) or "as written"
         checks.append(Check("files", verdict, float(len(torn)), 0.0, "", where))
     return checks
+
+
+def _clearances(judged: Verification) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="least clearance of every stage, proven", title_justify="left")
+    for name in ("#", "clearance mm", "required mm", "at s"):
+        table.add_column(name, justify="right")
+    table.add_column("between")
+    for stage in judged.clearances:
+        colour = "bold red" if stage.margin < 0.0 else "green"
+        table.add_row(
+            str(stage.stage + 1),
+            f"[{colour}]{stage.clearance * 1e3:.1f}[/]",
+            f"{stage.required * 1e3:.1f}",
+            f"{stage.time:.3f}",
+            escape(" and ".join(stage.bodies)),
+        )
+    return table
 
 
 def _table(judged: Verification) -> Any:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.loading.bodies import checked_pairs, link_names
 from dualarm_cli.loading.cell_frames import frame_pose, world_frames
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
@@ -73,9 +74,17 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     frames = world_frames(document, dict(model.frames), findings)
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
-    findings.raise_if_any()
+    parts = reader.parts(model)
     if robot is None:
+        findings.raise_if_any()
         raise InputError(findings.diagnostics)
+    bodies = reader.bodies(robot, model)
+    contacts = checked_pairs(
+        document, ("allowed_contacts",), model.allowed_contacts, bodies, findings
+    )
+    between = [section.between for section in model.clearances]
+    special = checked_pairs(document, ("clearances",), between, bodies, findings, "between")
+    findings.raise_if_any()
     cell = Cell(
         robot,
         to_se3(model.base),
@@ -84,6 +93,9 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         obstacles,
         model.clearance,
         model.limits.tool_speed,
+        tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
+        contacts,
+        parts,
     )
     return cell, tuple(reader.notes)
 
@@ -159,6 +171,26 @@ class _CellReader:
             shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
             found[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
         return {arm: found.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
+
+    def parts(self, model: CellFile) -> dict[str, tuple[Shape, ...]]:
+        """Returns the solids of each kind of part."""
+        found = {}
+        for name, section in model.parts.items():
+            loc: Loc = ("parts", name, "shapes")
+            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
+            found[name] = tuple(s for s in shapes if s)
+        return found
+
+    def bodies(self, robot: Robot, model: CellFile) -> list[str]:
+        """Returns the names of all bodies, after noting those that two of them share."""
+        known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
+        named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
+        named += [(("obstacles", k, "name"), o.name) for k, o in enumerate(model.obstacles)]
+        for loc, name in named:
+            if name in known or (loc[0] == "obstacles" and name in model.parts):
+                message = f"{quote(name)} is already the name of a link, tool or part"
+                self.findings.add(self.document, loc, message, key=loc[0] == "parts")
+        return list(dict.fromkeys([*known, *(name for _, name in named)]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
         """Returns the obstacles, posed in the world; their names must differ."""

@@ -52,7 +52,12 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         name: np.concatenate([_posture(r, name) for r in robots.values()]) for name in names
     }
     title = f"{left.name} and {right.name}"
-    return Robot(title, write_pair(members), (), arms, _joined_limits(robots), postures)
+    contacts = tuple(
+        (f"{side}_{one}", f"{side}_{other}")
+        for side, robot in robots.items()
+        for one, other in robot.allowed_contacts
+    )
+    return Robot(title, write_pair(members), (), arms, _joined_limits(robots), postures, contacts)
 
 
 def _posture(robot: Robot, name: str) -> FloatArray:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.loading.bodies import checked_pairs
 from dualarm_cli.loading.bundled import ROBOT_FILE, bundled_robots, robots_folder
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
@@ -145,12 +146,17 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     check_chains(document, model, urdf, joints, findings)
     limits = joint_limits(document, model, joints, findings)
     postures = posture_positions(document, model, joints, findings)
+    contacts = checked_pairs(
+        document, ("allowed_contacts",), model.allowed_contacts, list(urdf.links), findings
+    )
     findings.raise_if_any()
     if limits is None:
         raise InputError(findings.diagnostics)
     text = write_urdf(urdf, joints)
     _check_readable(urdf, text, len(joints))
-    robot = Robot(model.name, text, tuple(model.platform), model_arms(model), limits, postures)
+    robot = Robot(
+        model.name, text, tuple(model.platform), model_arms(model), limits, postures, contacts
+    )
     return robot, tuple([*notes, *_fixed_note(urdf, joints)])
 
 

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validat
 from pydantic_core import core_schema
 
 from dualarm_cli.loading.fields import (
+    BodyPair,
     Distance,
     FramedPose,
     Mass,
@@ -85,12 +86,14 @@ class ShapeSection(FramedPose):
 
 
 class ToolShapeSection(ShapeSection):
-    """A solid of a tool, in the flange frame."""
+    """A solid that moves: of a tool, in the flange frame, or of a part, in the tool centre point's."""
 
     @model_validator(mode="after")
     def _on_flange(self) -> ToolShapeSection:
         if self.in_ is not None:
-            raise refuse("a tool's shape is given in the flange frame; remove 'in'", "in")
+            raise refuse("the shape moves with the tool, not with a frame; remove 'in'", "in")
+        if self.half_space is not None:
+            raise refuse("a half_space has no end; it cannot move with a tool", "half_space")
         return self
 
 
@@ -98,6 +101,23 @@ class ObstacleSection(ShapeSection):
     """A fixed solid of the cell."""
 
     name: Name = Field(description="Unique name.")
+
+
+class PartSection(Section):
+    """A kind of part that a tool carries."""
+
+    shapes: Annotated[list[ToolShapeSection], Field(min_length=1)] = Field(
+        description="Solids in the frame of the tool centre point that carries it."
+    )
+
+
+class ClearanceSection(Section):
+    """A least distance of its own for a pair of bodies."""
+
+    between: BodyPair = Field(
+        description="Two bodies: links, left_tool, right_tool, parts or obstacles."
+    )
+    clearance: Distance = Field(description="Least distance between them [m].")
 
 
 class ToolSection(Section):
@@ -166,5 +186,14 @@ class CellFile(Section):
     )
     clearance: Distance = Field(
         default=0.0, description="Least distance between everything that may not touch [m]."
+    )
+    clearances: list[ClearanceSection] = Field(
+        default_factory=list, description="Pairs of bodies with a least distance of their own."
+    )
+    allowed_contacts: list[BodyPair] = Field(
+        default_factory=list, description="Pairs of bodies that may touch, besides the robot's."
+    )
+    parts: dict[Name, PartSection] = Field(
+        default_factory=dict, description="Kinds of parts that tools carry, by name."
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")

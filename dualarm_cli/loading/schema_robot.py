@@ -8,7 +8,7 @@ from pydantic import Field
 from pydantic.config import JsonDict
 
 from dualarm_cli.loading import quantities
-from dualarm_cli.loading.fields import Name, Section
+from dualarm_cli.loading.fields import BodyPair, Name, Section
 
 RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 
@@ -68,4 +68,8 @@ class RobotFile(Section):
     postures: dict[Name, dict[Name, Any]] = Field(
         default_factory=dict,
         description="Named postures: joint positions [rad, or m]; joints not named are 0.",
+    )
+    allowed_contacts: list[BodyPair] = Field(
+        default_factory=list,
+        description="Pairs of links whose shapes may touch, as the shapes are wider than the links.",
     )

@@ -92,6 +92,9 @@ class TaskSection(Section):
     path: dict[str, Any] | None = Field(
         default=None, description="A path of the tool (not available in this version)."
     )
+    part: Name | None = Field(
+        default=None, description="Kind of part carried from pick to place, as the cell names it."
+    )
     approach: Distance | None = Field(
         default=None, description="Straight approach along the tool's z axis [m]."
     )
@@ -124,6 +127,9 @@ class DefaultsSection(Section):
         default=0.0, description="Straight retract along the tool's z axis [m]."
     )
     dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
+    part: Name | None = Field(
+        default=None, description="Kind of part carried from pick to place, as the cell names it."
+    )
     straight: Distance | None = Field(
         default=None, description="How much of a line must be straight [m]."
     )

@@ -148,6 +148,7 @@ class _TaskReader:
     ) -> None:
         self._document, self._findings = document, findings
         self._defaults, self._robot = defaults, cell.robot
+        self._parts = cell.parts
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
 
@@ -165,8 +166,26 @@ class _TaskReader:
                 self._findings.add(self._document, (*loc, "arm"), message)
                 continue
             stops = self._stops(section, loc, section.arm)
-            found.append(Task(section.id, section.arm, stops, tuple(section.after)))
+            part = self._part(section, loc)
+            found.append(Task(section.id, section.arm, stops, tuple(section.after), part))
         return tuple(found)
+
+    def _part(self, section: TaskSection, loc: Loc) -> str:
+        """Returns the name of the part that is carried, after noting one that the cell does not have."""
+        carries = section.pick is not None and section.place is not None
+        if section.part is not None and not carries:
+            message = "only a pick with its place carries a part; remove 'part'"
+            self._findings.add(self._document, (*loc, "part"), message)
+        part = section.part if section.part is not None else self._defaults.part
+        if part is None or not carries:
+            return ""
+        if part not in self._parts:
+            place: Loc = (*loc, "part") if section.part is not None else ("defaults", "part")
+            message = (
+                f"the cell has no part {quote(part)}{suggest(part, list(self._parts), 'parts')}"
+            )
+            self._findings.add(self._document, place, message)
+        return part
 
     def _stops(self, section: TaskSection, loc: Loc, arm: str) -> tuple[Stop, ...]:
         stops = []

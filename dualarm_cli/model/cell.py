@@ -68,3 +68,9 @@ class Cell:
     """Least distance demanded between everything that may not touch [m]."""
     tool_speed: float | None = None
     """Cap on the speed of every tool centre point in the world [m/s], or None."""
+    clearances: tuple[tuple[str, str, float], ...] = ()
+    """Pairs of bodies (links, `left_tool`, parts, obstacles) with a least distance of their own [m]."""
+    allowed_contacts: tuple[tuple[str, str], ...] = ()
+    """Pairs of bodies that may touch, besides those of the robot."""
+    parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
+    """Solids of each kind of part in the frame of the tool centre point that carries it."""

@@ -106,6 +106,8 @@ class Task:
     """Its targets in their order."""
     after: tuple[str, ...] = ()
     """Tasks that must be done before, where the planner chooses the order."""
+    part: str = ""
+    """Name of the part that is carried from pick to place; empty where it has no shape."""
 
 
 @dataclass(frozen=True)

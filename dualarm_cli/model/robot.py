@@ -110,6 +110,8 @@ class Robot:
     """Limits of all moving joints, in the URDF's order."""
     postures: Mapping[str, FloatArray] = field(default_factory=dict)
     """Named postures [rad], each of shape (n,) over `joints`; home is always there."""
+    allowed_contacts: tuple[tuple[str, str], ...] = ()
+    """Pairs of links whose shapes may touch: the shapes are wider than the links."""
 
     def __post_init__(self) -> None:
         """Freezes the postures.

@@ -27,11 +27,31 @@ class Check:
 
 
 @dataclass(frozen=True)
+class StageClearance:
+    """The least clearance of one stage, proven over its whole motion."""
+
+    stage: int
+    """Number of the stage, from 0."""
+    clearance: float
+    """No distance of these bodies is smaller [m]; negative where they overlap."""
+    margin: float
+    """Clearance less what is required; no pair of bodies has less [m]."""
+    required: float
+    """What is required of the pair [m]."""
+    bodies: tuple[str, str]
+    """The two bodies that come nearest to what is required of them."""
+    time: float
+    """When [s]."""
+
+
+@dataclass(frozen=True)
 class Verification:
     """The judgement of a whole schedule."""
 
     checks: tuple[Check, ...]
     """Every check, in a fixed order."""
+    clearances: tuple[StageClearance, ...] = ()
+    """Of every stage, where they were checked."""
 
     @property
     def passed(self) -> bool:

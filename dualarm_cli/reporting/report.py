@@ -89,6 +89,7 @@ def verification_document(verification: Verification | None) -> dict[str, Any] |
     return {
         "passed": verification.passed,
         "checks": [_check_row(check) for check in verification.checks],
+        "clearances": [asdict(stage) for stage in verification.clearances],
     }
 
 

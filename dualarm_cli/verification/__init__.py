@@ -1,4 +1,4 @@
-"""The independent judge: it shares readers, nouns and pinocchio with the planner, nothing else."""
+"""The independent judge: it shares readers, nouns, pinocchio and coal with the planner, nothing else."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_finite,
@@ -37,10 +38,8 @@ from dualarm_cli.verification.tool_checks import (
 from dualarm_cli.verification.tool_model import ToolModel
 from dualarm_cli.verification.tool_speed import check_tool_speed
 
-COLLISIONS = "this version does not check collisions"
 
-
-def verify(schedule: Schedule, job: Job | None = None) -> Verification:
+def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = False) -> Verification:
     """Returns the judgement of a schedule.
 
     With a job, robot, base, tools and limits are the job's: what the schedule states of them is not believed.
@@ -49,16 +48,18 @@ def verify(schedule: Schedule, job: Job | None = None) -> Verification:
         schedule: what is to be judged.
         job: cell and tasks as read from their files; without it targets, order and start are not checked and
             robot and limits are those that the schedule states.
+        clearance: whether the clearance of all bodies is proven over the whole motion, which the planner does not
+            look at yet.
 
     Raises:
         InputError: the robot cannot be built, so that nothing can be measured, or the job is for another one.
     """
     # Absurd numbers overflow on their way to a finding; they are no reason for warnings or to stop.
     with np.errstate(all="ignore"):
-        return _judged(schedule, job)
+        return _judged(schedule, job, clearance)
 
 
-def _judged(schedule: Schedule, job: Job | None) -> Verification:
+def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verification:
     trajectory = schedule.trajectory
     numbers = [check_finite(trajectory)]
     if numbers[0].verdict == "passed":
@@ -85,9 +86,11 @@ def _judged(schedule: Schedule, job: Job | None) -> Verification:
         check_segments(schedule),
         check_bound(schedule),
         *_job_checks(schedule, job),
-        not_checked("collisions", COLLISIONS),
     ]
-    return Verification(tuple(checks))
+    if not clearance:
+        return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
+    collisions, clearances = check_clearance(schedule, job)
+    return Verification((*checks, collisions), clearances)
 
 
 def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:

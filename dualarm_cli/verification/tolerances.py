@@ -29,5 +29,9 @@ LINE_DISTANCE = 1e-4
 """How far a tool may leave a straight line [m]."""
 LINE_ANGLE = 1e-4
 """How far a tool may turn on a straight line [rad]."""
+CLEARANCE_SLACK = 1e-6
+"""By how much a distance may fall short of the required clearance [m]."""
+CONTACT_SLACK = 5e-4
+"""How far a carried part may reach into what it lies on, on the lines at both ends of its way [m]."""
 TOOL_SPEED_SLACK = 1e-4
 """Share by which a measured tool speed may exceed its cap."""

@@ -1,0 +1,220 @@
+"""The solids of a cell for coal: links, tools, carried parts and obstacles, and which of them must keep apart.
+
+It says what is there and judges nothing, as readers and nouns do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.model.cell import Cell, Shape
+
+WORLD = 0
+"""Number of the joint that never moves."""
+CAP_TOLERANCE = 1e-6
+"""How far two balls may be off the ends of a cylinder that they make a capsule of [m]."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One shape of a body."""
+
+    body: str
+    """Name of the link, tool (`left_tool`), carried part or obstacle that it belongs to."""
+    joint: int
+    """Number of the joint whose frame it moves with; WORLD for what stands still."""
+    pose: pin.SE3
+    """In that frame."""
+    geometry: coal.CollisionGeometry
+    """Its form."""
+    extent: float
+    """Greatest distance of its points from the joint's origin [m]; infinite for a half-space."""
+    carrier: str = ""
+    """The arm that carries it, of a part."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two solids that must keep apart."""
+
+    first: int
+    """Number of the one."""
+    second: int
+    """Number of the other."""
+    required: float
+    """Least distance between them [m]."""
+
+
+def link_solids(model: pin.Model, urdf: str) -> list[Solid]:
+    """Returns the collision shapes of all links; a cylinder between two balls as the capsule that it is.
+
+    Args:
+        model: of the URDF.
+        urdf: its text, with primitive shapes only.
+    """
+    found = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
+    by_link: dict[int, list[pin.GeometryObject]] = {}
+    for entry in found.geometryObjects:
+        by_link.setdefault(entry.parentFrame, []).append(entry)
+    solids = []
+    for frame, entries in by_link.items():
+        name = model.frames[frame].name
+        for entry in _with_capsules(entries):
+            solids.append(_solid(name, entry.parentJoint, entry.placement, entry.geometry))
+    return solids
+
+
+def _with_capsules(entries: Sequence[pin.GeometryObject]) -> list[pin.GeometryObject]:
+    """Returns one link's shapes, each cylinder with balls at both ends as one capsule."""
+    left = list(entries)
+    for rod in [e for e in entries if isinstance(e.geometry, coal.Cylinder)]:
+        half = np.array([0.0, 0.0, rod.geometry.halfLength])
+        caps = []
+        for end in (rod.placement.act(half), rod.placement.act(-half)):
+            caps += [
+                e
+                for e in left
+                if isinstance(e.geometry, coal.Sphere)
+                and abs(e.geometry.radius - rod.geometry.radius) < CAP_TOLERANCE
+                and np.linalg.norm(e.placement.translation - end) < CAP_TOLERANCE
+            ][:1]
+        if len(caps) == 2:
+            names = {rod.name, *(cap.name for cap in caps)}
+            left = [e for e in left if e.name not in names]
+            # The balls are up to the tolerance off the ends.
+            form = coal.Capsule(rod.geometry.radius + CAP_TOLERANCE, 2.0 * rod.geometry.halfLength)
+            left.append(
+                pin.GeometryObject(rod.name, rod.parentJoint, rod.parentFrame, rod.placement, form)
+            )
+    return left
+
+
+def shape_solid(body: str, joint: int, T_joint_holder: pin.SE3, shape: Shape) -> Solid:
+    """Returns a solid of a cell file.
+
+    Args:
+        body: what it belongs to.
+        joint: the joint that it moves with.
+        T_joint_holder: the frame that the shape is posed in, in the joint's frame.
+        shape: the noun.
+
+    Raises:
+        InputError: a mesh that cannot be read, or has no volume.
+    """
+    return _solid(body, joint, T_joint_holder * shape.pose, _geometry(shape))
+
+
+def _geometry(shape: Shape) -> coal.CollisionGeometry:
+    if shape.kind == "box":
+        return coal.Box(*shape.size)
+    if shape.kind == "sphere":
+        return coal.Sphere(shape.size[0])
+    if shape.kind == "cylinder":
+        return coal.Cylinder(*shape.size)
+    if shape.kind == "capsule":
+        return coal.Capsule(*shape.size)
+    if shape.kind == "half_space":
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    return _hull(shape)
+
+
+def _hull(shape: Shape) -> coal.CollisionGeometry:
+    """Returns the convex hull of a mesh: it contains the mesh, whatever its form."""
+    try:
+        mesh = coal.MeshLoader().load(shape.mesh, np.full(3, shape.size[0]))
+        mesh.buildConvexHull(True, "Qt")
+    except (RuntimeError, ValueError) as error:
+        reason = (str(error).strip().splitlines() or ["no reason given"])[0]
+        raise _mesh_error(shape, f"cannot be used: {reason}") from None
+    if mesh.convex is None or not np.isfinite(mesh.convex.points()).all():
+        raise _mesh_error(shape, "has no convex hull with finite corners")
+    return mesh.convex
+
+
+def _mesh_error(shape: Shape, what: str) -> InputError:
+    return InputError([Diagnostic(shape.mesh, 0, 0, "E320", f"mesh {what}")])
+
+
+def _solid(body: str, joint: int, pose: pin.SE3, geometry: coal.CollisionGeometry) -> Solid:
+    if isinstance(geometry, coal.Halfspace):
+        return Solid(body, joint, pose, geometry, np.inf)
+    geometry.computeLocalAABB()
+    center, radius = np.asarray(geometry.aabb_center).ravel(), float(geometry.aabb_radius)
+    return Solid(body, joint, pose, geometry, float(np.linalg.norm(pose.act(center))) + radius)
+
+
+def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]) -> list[Solid]:
+    """Returns all solids of a cell, as the robot's root link sees them.
+
+    Args:
+        cell: the noun.
+        model: of its robot's URDF.
+        carried: arm and part for every part that an arm ever carries.
+
+    Raises:
+        InputError: a mesh that cannot be used.
+    """
+    solids = link_solids(model, cell.robot.urdf)
+    flanges = {
+        arm.name: model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+        for arm in cell.robot.arms
+    }
+    for arm, tool in cell.tools.items():
+        joint, pose = flanges[arm].parentJoint, flanges[arm].placement
+        solids += [shape_solid(f"{arm}_tool", joint, pose, shape) for shape in tool.shapes]
+    for arm, part in carried:
+        joint, pose = flanges[arm].parentJoint, flanges[arm].placement * cell.tools[arm].tcp
+        solids += [
+            replace(shape_solid(part, joint, pose, shape), carrier=arm)
+            for shape in cell.parts[part]
+        ]
+    T_root_world = cell.base.inverse()
+    for obstacle in cell.obstacles:
+        solids.append(shape_solid(obstacle.name, WORLD, T_root_world, obstacle.shape))
+    return solids
+
+
+def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: Cell) -> list[Pair]:
+    """Returns every pair of solids that must keep apart.
+
+    Left out are solids that never move against each other, those of neighbouring links (joined by one joint), and
+    the pairs of bodies that the robot's or the cell's file names as allowed contacts.
+
+    Args:
+        model: of the robot's URDF.
+        solids: of the cell.
+        cell: with its clearances and allowed contacts.
+    """
+    allowed = {frozenset(pair) for pair in (*cell.robot.allowed_contacts, *cell.allowed_contacts)}
+    special = {frozenset(names): distance for *names, distance in cell.clearances}
+    pairs = []
+    for i, one in enumerate(solids):
+        for j in range(i + 1, len(solids)):
+            other = solids[j]
+            bodies = frozenset((one.body, other.body))
+            joints = (one.joint, other.joint)
+            neighbours = WORLD not in joints and (
+                model.parents[one.joint] == other.joint or model.parents[other.joint] == one.joint
+            )
+            root = WORLD in joints and _is_next_to_root(model, solids, one, other, cell)
+            if one.joint == other.joint or neighbours or root or bodies in allowed:
+                continue
+            pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
+    return pairs
+
+
+def _is_next_to_root(
+    model: pin.Model, solids: Sequence[Solid], one: Solid, other: Solid, cell: Cell
+) -> bool:
+    """Returns whether one is a link that stands in the world and the other a link joined to it."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    if one.body not in links or other.body not in links:
+        return False
+    moving = max(one.joint, other.joint)
+    return moving != WORLD and model.parents[moving] == WORLD

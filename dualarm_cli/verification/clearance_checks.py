@@ -1,0 +1,179 @@
+"""Whether everything that may not touch keeps its clearance, proven over the whole motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import (
+    WORLD,
+    Pair,
+    Solid,
+    cell_solids,
+    pairs_that_must_keep_apart,
+)
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.verification import Check, StageClearance
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.clearance_proof import ClearanceProof, Windows
+from dualarm_cli.verification.motion_checks import judge, not_checked
+
+NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE --clearance` proves it"
+NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
+COLLISIONS = "collisions"
+"""Name of the check."""
+
+
+def check_clearance(
+    schedule: Schedule, job: Job | None
+) -> tuple[Check, tuple[StageClearance, ...]]:
+    """Checks the clearance of all pairs of bodies, and returns the least of every stage.
+
+    A carried part belongs to its arm from the pick's event to the place's. On the lines at both ends it need not keep
+    clear of obstacles (it lies on one), only not reach into them.
+
+    Args:
+        schedule: with finite numbers and rising times.
+        job: cell and tasks; without them nothing is checked.
+
+    Raises:
+        InputError: a mesh of the cell that cannot be used.
+    """
+    if job is None:
+        return not_checked(COLLISIONS, NO_JOB), ()
+    model = pin.buildModelFromXML(job.cell.robot.urdf)
+    carried = {(task.arm, task.part): None for task in job.tasks if task.part}
+    solids = cell_solids(job.cell, model, list(carried))
+    pairs, windows = _pairs_and_windows(model, solids, schedule, job)
+    if not pairs:
+        return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
+    proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
+    edges = _edges(schedule)
+    stages = []
+    for k, found in enumerate(proof.certify(edges)):
+        if found.pair < 0:
+            continue
+        pair = pairs[found.pair]
+        bodies = (solids[pair.first].body, solids[pair.second].body)
+        stages.append(
+            StageClearance(
+                stage=k,
+                clearance=found.margin + pair.required,
+                margin=found.margin,
+                required=pair.required,
+                bodies=bodies,
+                time=found.time,
+            )
+        )
+    if not stages:
+        return not_checked(COLLISIONS, "the motion has no length"), ()
+    worst = min(stages, key=lambda stage: stage.margin)
+    where = (
+        f"{worst.bodies[0]} and {worst.bodies[1]} at {worst.time:.4f} s: "
+        f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} is required"
+    )
+    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+
+
+def _millimetres(distance: float) -> str:
+    if distance < 0.0:
+        return f"{-distance * 1e3:.1f} mm inside one another"
+    return f"{distance * 1e3:.1f} mm"
+
+
+def _edges(schedule: Schedule) -> FloatArray:
+    """Returns the starts of the stages and the end of the motion [s]; one stretch where none are stated."""
+    time = schedule.trajectory.time
+    starts = [stage.start for stage in schedule.stages if time[0] < stage.start < time[-1]]
+    return np.array([time[0], *sorted(set(starts)), time[-1]])
+
+
+def _pairs_and_windows(
+    model: pin.Model, solids: Sequence[Solid], schedule: Schedule, job: Job
+) -> tuple[list[Pair], list[Windows]]:
+    """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
+    pairs: list[Pair] = []
+    windows: list[Windows] = []
+    for pair in pairs_that_must_keep_apart(model, solids, job.cell):
+        one, other = solids[pair.first], solids[pair.second]
+        carriers = [solid for solid in (one, other) if solid.carrier]
+        if not carriers:
+            pairs.append(pair)
+            windows.append(None)
+            continue
+        spans = [_carried(schedule, job, solid.carrier, solid.body) for solid in carriers]
+        during = spans[0] if len(spans) == 1 else _overlaps(spans[0], spans[1])
+        if len(carriers) == 1 and WORLD in (one.joint, other.joint):
+            lines = _lines(schedule, job, carriers[0])
+            pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
+            windows += [_without(during, lines), _overlaps(during, lines)]
+        else:
+            pairs.append(pair)
+            windows.append(during)
+    return pairs, windows
+
+
+def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[float, float]]:
+    """Returns when an arm carries a kind of part [s]: from each pick's event to its place's, or to the end."""
+    tasks = {task.id for task in job.tasks if task.arm == arm and task.part == part}
+    spans = []
+    for event in schedule.events:
+        if event.arm != arm or event.task not in tasks or event.action != "pick":
+            continue
+        ends = [
+            e.time + e.dwell
+            for e in schedule.events
+            if (e.arm, e.task, e.action) == (arm, event.task, "place") and e.time >= event.time
+        ]
+        spans.append((event.time, min(ends, default=float(schedule.trajectory.time[-1]))))
+    return spans
+
+
+def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, float]]:
+    """Returns when a part's carrier is on the lines or dwells at the ends of its way [s]."""
+    tasks = {t.id for t in job.tasks if t.arm == solid.carrier and t.part == solid.body}
+
+    def counts(segment: Segment) -> bool:
+        return (
+            segment.arm == solid.carrier
+            and segment.task in tasks
+            and segment.kind in ("approach", "dwell", "retract")
+        )
+
+    spans = sorted((s.start, s.end) for s in schedule.segments if counts(s))
+    joined: list[tuple[float, float]] = []
+    for start, end in spans:
+        if joined and start <= joined[-1][1] + tol.SAME_TIME:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def _overlaps(
+    one: Sequence[tuple[float, float]], other: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Returns what two lists of spans have in common."""
+    both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
+    return [(start, end) for start, end in both if start < end]
+
+
+def _without(
+    spans: Sequence[tuple[float, float]], holes: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Returns spans without others, which are sorted and apart."""
+    left = []
+    for start, end in spans:
+        here = start
+        for a, b in holes:
+            if a < end and b > here:
+                if a > here:
+                    left.append((here, a))
+                here = max(here, b)
+        if here < end:
+            left.append((here, end))
+    return left

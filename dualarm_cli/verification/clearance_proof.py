@@ -1,0 +1,278 @@
+"""Proof of clearance over a whole motion: distances at instants, and how fast they can change in between.
+
+In an interval from t0 to t1 a joint moves no faster than its greatest speed there, w_k (exact: speed is a parabola
+between knots), and joint k moves the points of a pair of solids against each other by no more than r_k per radian
+(`levers`). So their distance changes by no more than L = sum_k r_k w_k per second, and with the distances d0 and d1 at
+the ends nowhere in the interval is it less than (d0 + d1 - L (t1 - t0)) / 2. Intervals whose bound is too low to tell
+are halved, until the least bound is within the precision of the least distance that was met. Nothing is left to luck
+between instants: a contact of any length is found or excluded. Our own; the bound is that of conservative advancement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import WORLD, Pair, Solid
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.model.trajectory import Trajectory
+
+FIRST_STEP = 0.04
+"""Length of the first intervals [s]."""
+PRECISION = 5e-4
+"""How far the certified least distance may be below the least one met [m]."""
+NUMERICAL = 1e-6
+"""What distances by coal may be off [m]; it is taken off every certified one."""
+SHORTEST = 1e-9
+"""Intervals are not halved below this [s]: the bound then is what it is."""
+
+Windows = Sequence[tuple[float, float]] | None
+"""When a pair counts [s]; None for always."""
+
+
+@dataclass(frozen=True)
+class Certified:
+    """The least margin of one stretch of the motion, over all pairs."""
+
+    margin: float
+    """Proven: distance less what is required is nowhere smaller [m]."""
+    met: float
+    """The least margin that was met [m]."""
+    pair: int
+    """The pair that met it."""
+    time: float
+    """When [s]."""
+
+
+class ClearanceProof:
+    """Distances of the pairs of solids of one robot along one motion."""
+
+    def __init__(
+        self,
+        model: pin.Model,
+        solids: Sequence[Solid],
+        pairs: Sequence[Pair],
+        windows: Sequence[Windows],
+        trajectory: Trajectory,
+    ) -> None:
+        """Prepares coal's geometries.
+
+        Args:
+            model: of the robot's URDF.
+            solids: of the cell.
+            pairs: which of them must keep apart.
+            windows: when each pair counts.
+            trajectory: finite, with rising times; its joints are the model's, in any order.
+        """
+        self._model, self._data = model, model.createData()
+        self._geometry = pin.GeometryModel()
+        for number, solid in enumerate(solids):
+            self._geometry.addGeometryObject(
+                pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
+            )
+        # A pair may count twice, with another requirement at another time; pinocchio knows it once.
+        places = {(pair.first, pair.second): None for pair in pairs}
+        for first, second in places:
+            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
+        number_of = {place: number for number, place in enumerate(places)}
+        self._place = np.array([number_of[pair.first, pair.second] for pair in pairs])
+        self._distances = pin.GeometryData(self._geometry)
+        self._required = np.array([pair.required for pair in pairs])
+        self._windows = windows
+        self._trajectory = trajectory
+        order = [trajectory.joints.index(name) for name in model.names[1:]]
+        self._order = np.array(order, dtype=np.int64)
+        self._levers = levers(model, solids, pairs)
+        self._speeds = _interval_speeds(trajectory)[:, self._order]
+
+    def certify(self, edges: FloatArray) -> list[Certified]:
+        """Returns the proven least margin between each edge and the next; infinite where no pair counts.
+
+        Args:
+            edges: instants that part the motion [s], rising, shape (s + 1,).
+        """
+        found = [Certified(np.inf, np.inf, -1, 0.0) for _ in edges[:-1]]
+        if not len(self._required):
+            return found
+        times = self._instants(edges)
+        margins = self._all_margins(times)
+        stretch = np.clip(np.searchsorted(edges, times[:-1], side="right") - 1, 0, len(found) - 1)
+        low, high, pair = self._first_intervals(times)
+        at_low, at_high = margins[low, pair], margins[high, pair]
+        begin, end, where = times[low], times[high], stretch[low]
+        proven = np.full(len(found), np.inf)
+        met = np.full(len(found), np.inf)
+        met_pair, met_time = np.full(len(found), -1), np.zeros(len(found))
+        _lower(met, met_pair, met_time, where, at_low, pair, begin)
+        _lower(met, met_pair, met_time, where, at_high, pair, end)
+        while len(pair):
+            rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
+            bound = 0.5 * (at_low + at_high - rate * (end - begin))
+            bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
+            settled = (bound >= met[where] - PRECISION) | (end - begin < SHORTEST)
+            np.minimum.at(proven, where[settled], bound[settled])
+            left = ~settled
+            begin, end, pair, where = begin[left], end[left], pair[left], where[left]
+            at_low, at_high = at_low[left], at_high[left]
+            middle = 0.5 * (begin + end)
+            between = self._margins_at(middle, pair)
+            _lower(met, met_pair, met_time, where, between, pair, middle)
+            begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+            at_low = np.concatenate([at_low, between])
+            at_high = np.concatenate([between, at_high])
+            pair, where = np.tile(pair, 2), np.tile(where, 2)
+        return [
+            Certified(
+                float(proven[k]) - NUMERICAL, float(met[k]), int(met_pair[k]), float(met_time[k])
+            )
+            for k in range(len(found))
+        ]
+
+    def distance_at(self, time: float, pair: int) -> float:
+        """Returns the distance of one pair at an instant [m]; negative where its solids overlap."""
+        margin = self._margins_at(np.array([time]), np.array([pair]))
+        return float(margin[0] + self._required[pair])
+
+    def _instants(self, edges: FloatArray) -> FloatArray:
+        """Returns the ends of the first intervals [s]: all edges and windows' ends among them."""
+        marks = [*edges.tolist()]
+        for windows in self._windows:
+            marks += [t for window in windows or () for t in window]
+        marked = np.unique(np.clip(np.array(marks), edges[0], edges[-1]))
+        parts = np.maximum(1, np.ceil(np.diff(marked) / FIRST_STEP)).astype(np.int64)
+        pieces = [
+            np.linspace(a, b, n, endpoint=False)
+            for a, b, n in zip(marked[:-1], marked[1:], parts, strict=True)
+        ]
+        return np.concatenate([*pieces, marked[-1:]])
+
+    def _first_intervals(self, times: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Returns numbers of the instants at both ends, and the pair, of every interval in which a pair counts."""
+        counts = np.ones((len(times) - 1, len(self._required)), dtype=np.bool_)
+        for pair, windows in enumerate(self._windows):
+            if windows is not None:
+                inside: BoolArray = np.zeros(len(times) - 1, dtype=np.bool_)
+                for start, stop in windows:
+                    inside |= (times[:-1] >= start) & (times[1:] <= stop)
+                counts[:, pair] = inside
+        low, columns = np.nonzero(counts)
+        return low, low + 1, columns
+
+    def _all_margins(self, times: FloatArray) -> FloatArray:
+        """Returns the margins of all pairs at some instants [m], shape (t, pairs)."""
+        q = self._trajectory.at(times)[0][:, self._order]
+        found = np.empty((len(times), len(self._distances.distanceResults)))
+        for row, position in enumerate(q):
+            pin.computeDistances(self._model, self._data, self._geometry, self._distances, position)
+            found[row] = [result.min_distance for result in self._distances.distanceResults]
+        return found[:, self._place] - self._required
+
+    def _margins_at(self, times: FloatArray, pairs: IntArray) -> FloatArray:
+        """Returns the margin of one pair at each instant [m], shape (n,)."""
+        margins = np.empty(len(times))
+        order = np.argsort(times, kind="stable")
+        q = self._trajectory.at(times[order])[0][:, self._order]
+        before = np.nan
+        for row, position in zip(order.tolist(), q, strict=True):
+            if times[row] != before:
+                pin.updateGeometryPlacements(
+                    self._model, self._data, self._geometry, self._distances, position
+                )
+                before = times[row]
+            pair = int(self._place[pairs[row]])
+            margins[row] = pin.computeDistance(self._geometry, self._distances, pair).min_distance
+        return margins - self._required[pairs]
+
+    def _fastest(self, begin: FloatArray, end: FloatArray) -> FloatArray:
+        """Returns the greatest speed of each joint within intervals [rad/s], shape (n, joints)."""
+        knots = self._trajectory.time
+        first = np.clip(np.searchsorted(knots, begin, side="right") - 1, 0, len(self._speeds) - 1)
+        last = np.clip(np.searchsorted(knots, end, side="left") - 1, first, len(self._speeds) - 1)
+        return _range_maximum(self._speeds, first, last)
+
+
+def _lower(
+    met: FloatArray,
+    met_pair: IntArray,
+    met_time: FloatArray,
+    where: IntArray,
+    value: FloatArray,
+    pair: IntArray,
+    time: FloatArray,
+) -> None:
+    """Lowers what was met in each stretch to the least of some margins; the earliest of equal ones counts."""
+    if not len(value):
+        return
+    order = np.lexsort((pair, time, value, where))
+    firsts = order[np.concatenate([[True], np.diff(where[order]) > 0])]
+    better = firsts[value[firsts] < met[where[firsts]]]
+    k = where[better]
+    met[k], met_pair[k], met_time[k] = value[better], pair[better], time[better]
+
+
+def _interval_speeds(trajectory: Trajectory) -> FloatArray:
+    """Returns the greatest speed of each joint between knots [rad/s], shape (max(1, k - 1), n)."""
+    v, a = np.abs(trajectory.velocity), trajectory.acceleration
+    if len(v) == 1:
+        return v
+    fastest = np.maximum(v[:-1], v[1:])
+    # Speed is a parabola between knots; its vertex counts where acceleration changes its sign.
+    turns = a[:-1] * a[1:] < 0
+    step = np.divide(a[:-1] ** 2, 2.0 * trajectory.jerk, out=np.zeros_like(fastest), where=turns)
+    vertex = np.abs(trajectory.velocity[:-1] - step)
+    return np.where(turns, np.maximum(fastest, vertex), fastest)
+
+
+def _range_maximum(values: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+    """Returns the maximum of the rows from first to last (included), shape (n, columns): doubling tables."""
+    result = np.empty((len(first), values.shape[1]))
+    level = np.frexp(last - first + 1)[1] - 1
+    table, k = values, 0
+    while True:
+        rows = np.flatnonzero(level == k)
+        if len(rows):
+            result[rows] = np.maximum(table[first[rows]], table[last[rows] - (1 << k) + 1])
+        if k >= level.max(initial=0):
+            return result
+        table = np.maximum(table[: -(1 << k)], table[1 << k :])
+        k += 1
+
+
+def levers(model: pin.Model, solids: Sequence[Solid], pairs: Sequence[Pair]) -> FloatArray:
+    """Returns how far each joint can move a pair's solids against each other per radian [m], shape (pairs, joints).
+
+    A joint that carries only one of the two moves its points by no more than their distance from the joint's origin:
+    at most the way along the chain of joints to the solid's own, and its extent there. Sliding joints move by one.
+
+    Args:
+        model: of the robot's URDF; one velocity per joint.
+        solids: of the cell.
+        pairs: of solids.
+    """
+    reach = [_reaches(model, solid) for solid in solids]
+    table = np.zeros((len(pairs), model.nv))
+    for row, pair in enumerate(pairs):
+        one, other = reach[pair.first], reach[pair.second]
+        for joint in set(one) ^ set(other):
+            table[row, model.idx_vs[joint]] = one.get(joint, 0.0) + other.get(joint, 0.0)
+    return table
+
+
+def _reaches(model: pin.Model, solid: Solid) -> dict[int, float]:
+    """Returns for every joint that carries a solid how far its points may be from the joint's origin [m]."""
+    found: dict[int, float] = {}
+    joint, reach = solid.joint, solid.extent
+    while joint != WORLD:
+        slides = "P" in model.joints[joint].shortname().removeprefix("JointModel")[:1]
+        if slides:
+            reach += max(
+                abs(model.lowerPositionLimit[model.idx_qs[joint]]),
+                abs(model.upperPositionLimit[model.idx_qs[joint]]),
+            )
+        found[joint] = 1.0 if slides else reach
+        reach += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        joint = model.parents[joint]
+    return found

@@ -1,0 +1,206 @@
+"""Which bodies must keep apart, what a carried part may do, and what the check says."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.errors import InputError
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.cell import Obstacle, Shape
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+
+
+@pytest.fixture(scope="module")
+def packing(tasks_folder):
+    """One part of each arm from tray to carton, without a clearance beyond contact."""
+    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    tasks = [next(t for t in job.tasks if t.arm == arm) for arm in ("left", "right")]
+    cell = dataclasses.replace(job.cell, clearance=0.0)
+    return dataclasses.replace(job, tasks=tuple(tasks), cell=cell)
+
+
+@pytest.fixture(scope="module")
+def schedule(packing):
+    """Its plan with the platform held."""
+    return plan_without_bound(packing, PlanSettings(platform="fixed"))
+
+
+def in_cell(job, **changes):
+    """The job in another cell."""
+    return dataclasses.replace(job, cell=dataclasses.replace(job.cell, **changes))
+
+
+def collisions(schedule, job):
+    """The check, and the stages' clearances."""
+    found = verify(schedule, job, clearance=True)
+    [check] = [check for check in found.checks if check.name == "collisions"]
+    return check, found.clearances
+
+
+def bodies_in_pairs(cell):
+    """Names of all pairs of bodies that must keep apart."""
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    solids = cell_solids(cell, model, [])
+    pairs = pairs_that_must_keep_apart(model, solids, cell)
+    return {frozenset((solids[p.first].body, solids[p.second].body)): p for p in pairs}
+
+
+def test_a_cylinder_between_two_balls_is_the_capsule_that_it_is(packing):
+    """SDA10F: pedestal, torso, two arms of seven links; fourteen bodies of one capsule, flanges of one ball."""
+    model = pin.buildModelFromXML(packing.cell.robot.urdf)
+    solids = cell_solids(packing.cell, model, [])
+    kinds = [type(s.geometry).__name__ for s in solids if s.body.endswith(("_link_s", "_link_u"))]
+    assert kinds == ["Capsule"] * 4
+    assert sorted(s.body for s in solids if s.body.startswith("left_link")) == [
+        f"left_link_{x}" for x in "belrstu"
+    ]
+
+
+def test_neighbours_and_named_contacts_are_left_out_and_nothing_else(packing):
+    """Links joined by one joint, what never moves against each other, and the robot's own list."""
+    pairs = bodies_in_pairs(packing.cell)
+    absent = [
+        ("left_link_s", "left_link_l"),
+        ("left_link_t", "left_tool"),
+        ("left_link_b", "left_tool"),
+        ("base_link", "torso_link_b1"),
+        ("base_link", "table"),
+        ("torso_link_b1", "left_link_l"),
+    ]
+    present = [
+        ("left_link_s", "left_link_e"),
+        ("left_tool", "right_tool"),
+        ("left_link_u", "table"),
+        ("base_link", "left_link_u"),
+        ("torso_link_b1", "table"),
+    ]
+    assert not [names for names in absent if frozenset(names) in pairs]
+    assert not [names for names in present if frozenset(names) not in pairs]
+    allowed = dataclasses.replace(packing.cell, allowed_contacts=(("left_tool", "right_tool"),))
+    assert set(pairs) - set(bodies_in_pairs(allowed)) == {frozenset(("left_tool", "right_tool"))}
+
+
+def test_a_pair_has_its_own_clearance_where_the_cell_says_so(packing):
+    """All others keep the cell's."""
+    cell = dataclasses.replace(
+        packing.cell, clearance=0.01, clearances=(("left_tool", "table", 0.003),)
+    )
+    pairs = bodies_in_pairs(cell)
+    assert pairs[frozenset(("left_tool", "table"))].required == 0.003
+    assert pairs[frozenset(("right_tool", "table"))].required == 0.01
+
+
+def test_a_plan_without_contact_passes_and_names_the_nearest_of_every_stage(schedule, packing):
+    """Certified, stage by stage; asked for only."""
+    check, stages = collisions(schedule, packing)
+    assert check.verdict == "passed"
+    assert [stage.stage for stage in stages] == list(range(len(schedule.stages)))
+    assert all(stage.clearance == pytest.approx(stage.margin + stage.required) for stage in stages)
+    [unasked] = [c for c in verify(schedule, packing).checks if c.name == "collisions"]
+    assert unasked.verdict == "not checked"
+
+
+def test_an_obstacle_in_the_way_is_found_with_pair_time_and_depth(schedule, packing):
+    """A ball of 20 mm in the middle of the left tool's cap of 30 mm, at its first event: 50 mm to get out."""
+    event = next(e for e in schedule.events if e.arm == "left")
+    place = event.pose.act(np.array([0.0, 0.0, -0.03]))
+    ball = Obstacle("ball", Shape("sphere", (0.02,), pin.SE3(np.eye(3), place)))
+    check, stages = collisions(schedule, in_cell(packing, obstacles=(ball,)))
+    assert check.verdict == "failed"
+    assert "left_tool and ball" in check.detail
+    # The cap ends at the tip, so that its middle is 30 mm above it.
+    assert check.measured == pytest.approx(0.05, abs=1e-3)
+    assert stages[0].time == pytest.approx(event.time, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Shape("box", (0.04, 0.04, 0.04), pin.SE3.Identity()),
+        Shape("capsule", (0.02, 0.05), pin.SE3.Identity()),
+        Shape("cylinder", (0.02, 0.04), pin.SE3.Identity()),
+    ],
+)
+def test_every_kind_of_solid_is_seen(schedule, packing, shape):
+    """All 20 mm to the side, in the middle of the tool's cap of 30 mm, their axes along the tool's."""
+    event = next(e for e in schedule.events if e.arm == "left")
+    pose = event.pose * pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.03]))
+    obstacle = Obstacle("solid", dataclasses.replace(shape, pose=pose))
+    check, _ = collisions(schedule, in_cell(packing, obstacles=(obstacle,)))
+    assert check.verdict == "failed"
+    assert check.measured == pytest.approx(0.05, abs=1.5e-3)
+
+
+def test_a_half_space_is_everything_below(schedule, packing):
+    """Its plane 5 mm above the lowest event: the tools' shapes end at their tips. And 5 mm below it."""
+    lowest = min(event.pose.translation[2] for event in schedule.events)
+    for above, verdict in ((0.005, "failed"), (-0.005, "passed")):
+        plane = pin.SE3(np.eye(3), np.array([0.0, 0.0, lowest + above]))
+        floor = Obstacle("floor", Shape("half_space", (), plane))
+        check, _ = collisions(schedule, in_cell(packing, obstacles=(floor,)))
+        assert check.verdict == verdict
+    check, stages = collisions(schedule, in_cell(packing, obstacles=(floor,)))
+    assert min(stage.clearance for stage in stages) <= 0.005
+
+
+def test_a_mesh_is_its_convex_hull(schedule, packing, tmp_path):
+    """A tetrahedron around the tool's cap as a file; a file that is none is an error with its name."""
+    event = next(e for e in schedule.events if e.arm == "left")
+    file = tmp_path / "solid.obj"
+    file.write_text(
+        "v 0 0 -100\nv 100 0 50\nv -50 80 50\nv -50 -80 50\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
+    )
+    pose = pin.SE3(np.eye(3), event.pose.act(np.array([0.0, 0.0, -0.03])))
+    mesh = Obstacle("mesh", Shape("mesh", (1e-3,), pose, str(file)))
+    check, _ = collisions(schedule, in_cell(packing, obstacles=(mesh,)))
+    assert check.verdict == "failed"
+    assert "mesh" in check.detail
+    file.write_text("nothing")
+    with pytest.raises(InputError, match=r"solid\.obj"):
+        collisions(schedule, in_cell(packing, obstacles=(mesh,)))
+
+
+def carried(packing, length, **changes):
+    """The job with parts: rods that hang from the tips."""
+    rod = Shape("box", (0.04, 0.04, length), pin.SE3(np.eye(3), np.array([0.0, 0.0, length / 2])))
+    job = in_cell(packing, parts={"rod": (rod,)}, **changes)
+    return dataclasses.replace(
+        job, tasks=tuple(dataclasses.replace(task, part="rod") for task in job.tasks)
+    )
+
+
+def test_a_part_belongs_to_its_arm_from_pick_to_place(schedule, packing):
+    """A rod that reaches a table below hits it in the transfer; the bare tool does not."""
+    clear, _ = collisions(schedule, carried(packing, 0.02))
+    assert clear.verdict == "passed"
+    # Tips are 60 to 100 mm above the table at the events and 80 mm higher on the way.
+    check, _ = collisions(schedule, carried(packing, 0.30))
+    assert check.verdict == "failed"
+    assert "rod" in check.detail
+    assert collisions(schedule, packing)[0].verdict == "passed"
+
+
+def test_a_part_may_lie_on_what_it_is_taken_from_and_put_on_but_not_reach_into_it(
+    schedule, packing
+):
+    """A plate just below the rod at the pick: contact is no fault there, two millimetres more are one."""
+    event = next(e for e in schedule.events if e.arm == "left" and e.action == "pick")
+    for deeper, verdict in ((0.0, "passed"), (0.002, "failed")):
+        top = event.pose.translation - np.array([0.0, 0.0, 0.02 - deeper])
+        pose = pin.SE3(np.eye(3), top - np.array([0.0, 0.0, 0.005]))
+        plate = Obstacle("plate", Shape("box", (0.06, 0.06, 0.01), pose))
+        job = carried(packing, 0.02, obstacles=(plate,), clearance=0.002)
+        job = in_cell(job, allowed_contacts=tuple(_own_pairs(job)))
+        assert collisions(schedule, job)[0].verdict == verdict
+
+
+def _own_pairs(job):
+    """All pairs but those with the plate: they are not what is asked."""
+    return [tuple(names) for names in bodies_in_pairs(job.cell) if "plate" not in names]

@@ -1,0 +1,167 @@
+"""Certified clearances: never above the truth, near it, and nothing however short slips through."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.collision.solids import (
+    WORLD,
+    Pair,
+    Solid,
+    cell_solids,
+    pairs_that_must_keep_apart,
+)
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.verification.clearance_proof import ClearanceProof
+
+BALL = 0.1
+"""Radius of the ball at the end of the arm [m]."""
+
+
+def rest_to_rest(joints, start, end, duration):
+    """A move of four equal phases of jerk +j, -j, -j, +j: d = j T³ / 32."""
+    start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    j, h = 32.0 * (end - start) / duration**3, duration / 4.0
+    q, v, a = [start], [np.zeros_like(start)], [np.zeros_like(start)]
+    for sign in (1.0, -1.0, -1.0, 1.0):
+        jerk = sign * j
+        q.append(q[-1] + h * v[-1] + h**2 / 2 * a[-1] + h**3 / 6 * jerk)
+        v.append(v[-1] + h * a[-1] + h**2 / 2 * jerk)
+        a.append(a[-1] + h * jerk)
+    return Trajectory(tuple(joints), h * np.arange(5.0), np.array(q), np.array(v), np.array(a))
+
+
+def at(x, y, z=0.0):
+    """A place without a turn."""
+    return pin.SE3(np.eye(3), np.array([x, y, z]))
+
+
+@pytest.fixture(scope="module")
+def pointer():
+    """One joint about z at the origin that carries a ball a metre out."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
+    return model, Solid("tip", 1, at(1.0, 0.0), coal.Sphere(BALL), 1.0 + BALL)
+
+
+def certified(pointer, obstacle, trajectory, windows=None):
+    """The margin and the least one met of the tip and an obstacle."""
+    model, tip = pointer
+    proof = ClearanceProof(model, [tip, obstacle], [Pair(0, 1, 0.0)], [windows], trajectory)
+    [found] = proof.certify(np.array([0.0, trajectory.time[-1]]))
+    return found
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.7, 1.2])
+def test_a_ball_on_a_circle_comes_as_near_as_geometry_says(pointer, angle):
+    """Past a ball of 50 mm on the same ray, 1.4 m out: 1.4 - 1.0 - 0.1 - 0.05 m."""
+    obstacle = Solid(
+        "ball", WORLD, at(1.4 * np.cos(angle), 1.4 * np.sin(angle)), coal.Sphere(0.05), 1.5
+    )
+    found = certified(pointer, obstacle, rest_to_rest(["turn"], [0.0], [1.5], 0.8))
+    assert 0.249 <= found.margin <= 0.25
+    assert found.margin <= found.met
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_contact_of_a_millisecond_is_found_and_a_miss_by_little_is_not_one(pointer, seed):
+    """The tip passes at some 3 m/s; the ball is so far off that they overlap for a millisecond, or not at all."""
+    random = np.random.default_rng(seed)
+    trajectory = rest_to_rest(["turn"], [0.0], [2.0], 1.2)
+    time = random.uniform(0.4, 0.8)
+    [[q]], [[v]], _ = trajectory.at(np.array([time]))
+    small = random.uniform(0.002, 0.02)
+    # Chord of the overlap: v * 1 ms; the path is straight enough over 3 mm.
+    off = np.sqrt((BALL + small) ** 2 - (0.5e-3 * v) ** 2)
+    for distance, touches in ((off, True), (BALL + small + 1.5e-3, False)):
+        place = at((1.0 + distance) * np.cos(q), (1.0 + distance) * np.sin(q))
+        obstacle = Solid("ball", WORLD, place, coal.Sphere(small), 9.0)
+        assert (certified(pointer, obstacle, trajectory).margin < 0.0) == touches
+
+
+def test_a_pair_counts_within_its_windows_only(pointer):
+    """The same contact outside the window does not matter; a window with nothing in it says nothing."""
+    obstacle = Solid("ball", WORLD, at(np.cos(0.75), np.sin(0.75)), coal.Sphere(0.05), 9.0)
+    trajectory = rest_to_rest(["turn"], [0.0], [1.5], 1.0)
+    assert certified(pointer, obstacle, trajectory).margin < -0.14
+    # At 0.5 s the tip is at 0.75 rad; at 0.25 s at j t³ / 6 = 32 * 1.5 / 64 / 6 = 0.125 rad.
+    early = certified(pointer, obstacle, trajectory, [(0.0, 0.25)])
+    chord = 2.0 * np.sin(0.5 * (0.75 - 0.125))
+    assert early.margin == pytest.approx(chord - BALL - 0.05, abs=1e-3)
+    assert certified(pointer, obstacle, trajectory, []).pair == -1
+
+
+def test_what_stands_still_is_certified_exactly(pointer):
+    """No speed, no doubt: the distance itself, less what coal may be off."""
+    obstacle = Solid("ball", WORLD, at(2.0, 0.0), coal.Sphere(0.05), 9.0)
+    found = certified(pointer, obstacle, rest_to_rest(["turn"], [0.0], [0.0], 1.0))
+    assert found.margin == pytest.approx(0.85, abs=2e-6)
+
+
+def scanned(model, solids, pairs, trajectory, samples):
+    """The least distance of any pair at many instants.
+
+    A first scan of 400 instants with all pairs says which can be the nearest at all: no pair comes nearer than half a
+    step's way, at 12 m/s or less, below what it has there.
+    """
+    geometry = pin.GeometryModel()
+    for number, solid in enumerate(solids):
+        geometry.addGeometryObject(
+            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
+        )
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    data, distances = model.createData(), pin.GeometryData(geometry)
+    order = [trajectory.joints.index(name) for name in model.names[1:]]
+    end = trajectory.time[-1]
+
+    def positions(count):
+        return trajectory.at(np.linspace(0.0, end, count))[0][:, order]
+
+    rows = []
+    for q in positions(400):
+        pin.computeDistances(model, data, geometry, distances, q)
+        rows.append([result.min_distance for result in distances.distanceResults])
+    coarse = np.min(rows, axis=0)
+    near = np.flatnonzero(coarse <= coarse.min() + 12.0 * end / 399 / 2).tolist()
+    least = coarse.min()
+    for q in positions(samples):
+        pin.updateGeometryPlacements(model, data, geometry, distances, q)
+        least = min(
+            least, *(pin.computeDistance(geometry, distances, k).min_distance for k in near)
+        )
+    return least
+
+
+def check_random_moves(tasks_folder, seeds, samples):
+    """Random moves of the SDA10F over its table, each of 1 to 3 s."""
+    cell = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell
+    robot = cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = cell_solids(cell, model, [])
+    pairs = [Pair(p.first, p.second, 0.0) for p in pairs_that_must_keep_apart(model, solids, cell)]
+    for seed in seeds:
+        random = np.random.default_rng(seed)
+        start, end = random.uniform(robot.limits.lower, robot.limits.upper, (2, len(robot.joints)))
+        end = start + 0.5 * (end - start)
+        trajectory = rest_to_rest(robot.joints, start, end, random.uniform(1.0, 3.0))
+        proof = ClearanceProof(model, solids, pairs, [None] * len(pairs), trajectory)
+        [found] = proof.certify(trajectory.time[[0, -1]])
+        truth = scanned(model, solids, pairs, trajectory, samples)
+        assert truth - 1e-3 <= found.margin <= truth
+        assert found.met >= found.margin
+
+
+def test_certified_clearances_of_random_moves_are_true_and_tight(tasks_folder):
+    """Never above the least of a dense scan, and within a millimetre of it."""
+    check_random_moves(tasks_folder, range(25), 2000)
+
+
+@pytest.mark.slow
+def test_certified_clearances_of_a_thousand_random_moves_are_true_and_tight(tasks_folder):
+    """The same against scans of 10,000 instants."""
+    check_random_moves(tasks_folder, range(1000, 2000), 10_000)
