@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.plan_clearance import MEETING, PlanClearance, plan_clearance
 from dualarm_cli.minimum_time.postures import Postures, postures
 from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -17,6 +18,9 @@ from dualarm_cli.minimum_time.times import (
     platform_times,
     start_joints,
 )
+
+TRIES = 24
+"""Paths that are looked at for clearance, at most."""
 
 
 def best_combination(
@@ -41,11 +45,69 @@ def best_combination(
     angle = np.stack([plan.angle for plan in plans], axis=1)
     found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
     cost = stage_costs(problem, best, found, angle)
-    picked = _shortest(cost, closing_costs(problem, best, found, angle))
-    if not picked.any():
-        return best
-    result = evaluate(problem, tables, _picked(plans, picked))
-    return result if result.total < best.total else best
+    closing = closing_costs(problem, best, found, angle)
+    worth = best.total
+    barred: set[tuple[int, int, int]] = set()
+    if problem.clearance is not None:
+        clear = plan_clearance(problem, best)
+        worth += clear.penalty
+        _bar(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, barred)
+    for _ in range(TRIES):
+        picked = _shortest(cost, closing)
+        if not picked.any() or not _length(cost, closing, picked) < worth:
+            break
+        result = evaluate(problem, tables, _picked(plans, picked))
+        if problem.clearance is None:
+            return result if result.total < worth else best
+        clear = plan_clearance(problem, result)
+        if result.total + clear.penalty < worth:
+            return result
+        if not _bar(cost, closing, picked, clear, barred):
+            break
+    return best
+
+
+def _length(cost: FloatArray, closing: FloatArray, picked: IntArray) -> float:
+    """Returns the length of a path through the costs [s]."""
+    n = len(picked)
+    before = np.concatenate([[0], picked[:-1]])
+    total = cost[np.arange(n), before, picked].sum() + closing[picked[-1], picked[0]]
+    return float(total)
+
+
+def _bar(
+    cost: FloatArray,
+    closing: FloatArray,
+    picked: IntArray,
+    clear: PlanClearance,
+    barred: set[tuple[int, int, int]],
+) -> bool:
+    """Makes costlier what does not keep clear along a path, and returns whether there was anything new.
+
+    Choices at stops and pairs of choices on moves become impossible, those on whose moves the arms meet cost MEETING.
+
+    Args:
+        cost: of every stage, by the choices before and in it, shape (n, m, m).
+        closing: of the return, shape (m, m).
+        picked: the path, shape (n,).
+        clear: what keeps clear along it.
+        barred: stage and choices that have been dealt with.
+    """
+    n, before = len(picked), np.concatenate([[0], picked[:-1]])
+    news = False
+    for k in np.flatnonzero(~clear.stops).tolist():
+        news |= bool(np.isfinite(cost[k, :, picked[k]]).any())
+        cost[k, :, picked[k]] = np.inf
+    for k in np.flatnonzero(~(clear.moves & clear.apart)).tolist():
+        table, place = (
+            (closing, (picked[-1], picked[0])) if k == n else (cost[k], (before[k], picked[k]))
+        )
+        key = (k, int(place[0]), int(place[1]))
+        if key not in barred:
+            barred.add(key)
+            news = True
+            table[place] += MEETING if clear.moves[k] else np.inf
+    return news
 
 
 def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:

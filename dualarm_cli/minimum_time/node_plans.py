@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.node_paths import NodePath
-from dualarm_cli.minimum_time.nodes import Grid, grid_nodes
+from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes
 from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -73,8 +73,13 @@ def plans_on_nodes(
         nodes = (
             None
             if stop is None
-            else grid_nodes(
-                problem, a, tables[a], k, Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
+            else _free_nodes(
+                problem,
+                a,
+                angles[k],
+                grid_nodes(
+                    problem, a, tables[a], k, Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
+                ),
             )
             for k, stop in enumerate(work.stops)
         )
@@ -95,6 +100,20 @@ def plans_on_nodes(
             return NodePlans(possible, bound)
         arms = [_without(arm, a, *found[0]) for a, arm in enumerate(arms)]
     return NodePlans([], bound)
+
+
+def _free_nodes(problem: SequenceProblem, a: int, angles: FloatArray, nodes: Nodes) -> Nodes:
+    """Returns the nodes at which the arm keeps clear of itself and of what stands still."""
+    test = problem.clearance
+    if test is None or not len(nodes.work):
+        return nodes
+    free = np.ones(len(nodes.work), dtype=np.bool_)
+    for q in (nodes.decisions.near, nodes.q_approach, nodes.q_retract):
+        if q is nodes.q_retract and np.array_equal(q, nodes.q_approach):
+            continue
+        rows = np.flatnonzero(free)
+        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows])
+    return nodes.take(np.flatnonzero(free))
 
 
 def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:

@@ -7,6 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.linear_steps import linear_step
+from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate
@@ -60,13 +61,26 @@ def polish(
         if problem.returns:
             # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
             whole = [evaluate(problem, tables, plan) for plan in moved[: len(SCALES)]]
-            found = min([found, *whole], key=lambda plan: plan.total)
+            found = _best(problem, [found, *whole])
         if best.total - found.total < LITTLE * best.total:
             radius *= SHRINK
         best = found
         if radius < SMALLEST_RADIUS:
             break
     return best
+
+
+def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
+    """Returns the shortest plan, what does not keep clear counted in."""
+    if problem.clearance is None:
+        return min(plans, key=lambda plan: plan.total)
+    least, worth = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty
+    for plan in plans[1:]:
+        if plan.total < worth:
+            own = plan.total + plan_clearance(problem, plan).penalty
+            if own < worth:
+                least, worth = plan, own
+    return least
 
 
 def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:

@@ -92,14 +92,18 @@ def _add_stage(
 ) -> None:
     """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
     begin, ends = record.clock, {}
-    for name in columns:
-        ends[name] = 0.0
+    for name, index in columns.items():
+        ends[name] = wait = plan.waits.get(name, 0.0)
+        if wait > 0:
+            names = tuple(model.cell.robot.joints[i] for i in index)
+            record.pieces[name].append(hold(names, plan.start[index], wait))
+            _segment(record, name, "wait", None, begin, begin + wait)
         if name in transfers.motion:
             record.pieces[name].append(transfers.motion[name])
-            ends[name] = transfers.motion[name].duration
-        if name != PLATFORM and ends[name] > 0:
+            ends[name] += transfers.motion[name].duration
+        if name != PLATFORM and ends[name] > wait:
             kind: SegmentKind = "transfer" if plan.stops else "return"
-            _segment(record, name, kind, plan.stops.get(name), begin, begin + ends[name])
+            _segment(record, name, kind, plan.stops.get(name), begin + wait, begin + ends[name])
     for name, arm_stop in plan.stops.items():
         clock = begin + ends[name]
         ends[name] = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing) - begin

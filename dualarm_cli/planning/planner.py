@@ -6,15 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dualarm_cli import __version__
+from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.delays import Cleared, with_delays
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.motion import Motion, realise
+from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
@@ -70,7 +72,8 @@ def plan_without_bound(
     progress(f"deciding platform angles and postures ({method.name})")
     decided = method.solve(problem)
     progress("timing the motion")
-    stages, motion = _quickest(model, job, decided, timing)
+    cleared, cost = _quickest(model, job, decided, timing)
+    stages, motion = cleared.plans, cleared.motion
     return Schedule(
         robot=ScheduleRobot.of_job(job),
         trajectory=motion.trajectory,
@@ -84,18 +87,47 @@ def plan_without_bound(
             *_job_notes(job),
             *decided.notes,
             *_platform_notes(model, stages),
+            *_wait_notes(stages, cost),
         ),
     )
 
 
 def _quickest(
     model: CellModel, job: Job, decided: Decided, timing: TimingSolver
-) -> tuple[list[StagePlan], Motion]:
-    """Returns the quickest of a method's plans, exactly timed; its first one unless another is truly quicker."""
+) -> tuple[Cleared, float]:
+    """Returns the quickest of a method's plans that keeps clear, exactly timed, and what its waits cost [s].
+
+    Where none keeps clear the one with the fewest stages that do not.
+    """
+    test = QuickTest(model.cell)
     plans = [decided.stages, *decided.alternatives]
     motions = [realise(model, job, stages, timing) for stages in plans]
-    best = min(range(len(plans)), key=lambda k: motions[k].trajectory.duration)
-    return plans[best], motions[best]
+    best, cost = None, 0.0
+    for k in sorted(range(len(plans)), key=lambda k: motions[k].trajectory.duration):
+        blind = motions[k].trajectory.duration
+        if best is not None and not best.blocked and best.motion.trajectory.duration <= blind:
+            break
+        one = with_delays(model, job, plans[k], motions[k], timing, test)
+        if best is None or _badness(one) < _badness(best):
+            best, cost = one, one.motion.trajectory.duration - blind
+    assert best is not None  # there is always the method's own plan
+    return best, cost
+
+
+def _badness(found: Cleared) -> tuple[int, float]:
+    return len(found.blocked), found.motion.trajectory.duration
+
+
+def _wait_notes(stages: list[StagePlan], cost: float) -> list[str]:
+    """Returns where an arm waits for the other one to get out of its way."""
+    waits = [
+        f"{arm} {wait:.2f} s in stage {k}"
+        for k, stage in enumerate(stages, 1)
+        for arm, wait in stage.waits.items()
+    ]
+    if not waits:
+        return []
+    return [f"clearance: arms wait for each other ({', '.join(waits)}), which costs {cost:.3f} s"]
 
 
 def _job_notes(job: Job) -> list[str]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.collision.quick_test import QuickTest
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
+from dualarm_cli.minimum_time.clearance import Clearance
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.model.job import Job, JointTarget, Stop
 from dualarm_cli.model.robot import JointLimits
@@ -45,6 +48,19 @@ def sequence_problem(model: CellModel, job: Job) -> SequenceProblem:
         arms=arms,
         free_start=job.start == "free",
         returns=job.returns,
+        clearance=_clearance(model, start),
+    )
+
+
+def _clearance(model: CellModel, start: FloatArray) -> Clearance:
+    """Returns the quick test of the job's cell."""
+    return Clearance(
+        QuickTest(model.cell),
+        tuple(model.arms),
+        tuple(tuple(arm.columns) for arm in model.arms.values()),
+        tuple(model.platform_columns),
+        start,
+        model.platform.is_turntable,
     )
 
 

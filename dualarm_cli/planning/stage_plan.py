@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Stop, Task
@@ -42,3 +42,5 @@ class StagePlan:
     """The method that gave the platform angle."""
     duration: float
     """Length of the stage [s]: transfers and dwells in closed form, lines as estimated."""
+    waits: Mapping[str, float] = field(default_factory=dict)
+    """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""

@@ -1,0 +1,97 @@
+"""Which stages of a plan keep clear: at their stops, on their moves, and on the return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.minimum_time.clearance import Clearance
+from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.times import Chain, Evaluated, start_angle, start_joints
+
+MEETING = 0.4
+"""About how long one arm waits for the other where their moves meet [s]."""
+
+
+@dataclass(frozen=True)
+class PlanClearance:
+    """What keeps clear in a plan of n stages."""
+
+    stops: BoolArray
+    """Where approach, target and retract of all arms keep clear, shape (n,)."""
+    moves: BoolArray
+    """Where each arm's move into a stage does, and last the return, but for the other arm, shape (n + 1,)."""
+    apart: BoolArray
+    """Where the arms keep clear of each other on their moves, shape (n + 1,)."""
+
+    @property
+    def penalty(self) -> float:
+        """What is added to a plan's length [s]: infinite where it cannot be, MEETING where one arm has to wait."""
+        if not (self.stops.all() and self.moves.all()):
+            return np.inf
+        return MEETING * float((~self.apart).sum())
+
+
+def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
+    """Returns what keeps clear in a plan; everything where nothing is asked for.
+
+    Arms at the same stop of their lines are looked at together, as are arms that wait where they ended. Moves are taken
+    as straight in all joints.
+
+    Args:
+        problem: the sequence.
+        plan: joints of all stages.
+    """
+    n = problem.stages
+    test = problem.clearance
+    if test is None:
+        yes = np.ones(n + 1, dtype=np.bool_)
+        return PlanClearance(yes[:-1], yes, yes)
+    arrive, work, leave = _joints(problem, test, plan)
+    stops = np.ones(n, dtype=np.bool_)
+    for position in (arrive, work, leave):
+        stops &= test.free(position)
+    before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
+    if problem.free_start:
+        before[0] = arrive[0]
+    after = before[:1] if problem.returns else leave[-1:]
+    moves, apart = test.moves_free(
+        np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
+    )
+    return PlanClearance(stops, moves, apart)
+
+
+def _start(problem: SequenceProblem, test: Clearance, plan: Evaluated) -> FloatArray:
+    """Returns all joints before the first stage [rad]."""
+    joints = [
+        start_joints(problem, work, Chain.of(work), found)[None]
+        for work, found in zip(problem.arms, plan.arms, strict=True)
+    ]
+    angle = np.array([start_angle(problem, plan.decisions.angle)])
+    return test.positions(angle, joints)[0]
+
+
+def _joints(
+    problem: SequenceProblem, test: Clearance, plan: Evaluated
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns all joints where moves end, at the targets and where retracts end, (n, columns) each."""
+    n = problem.stages
+    at_end, at_target, after = [], [], []
+    for work, found in zip(problem.arms, plan.arms, strict=True):
+        chain = Chain.of(work)
+        # An idle arm waits where it ended last.
+        last = np.where(np.isin(np.arange(n), chain.active), np.arange(n), chain.previous)
+        start = start_joints(problem, work, chain, found)
+        waits = np.where(last[:, None] >= 0, found.q_retract[last], start)
+        active = np.isin(np.arange(n), chain.active)[:, None]
+        at_end.append(np.where(active, found.q_approach, waits))
+        at_target.append(np.where(active, found.q_target, waits))
+        after.append(waits)
+    angle = plan.decisions.angle
+    return (
+        test.positions(angle, at_end),
+        test.positions(angle, at_target),
+        test.positions(angle, after),
+    )
