@@ -11,16 +11,14 @@ from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.planning.detours import least_detour
+from dualarm_cli.planning.keeping_clear import STEP, keeps_clear, last_motion
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
 
-STEP = 0.004
-"""Time between postures that are looked at [s]."""
 DELAY_STEP = 0.05
 """Delays are multiples of this [s]."""
-SLACK = 0.003
-"""What is asked for beyond the required clearance, for what is between the instants [m]."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,7 @@ def with_delays(
     motion: Motion,
     timing: TimingSolver,
     test: QuickTest,
+    seed: int,
 ) -> Cleared:
     """Returns a plan in which arms wait at the start of stages in which they would not keep clear.
 
@@ -55,27 +54,27 @@ def with_delays(
         motion: theirs, without waits.
         timing: how transfers and lines are timed.
         test: the cell's quick test.
+        seed: of what is tried at random.
     """
     found, blocked = list(plans), []
     for k, stage in enumerate(motion.stages):
         count = max(2, int(np.ceil((stage.end - stage.start) / STEP)) + 1)
         position = motion.trajectory.at(np.linspace(stage.start, stage.end, count))[0]
-        if _clear(test, position):
+        if keeps_clear(test, position):
             continue
         delay = _least_delay(model, test, position, (stage.end - stage.start) / (count - 1))
-        if delay is None:
+        if delay is not None:
+            found[k] = replace(plans[k], waits=delay)
+            continue
+        alone = realise(model, job, [plans[k]], timing)
+        detour = least_detour(model, job, plans[k], alone, timing, test, seed)
+        if detour is None:
             blocked.append(k)
         else:
-            found[k] = replace(plans[k], waits=delay)
+            found[k] = detour
     if all(new is old for new, old in zip(found, plans, strict=True)):
         return Cleared(found, motion, tuple(blocked))
     return Cleared(found, realise(model, job, found, timing), tuple(blocked))
-
-
-def _clear(test: QuickTest, position: FloatArray) -> bool:
-    """Returns whether everything keeps clear at all of some instants."""
-    groups = (test.cross, *test.own.values())
-    return all(bool((test.margins(group, position) >= SLACK).all()) for group in groups)
 
 
 def _least_delay(
@@ -89,7 +88,7 @@ def _least_delay(
         position: all joints at instants a step apart [rad], shape (t, columns).
         step: time between them [s].
     """
-    ends = {name: _last_motion(position[:, arm.columns]) for name, arm in model.arms.items()}
+    ends = {name: last_motion(position[:, arm.columns]) for name, arm in model.arms.items()}
     shift = max(1, round(DELAY_STEP / step))
     tries = []
     for name, end in ends.items():
@@ -104,12 +103,6 @@ def _least_delay(
         delayed = longer.copy()
         delayed[:, columns] = longer[:1, columns]
         delayed[delay:, columns] = longer[:-delay, columns]
-        if _clear(test, delayed):
+        if keeps_clear(test, delayed):
             return {name: delay * step}
     return None
-
-
-def _last_motion(position: FloatArray) -> int:
-    """Returns the number of the instant after which nothing moves."""
-    moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > 0.0)
-    return int(moves[-1]) + 1 if len(moves) else 0

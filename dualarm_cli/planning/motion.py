@@ -98,7 +98,11 @@ def _add_stage(
             names = tuple(model.cell.robot.joints[i] for i in index)
             record.pieces[name].append(hold(names, plan.start[index], wait))
             _segment(record, name, "wait", None, begin, begin + wait)
-        if name in transfers.motion:
+        if name in plan.detours:
+            pieces = detour_pieces(model, plan, name, columns, limits, timing, job.tool_speed)
+            record.pieces[name] += pieces
+            ends[name] += sum(piece.duration for piece in pieces)
+        elif name in transfers.motion:
             record.pieces[name].append(transfers.motion[name])
             ends[name] += transfers.motion[name].duration
         if name != PLATFORM and ends[name] > wait:
@@ -117,6 +121,42 @@ def _add_stage(
     record.clock = begin + length
     critical = max(plan.stops, key=lambda name: ends[name], default="")
     record.stages.append(_stage(model, plan, transfers, begin, record.clock, critical))
+
+
+def detour_pieces(
+    model: CellModel,
+    plan: StagePlan,
+    name: str,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+) -> list[Trajectory]:
+    """Returns an arm's way by a posture out of the other one's way: there, a pause (if there is one), and on.
+
+    Args:
+        model: the cell.
+        plan: the stage, with a detour of the arm.
+        name: the arm.
+        columns: columns of each joint group within the limits' joints.
+        limits: what the joints may do.
+        timing: how transfers are timed.
+        cap: largest speed of any tool centre point in the world [m/s], or None.
+    """
+    detour, index = plan.detours[name], columns[name]
+    between = np.array(plan.start)
+    between[index] = detour.posture
+    goal = np.array(plan.start)
+    goal[index] = plan.arrival[index]
+    pieces = []
+    for start, end in ((plan.start, between), (between, goal)):
+        alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
+        moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
+        pieces += [moved.motion[name]] if name in moved.motion else []
+    if detour.pause > 0.0:
+        joints = tuple(limits.joints[i] for i in index)
+        pieces.insert(1, hold(joints, detour.posture, detour.pause))
+    return pieces
 
 
 def _stage(

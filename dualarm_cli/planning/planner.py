@@ -72,7 +72,7 @@ def plan_without_bound(
     progress(f"deciding platform angles and postures ({method.name})")
     decided = method.solve(problem)
     progress("timing the motion")
-    cleared, cost = _quickest(model, job, decided, timing)
+    cleared, cost = _quickest(model, job, decided, timing, settings.seed)
     stages, motion = cleared.plans, cleared.motion
     return Schedule(
         robot=ScheduleRobot.of_job(job),
@@ -93,7 +93,7 @@ def plan_without_bound(
 
 
 def _quickest(
-    model: CellModel, job: Job, decided: Decided, timing: TimingSolver
+    model: CellModel, job: Job, decided: Decided, timing: TimingSolver, seed: int
 ) -> tuple[Cleared, float]:
     """Returns the quickest of a method's plans that keeps clear, exactly timed, and what its waits cost [s].
 
@@ -107,7 +107,7 @@ def _quickest(
         blind = motions[k].trajectory.duration
         if best is not None and not best.blocked and best.motion.trajectory.duration <= blind:
             break
-        one = with_delays(model, job, plans[k], motions[k], timing, test)
+        one = with_delays(model, job, plans[k], motions[k], timing, test, seed)
         if best is None or _badness(one) < _badness(best):
             best, cost = one, one.motion.trajectory.duration - blind
     assert best is not None  # there is always the method's own plan
@@ -124,6 +124,10 @@ def _wait_notes(stages: list[StagePlan], cost: float) -> list[str]:
         f"{arm} {wait:.2f} s in stage {k}"
         for k, stage in enumerate(stages, 1)
         for arm, wait in stage.waits.items()
+    ] + [
+        f"{arm} by a detour in stage {k}"
+        for k, stage in enumerate(stages, 1)
+        for arm in stage.detours
     ]
     if not waits:
         return []

@@ -27,6 +27,16 @@ class ArmStop:
 
 
 @dataclass(frozen=True)
+class Detour:
+    """A posture out of the other arm's way."""
+
+    posture: FloatArray
+    """The arm's joints there [rad], shape (7,)."""
+    pause: float
+    """How long it waits there [s]."""
+
+
+@dataclass(frozen=True)
 class StagePlan:
     """Everything decided about one stage; times follow from it."""
 
@@ -44,3 +54,5 @@ class StagePlan:
     """Length of the stage [s]: transfers and dwells in closed form, lines as estimated."""
     waits: Mapping[str, float] = field(default_factory=dict)
     """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
+    detours: Mapping[str, Detour] = field(default_factory=dict)
+    """Where an arm makes way for the other one before it goes on; by arm."""
