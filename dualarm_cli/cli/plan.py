@@ -108,11 +108,11 @@ def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
     console = stderr_console()
     if quiet or not console.is_terminal:
         schedule = plan(job, settings)
-        return replace(schedule, verification=verify(schedule, job))
+        return replace(schedule, verification=verify(schedule, job, clearance=True))
     with console.status("planning") as status:
         schedule = plan(job, settings, progress=lambda text: status.update(text))
         status.update("verifying")
-        return replace(schedule, verification=verify(schedule, job))
+        return replace(schedule, verification=verify(schedule, job, clearance=True))
 
 
 def _print(report: dict[str, Any], folder: Path) -> None:

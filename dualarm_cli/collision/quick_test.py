@@ -100,6 +100,7 @@ class QuickTest:
         solids = cell_solids(cell, model, [])
         pairs = pairs_that_must_keep_apart(model, solids, cell)
         hulls = [_hull(solid) for solid in solids]
+        self._solids, self._pairs = solids, pairs
         self._joint = [solid.joint for solid in solids]
         self._a = np.array([hull[0] for hull in hulls])
         self._b = np.array([hull[1] for hull in hulls])
@@ -131,6 +132,32 @@ class QuickTest:
             for k in range(0, len(position), BLOCK):
                 least[k : k + BLOCK] = self._block(group, position[k : k + BLOCK])
         return least
+
+    def nearest(self, position: FloatArray) -> tuple[str, str, float]:
+        """Returns the two bodies of all pairs that have the least margin at one configuration, and it [m]; by coal.
+
+        Args:
+            position: all joints of the robot [rad], shape (columns,).
+        """
+        frames = self._tree.frames(position[None], frozenset(self._joint))
+        places = [
+            pin.SE3(frames[s.joint][0][0], frames[s.joint][1][0]) * s.pose for s in self._solids
+        ]
+        best = ("", "", np.inf)
+        request = coal.DistanceRequest()
+        for pair in self._pairs:
+            one, other = self._solids[pair.first], self._solids[pair.second]
+            result = coal.DistanceResult()
+            transforms = [
+                coal.Transform3s(places[k].rotation, places[k].translation)
+                for k in (pair.first, pair.second)
+            ]
+            distance = coal.distance(
+                one.geometry, transforms[0], other.geometry, transforms[1], request, result
+            )
+            if distance - pair.required < best[2]:
+                best = (one.body, other.body, float(distance - pair.required))
+        return best
 
     def _block(self, group: PairGroup, position: FloatArray) -> FloatArray:
         frames = self._tree.frames(position, group.joints)

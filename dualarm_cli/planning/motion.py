@@ -97,7 +97,7 @@ def _add_stage(
         if wait > 0:
             names = tuple(model.cell.robot.joints[i] for i in index)
             record.pieces[name].append(hold(names, plan.start[index], wait))
-            _segment(record, name, "wait", None, begin, begin + wait)
+            _segment(record, name, "wait", plan.stops.get(name), begin, begin + wait)
         if name in plan.detours:
             pieces = detour_pieces(model, plan, name, columns, limits, timing, job.tool_speed)
             record.pieces[name] += pieces

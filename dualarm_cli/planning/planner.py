@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from dualarm_cli import __version__
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.delays import Cleared, with_delays
+from dualarm_cli.planning.keeping_clear import STEP
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.motion import realise
@@ -111,7 +114,33 @@ def _quickest(
         if best is None or _badness(one) < _badness(best):
             best, cost = one, one.motion.trajectory.duration - blind
     assert best is not None  # there is always the method's own plan
+    if best.blocked:
+        raise InfeasibleError(_why_blocked(model, best, test))
     return best, cost
+
+
+def _why_blocked(model: CellModel, found: Cleared, test: QuickTest) -> str:
+    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
+    lines = []
+    for k in found.blocked:
+        stage = found.motion.stages[k]
+        times = np.arange(stage.start, stage.end + STEP, STEP)
+        position = found.motion.trajectory.at(np.minimum(times, stage.end))[0]
+        groups = (test.cross, *test.own.values())
+        margins = np.minimum.reduce([test.margins(group, position) for group in groups])
+        worst = int(np.argmin(margins))
+        one, other, margin = test.nearest(position[worst])
+        places = ", ".join(
+            f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
+        )
+        lines.append(
+            f"{places or 'return'}: {one} and {other} lack {-margin * 1e3:.1f} mm of clearance "
+            f"{times[worst] - stage.start:.2f} s into stage {k + 1}"
+        )
+    return (
+        "no plan was found that keeps clear by other postures, platform angles, waits or detours:\n  "
+        + "\n  ".join(lines)
+    )
 
 
 def _badness(found: Cleared) -> tuple[int, float]:

@@ -13,12 +13,11 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
+from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
 
 FORMAT = "dualarm.report/1"
 SHORTEST_CYCLE = 1e-3
 """Below this a throughput means nothing [s]."""
-COLLISIONS = "not checked"
-"""What this version says about collisions."""
 
 
 def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
@@ -38,8 +37,8 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "lower_bound": schedule.lower_bound,
         "gap": relative_gap(schedule),
         "grid_gap": schedule.grid_gap,
-        "collisions": COLLISIONS,
-        "smallest_clearance": None,
+        "collisions": _collisions(schedule),
+        "smallest_clearance": _smallest_clearance(schedule),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
@@ -80,6 +79,25 @@ def assumed_joints(schedule: Schedule) -> list[str]:
     return [
         j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"
     ]
+
+
+def _smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
+    """Returns the stage whose clearance is nearest to what is required, or None where none was proven."""
+    stages = schedule.verification.clearances if schedule.verification is not None else ()
+    return asdict(min(stages, key=lambda stage: stage.margin)) if stages else None
+
+
+def _collisions(schedule: Schedule) -> str:
+    """Returns a sentence on what was proven about collisions."""
+    found = _smallest_clearance(schedule)
+    if found is None:
+        return "not checked"
+    one, other = found["bodies"]
+    return (
+        f"{'none' if found['margin'] >= -CLEARANCE_SLACK else 'CLEARANCE MISSED'}; least margin proven: "
+        f"{found['clearance'] * 1e3:.1f} mm where {found['required'] * 1e3:.1f} mm are required, "
+        f"{one} and {other} at {found['time']:.3f} s"
+    )
 
 
 def verification_document(verification: Verification | None) -> dict[str, Any] | None:
