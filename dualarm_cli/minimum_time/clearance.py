@@ -10,6 +10,8 @@ import numpy as np
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 
+SLACK = 0.004
+"""What stops keep beyond the required clearance, so that lines and motions near them keep theirs [m]."""
 SAMPLES = 8
 """Postures along a move, between its ends."""
 
@@ -51,14 +53,14 @@ class Clearance:
         joints: list[FloatArray | None] = [None] * len(self.columns)
         joints[a] = q
         margins = self.test.margins(self.test.own[self.names[a]], self.positions(angle, joints))
-        return np.asarray(margins >= 0.0)
+        return np.asarray(margins >= SLACK)
 
     def free(self, position: FloatArray) -> BoolArray:
         """Returns where everything keeps clear of everything, for all joints (n, columns); shape (n,)."""
         free = np.ones(len(position), dtype=np.bool_)
         for group in (self.test.cross, *self.test.own.values()):
             rows = np.flatnonzero(free)
-            free[rows] = self.test.margins(group, position[rows]) >= 0.0
+            free[rows] = self.test.margins(group, position[rows]) >= SLACK
         return free
 
     def moves_free(self, start: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:

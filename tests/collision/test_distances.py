@@ -1,0 +1,53 @@
+"""Vectorised distances against coal's."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.distances import box_distance, segment_distance
+
+
+def coal_distance(one, T_one, other, T_other):
+    """Distance of two solids by coal."""
+    places = [coal.Transform3s(T.rotation, T.translation) for T in (T_one, T_other)]
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return coal.distance(one, places[0], other, places[1], request, result)
+
+
+def ends(T, half):
+    """Both ends of a segment along z."""
+    return np.array([T.act(np.array([0.0, 0.0, s * half])) for s in (1.0, -1.0)])
+
+
+def test_segments_are_as_far_apart_as_thin_capsules():
+    """A thousand random pairs, some of them points, some parallel."""
+    random = np.random.default_rng(0)
+    for k in range(1000):
+        T, S = pin.SE3.Random(), pin.SE3.Random()
+        if k % 5 == 0:
+            S = pin.SE3(T.rotation, S.translation)
+        halves = random.uniform(0.01, 1.0, 2) * (1.0 if k % 7 else 1e-9)
+        expected = coal_distance(
+            coal.Capsule(0.01, 2 * halves[0]), T, coal.Capsule(0.01, 2 * halves[1]), S
+        )
+        found = segment_distance(*ends(T, halves[0]), *ends(S, halves[1]))
+        if expected > 1e-6:
+            assert abs(found - 0.02 - expected) < 1e-6
+
+
+def test_a_segment_is_never_farther_from_a_box_than_it_is_and_hardly_nearer():
+    """A thousand random ones outside: at most a thousandth of the segment too near."""
+    random = np.random.default_rng(1)
+    for _ in range(1000):
+        T, half = pin.SE3.Random(), random.uniform(0.05, 1.0)
+        sides = random.uniform(0.05, 0.8, 3)
+        expected = coal_distance(
+            coal.Capsule(0.001, 2 * half), T, coal.Box(*(2 * sides)), pin.SE3.Identity()
+        )
+        if expected < 1e-6:
+            continue
+        a, b = ends(T, half)
+        found = float(box_distance(a, b, sides)) - 0.001
+        assert expected - 2e-3 * 2 * half - 1e-6 <= found <= expected + 1e-6

@@ -1,0 +1,91 @@
+"""The planner's quick test: what it calls free is free by coal, and it calls free nearly all that is."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.collision.quick_test import QuickTest
+from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.collision.tree import JointTree
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.cell import Obstacle, Shape
+
+
+def margins_by_coal(cell, positions):
+    """The least distance less required clearance of all pairs at every configuration."""
+    robot = cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = cell_solids(cell, model, [])
+    pairs = pairs_that_must_keep_apart(model, solids, cell)
+    geometry = pin.GeometryModel()
+    for number, solid in enumerate(solids):
+        geometry.addGeometryObject(
+            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
+        )
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    data, distances = model.createData(), pin.GeometryData(geometry)
+    order = [robot.joints.index(name) for name in model.names[1:]]
+    required = np.array([pair.required for pair in pairs])
+    found = []
+    for q in positions[:, order]:
+        pin.computeDistances(model, data, geometry, distances, q)
+        found.append(
+            (np.array([r.min_distance for r in distances.distanceResults]) - required).min()
+        )
+    return np.array(found)
+
+
+def shapes():
+    """One of each kind, in front of the robot, and the floor."""
+    at = [
+        pin.SE3(pin.rpy.rpyToMatrix(0.3 * k, 0.2, 0.1), np.array([0.5, 0.4 * k - 0.8, 0.7]))
+        for k in range(5)
+    ]
+    return (
+        Obstacle("box", Shape("box", (0.2, 0.3, 0.1), at[0])),
+        Obstacle("ball", Shape("sphere", (0.1,), at[1])),
+        Obstacle("rod", Shape("capsule", (0.05, 0.4), at[2])),
+        Obstacle("can", Shape("cylinder", (0.06, 0.3), at[3])),
+        Obstacle("floor", Shape("half_space", (), pin.SE3.Identity())),
+    )
+
+
+@pytest.mark.parametrize("name", ["04_packing", "05_two_robots"])
+def test_what_is_called_free_is_free(tasks_folder, name):
+    """Two thousand random postures among every kind of obstacle; cylinders alone are taken as longer than they are."""
+    cell = load_job(tasks_folder / name / "tasks.yaml").cell
+    cell = dataclasses.replace(cell, obstacles=shapes(), clearance=0.005)
+    test = QuickTest(cell)
+    limits = cell.robot.limits
+    random = np.random.default_rng(3)
+    q = random.uniform(limits.lower, limits.upper, (2000, len(limits.joints)))
+    quick = np.minimum.reduce([test.margins(g, q) for g in (test.cross, *test.own.values())])
+    truth = margins_by_coal(cell, q)
+    assert not ((quick > 1e-6) & (truth < 0.0)).any()
+    assert (quick > 0.0).mean() > 0.9 * (truth > 0.0).mean() > 0.0
+    one, other, margin = test.nearest(q[0])
+    assert margin == pytest.approx(truth[0], abs=1e-6)
+    assert one != other
+
+
+def test_frames_of_all_joints_are_pinocchios(tasks_folder):
+    """Twenty random configurations, all at once; and a part of the tree only where it is asked for."""
+    robot = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    tree = JointTree.of(model, robot.joints)
+    q = np.random.default_rng(0).uniform(
+        robot.limits.lower, robot.limits.upper, (20, len(robot.joints))
+    )
+    found = tree.frames(q, frozenset(range(model.njoints)))
+    data = model.createData()
+    for k, row in enumerate(q[:, [robot.joints.index(n) for n in model.names[1:]]]):
+        pin.forwardKinematics(model, data, row)
+        for joint in range(model.njoints):
+            np.testing.assert_allclose(found[joint][0][k], data.oMi[joint].rotation, atol=1e-12)
+            np.testing.assert_allclose(found[joint][1][k], data.oMi[joint].translation, atol=1e-12)
+    assert set(tree.frames(q, frozenset([8]))) == set(range(9))

@@ -1,0 +1,77 @@
+"""Plans that keep clear: other postures, waits and detours, each only where it is needed; or the reason why not."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.cell import Obstacle, Shape
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+
+QUICK = PlanSettings(effort="quick")
+
+
+@pytest.fixture(scope="module")
+def packing(tasks_folder):
+    """The first three parts of each arm."""
+    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    return dataclasses.replace(job, tasks=job.tasks[:6])
+
+
+def with_obstacle(job, kind, size, place):
+    """The job with one more obstacle."""
+    added = Obstacle("thing", Shape(kind, size, pin.SE3(np.eye(3), np.asarray(place))))
+    cell = dataclasses.replace(job.cell, obstacles=(*job.cell.obstacles, added))
+    return dataclasses.replace(job, cell=cell)
+
+
+def least(schedule, job):
+    """The least proven margin, after everything else was verified."""
+    found = verify(schedule, job, clearance=True)
+    assert [check.name for check in found.failures] == []
+    return min(stage.margin for stage in found.clearances)
+
+
+def test_a_plan_goes_round_what_stands_in_the_way_of_the_one_before(packing):
+    """A ball where the left elbow link was at an event of the blind plan: the new plan keeps its 10 mm from it."""
+    blind = plan_without_bound(packing, QUICK)
+    robot = packing.cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    event = next(e for e in blind.events if e.arm == "left")
+    [q], _, _ = blind.trajectory.at(np.array([event.time]))
+    order = [blind.trajectory.joints.index(name) for name in model.names[1:]]
+    pin.forwardKinematics(model, data, q[order])
+    elbow = packing.cell.base * data.oMi[model.getJointId("left_u")]
+    job = with_obstacle(packing, "sphere", (0.03,), elbow.translation)
+    blind_check = verify(blind, job, clearance=True)
+    assert "collisions" in [check.name for check in blind_check.failures]
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    again = plan_without_bound(job, QUICK)
+    np.testing.assert_array_equal(schedule.trajectory.position, again.trajectory.position)
+
+
+def test_arms_whose_ways_cross_wait_or_make_way_and_the_report_says_so(tasks_folder):
+    """Two robots face to face change sides: no straight moves serve."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    [note] = [note for note in schedule.notes if note.startswith("clearance:")]
+    assert "detour" in note or "waits" in note
+    assert "costs" in note
+
+
+def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
+    """A box about the first target: whatever the posture, the tool is in it."""
+    target = packing.tasks[0].stops[0].target.pose.translation
+    job = with_obstacle(packing, "box", (0.05, 0.05, 0.05), target)
+    with pytest.raises(InfeasibleError, match="left_tool and thing lack"):
+        plan_without_bound(job, dataclasses.replace(QUICK, platform="fixed"))
