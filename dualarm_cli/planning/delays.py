@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import least_detour
-from dualarm_cli.planning.keeping_clear import STEP, keeps_clear, last_motion
+from dualarm_cli.planning.keeping_clear import STEP, arms_alone_keep_clear, keeps_clear, last_motion
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
@@ -61,6 +61,10 @@ def with_delays(
         count = max(2, int(np.ceil((stage.end - stage.start) / STEP)) + 1)
         position = motion.trajectory.at(np.linspace(stage.start, stage.end, count))[0]
         if keeps_clear(test, position):
+            continue
+        if not arms_alone_keep_clear(test, position):
+            # Neither waiting nor making way mends what one arm does by itself.
+            blocked.append(k)
             continue
         delay = _least_delay(model, test, position, (stage.end - stage.start) / (count - 1))
         if delay is not None:

@@ -28,6 +28,11 @@ def keeps_clear(test: QuickTest, position: FloatArray) -> bool:
     return all(bool((test.margins(group, position) >= SLACK).all()) for group in groups)
 
 
+def arms_alone_keep_clear(test: QuickTest, position: FloatArray) -> bool:
+    """Returns whether each arm keeps clear of itself and of what stands still at all of some instants."""
+    return all(bool((test.margins(g, position) >= SLACK).all()) for g in test.own.values())
+
+
 def last_motion(position: FloatArray) -> int:
     """Returns the number of the instant after which nothing moves."""
     moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > 0.0)
