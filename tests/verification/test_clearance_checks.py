@@ -87,6 +87,14 @@ def test_neighbours_and_named_contacts_are_left_out_and_nothing_else(packing):
     assert set(pairs) - set(bodies_in_pairs(allowed)) == {frozenset(("left_tool", "right_tool"))}
 
 
+def test_the_other_robots_base_is_no_neighbour(tasks_folder):
+    """Two iiwas: each first link hangs on its own base alone, though both bases stand in the world."""
+    pairs = bodies_in_pairs(load_job(tasks_folder / "05_two_robots" / "tasks.yaml").cell)
+    for own, other in (("left", "right"), ("right", "left")):
+        assert frozenset((f"{own}_base_link", f"{own}_link_1")) not in pairs
+        assert frozenset((f"{other}_base_link", f"{own}_link_1")) in pairs
+
+
 def test_a_pair_has_its_own_clearance_where_the_cell_says_so(packing):
     """All others keep the cell's."""
     cell = dataclasses.replace(
