@@ -183,8 +183,9 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
 def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: Cell) -> list[Pair]:
     """Returns every pair of solids that must keep apart.
 
-    Left out are solids that never move against each other, those of neighbouring links (joined by one joint), and
-    the pairs of bodies that the robot's or the cell's file names as allowed contacts.
+    Left out are solids that never move against each other, those of neighbouring links (joined by one joint; a tool
+    counts as the link that carries it, a part does not), and the pairs of bodies that the robot's or the cell's file
+    names as allowed contacts.
 
     Args:
         model: of the robot's URDF.
@@ -193,28 +194,34 @@ def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: 
     """
     allowed = {frozenset(pair) for pair in (*cell.robot.allowed_contacts, *cell.allowed_contacts)}
     special = {frozenset(names): distance for *names, distance in cell.clearances}
+    before = [_links_before(model, joint) for joint in range(model.njoints)]
     pairs = []
     for i, one in enumerate(solids):
         for j in range(i + 1, len(solids)):
             other = solids[j]
             bodies = frozenset((one.body, other.body))
-            joints = (one.joint, other.joint)
-            neighbours = WORLD not in joints and (
-                model.parents[one.joint] == other.joint or model.parents[other.joint] == one.joint
-            )
-            root = WORLD in joints and _is_next_to_root(model, solids, one, other, cell)
-            if one.joint == other.joint or neighbours or root or bodies in allowed:
+            neighbours = one.body in before[other.joint] or other.body in before[one.joint]
+            if one.carrier or other.carrier:
+                neighbours = False
+            if one.joint == other.joint or neighbours or bodies in allowed:
                 continue
             pairs.append(Pair(i, j, special.get(bodies, cell.clearance)))
     return pairs
 
 
-def _is_next_to_root(
-    model: pin.Model, solids: Sequence[Solid], one: Solid, other: Solid, cell: Cell
-) -> bool:
-    """Returns whether one is a link that stands in the world and the other a link joined to it."""
-    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
-    if one.body not in links or other.body not in links:
-        return False
-    moving = max(one.joint, other.joint)
-    return moving != WORLD and model.parents[moving] == WORLD
+def _links_before(model: pin.Model, joint: int) -> set[str]:
+    """Returns the links that a joint hangs on: its parent link, and those that this one is fixed to towards the root.
+
+    Links that are fixed to them elsewhere, such as the other robot's base, are no neighbours.
+    """
+    found: set[str] = set()
+    if joint == WORLD:
+        return found
+    frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)].parentFrame
+    while model.frames[frame].parentJoint == model.parents[joint]:
+        if model.frames[frame].type == pin.FrameType.BODY:
+            found.add(model.frames[frame].name)
+        if frame == model.frames[frame].parentFrame:
+            break
+        frame = model.frames[frame].parentFrame
+    return found

@@ -133,9 +133,9 @@ def _side(trajectory: Trajectory, time: FloatArray, side: str) -> FloatArray:
         getattr(trajectory, name)[index] for name in ("position", "velocity", "acceleration")
     )
     j = np.vstack([trajectory.jerk, np.zeros((1, q.shape[1]))])[index]
-    # A knot that stands in for one of the trajectory's own a moment later has that one's acceleration: led back along
-    # the interval behind it, it could exceed its limit.
-    acceleration = a + np.maximum(dt, 0.0) * j
+    # A knot that stands in for one of the trajectory's own a moment later has that one's velocity and acceleration: led
+    # back along the interval behind it, they could exceed their limits.
+    ahead = np.maximum(dt, 0.0)
     return np.stack(
-        [q + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), acceleration]
+        [q + dt * (v + dt * (a / 2 + dt * j / 6)), v + ahead * (a + ahead * j / 2), a + ahead * j]
     )

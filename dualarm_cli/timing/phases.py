@@ -100,9 +100,13 @@ def _evaluate(edges: FloatArray, states: FloatArray, time: FloatArray, shift: fl
     joint = np.arange(len(edges))
     dt = time[:, None] - edges[joint, phase]
     q, v, a, j = states[:, joint, phase]
-    # A knot that stands in for the beginning of a phase a moment later has that phase's acceleration: led back along
-    # the phase, it could exceed its limit.
-    acceleration = a + np.maximum(dt, 0.0) * j
+    # A knot that stands in for the beginning of a phase a moment later has that phase's velocity and acceleration: led
+    # back along the phase, they could exceed their limits.
+    ahead = np.maximum(dt, 0.0)
     return np.stack(
-        [q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)), v + dt * (a + dt * j / 2.0), acceleration]
+        [
+            q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
+            v + ahead * (a + ahead * j / 2.0),
+            a + ahead * j,
+        ]
     )

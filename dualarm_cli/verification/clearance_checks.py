@@ -53,6 +53,9 @@ def check_clearance(
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
     proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
     edges = _edges(schedule)
+    starts = np.array([stage.start for stage in schedule.stages] or [edges[0]])
+    # A stage without length has no stretch of its own; two that start at once are one, the later.
+    numbers = np.searchsorted(starts, edges[:-1], side="right") - 1
     stages = []
     for k, found in enumerate(proof.certify(edges)):
         if found.pair < 0:
@@ -61,7 +64,7 @@ def check_clearance(
         bodies = (solids[pair.first].body, solids[pair.second].body)
         stages.append(
             StageClearance(
-                stage=k,
+                stage=int(max(0, numbers[k])),
                 clearance=found.margin + pair.required,
                 margin=found.margin,
                 required=pair.required,

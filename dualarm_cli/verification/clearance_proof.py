@@ -131,11 +131,6 @@ class ClearanceProof:
             for k in range(len(found))
         ]
 
-    def distance_at(self, time: float, pair: int) -> float:
-        """Returns the distance of one pair at an instant [m]; negative where its solids overlap."""
-        margin = self._margins_at(np.array([time]), np.array([pair]))
-        return float(margin[0] + self._required[pair])
-
     def _instants(self, edges: FloatArray) -> FloatArray:
         """Returns the ends of the first intervals [s]: all edges and windows' ends among them."""
         marks = [*edges.tolist()]

@@ -131,3 +131,21 @@ def test_a_knot_that_stands_in_for_another_keeps_its_acceleration() -> None:
         parts.append(Trajectory((name,), time, position, velocity, acceleration))
     merged = merge(parts, joints=("a", "b"))
     assert np.abs(merged.acceleration).max() <= full
+
+
+def test_a_knot_that_stands_in_for_another_keeps_its_velocity() -> None:
+    """Two joints end their cruise 0.5 ns apart; at the one knot that is left neither is faster than it cruised."""
+    full, cruise = 9.9, 2.967
+    parts = []
+    for name, later in (("a", 0.0), ("b", 5e-10)):
+        edge, stop = 0.5 + later, 0.5 + later + cruise / full
+        # Two knots at the edge: without a jerk limit the acceleration jumps there.
+        time = np.array([0.0, edge, edge, stop])
+        velocity = np.array([[cruise], [cruise], [cruise], [0.0]])
+        acceleration = np.array([[0.0], [0.0], [-full], [-full]])
+        position = np.array([[0.0], [cruise * edge], [cruise * edge], [cruise * edge]])
+        position[3] += 0.5 * cruise * (stop - edge)
+        parts.append(Trajectory((name,), time, position, velocity, acceleration))
+    merged = merge(parts, joints=("a", "b"))
+    assert len(merged.time) < 8
+    assert np.abs(merged.velocity).max() <= cruise

@@ -12,6 +12,7 @@ from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
 from dualarm_cli.errors import InputError
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle, Shape
+from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
@@ -87,6 +88,14 @@ def test_neighbours_and_named_contacts_are_left_out_and_nothing_else(packing):
     assert set(pairs) - set(bodies_in_pairs(allowed)) == {frozenset(("left_tool", "right_tool"))}
 
 
+def test_the_other_robots_base_is_no_neighbour(tasks_folder):
+    """Two iiwas: each first link hangs on its own base alone, though both bases stand in the world."""
+    pairs = bodies_in_pairs(load_job(tasks_folder / "05_two_robots" / "tasks.yaml").cell)
+    for own, other in (("left", "right"), ("right", "left")):
+        assert frozenset((f"{own}_base_link", f"{own}_link_1")) not in pairs
+        assert frozenset((f"{other}_base_link", f"{own}_link_1")) in pairs
+
+
 def test_a_pair_has_its_own_clearance_where_the_cell_says_so(packing):
     """All others keep the cell's."""
     cell = dataclasses.replace(
@@ -105,6 +114,21 @@ def test_a_plan_without_contact_passes_and_names_the_nearest_of_every_stage(sche
     assert all(stage.clearance == pytest.approx(stage.margin + stage.required) for stage in stages)
     [unasked] = [c for c in verify(schedule, packing).checks if c.name == "collisions"]
     assert unasked.verdict == "not checked"
+
+
+def test_a_stage_without_length_is_left_out_and_the_others_keep_their_numbers(packing):
+    """From a free start the first bare move takes no time: the second stage is called the second."""
+    task = packing.tasks[0]
+    stops = tuple(
+        dataclasses.replace(stop, approach=0.0, retract=0.0, dwell=Dwell()) for stop in task.stops
+    )
+    job = dataclasses.replace(
+        packing, tasks=(dataclasses.replace(task, stops=stops),), start="free", returns=False
+    )
+    found = plan_without_bound(job, PlanSettings(platform="fixed"))
+    assert found.stages[0].end == found.stages[1].start == 0.0
+    _, stages = collisions(found, job)
+    assert [stage.stage for stage in stages] == [1]
 
 
 def test_an_obstacle_in_the_way_is_found_with_pair_time_and_depth(schedule, packing):
