@@ -1,4 +1,4 @@
-"""Distances of many segments from segments, boxes and half-spaces at once: never more than the true ones."""
+"""Distances of many segments from segments and boxes at once, components first."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from dualarm_cli.geometry.arrays import FloatArray
 
 TINY = 1e-12
 """Squared lengths below this are points [m²]."""
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-ROUNDS = 14
-"""Golden sections of a segment: what is left of it, a thousandth, is taken off the distance."""
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Returns the scalar products of vectors (3, ...), broadcast, shape (...)."""
+    product: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
@@ -20,14 +23,14 @@ def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
     either segment ([Ericson2004] 5.1.9).
 
     Args:
-        a: ends of the first segments [m], shape (..., 3), broadcast with the others.
+        a: ends of the first segments [m], shape (3, ...), broadcast with the others.
         b: their other ends.
         c: ends of the second segments.
         d: their other ends.
     """
     u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
-    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    uu, vv, uv = dot(u, u), dot(v, v), dot(u, v)
+    uw, vw = dot(u, w), dot(v, w)
     denominator = uu * vv - uv * uv
     with np.errstate(divide="ignore", invalid="ignore"):
         s = np.where(denominator > TINY, (uv * vw - vv * uw) / denominator, 0.0)
@@ -36,41 +39,49 @@ def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
         t = np.clip(t, 0.0, 1.0)
         s = np.where(uu > TINY, (uv * t - uw) / uu, 0.0)
         s = np.clip(s, 0.0, 1.0)
-    apart = w + s[..., None] * u - t[..., None] * v
-    return np.sqrt((apart * apart).sum(-1))
+    apart = w + s * u - t * v
+    return np.sqrt(dot(apart, apart))
 
 
 def box_distance(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns a bound below the distance of segments a-b from a box about the origin [m], shape (...).
+    """Returns the distance of segments a-b from boxes about the origin [m], shape (...); exact up to rounding.
 
-    The distance from a convex solid is convex along a segment, and changes by no more than the way: golden sections
-    find its minimum up to what is left of the segment. Inside, it is minus the depth of the deepest point looked at.
+    Half the derivative of the squared distance along the segment rises, and is linear between the places where the
+    segment crosses the planes of the sides: it is zero on the straight line between the last of them where it is
+    negative and the first where it is not. Inside, the distance is minus the depth there.
 
     Args:
-        a: ends in the box's frame [m], shape (..., 3).
+        a: ends in the box's frame [m], shape (3, ...).
         b: other ends.
-        half: half sides of the box [m], shape (..., 3).
+        half: half sides of the box [m], shape (3, ...).
     """
     u = b - a
-    length = np.sqrt((u * u).sum(-1))
-    low, high = np.zeros(length.shape), np.ones(length.shape)
-    one, other = 1.0 - GOLDEN + low, GOLDEN + low
-    at_one, at_other = (_point_box(a + x[..., None] * u, half) for x in (one, other))
-    least = np.minimum(np.minimum(at_one, at_other), _point_box(a, half))
-    least = np.minimum(least, _point_box(b, half))
-    for _ in range(ROUNDS):
-        left = at_one < at_other
-        low, high = np.where(left, low, one), np.where(left, other, high)
-        new = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-        value = _point_box(a + new[..., None] * u, half)
-        one, other = np.where(left, new, other), np.where(left, one, new)
-        at_one, at_other = np.where(left, value, at_other), np.where(left, at_one, value)
-        least = np.minimum(least, value)
-    return least - (high - low) * length
+    low, high = np.zeros(u.shape[1:]), np.ones(u.shape[1:])
+    at_low, at_high = _slope(a, u, half, low), _slope(a, u, half, high)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = [(side - a) / u for side in (half, -half)]
+    for x in (x for crossing in crossings for x in crossing):
+        # What is not between is neither; comparisons with NaN are false.
+        slope = _slope(a, u, half, np.where((x > low) & (x < high), x, low))
+        between = (x > low) & (x < high)
+        rises = between & (slope >= 0.0)
+        falls = between & (slope < 0.0)
+        high, at_high = np.where(rises, x, high), np.where(rises, slope, at_high)
+        low, at_low = np.where(falls, x, low), np.where(falls, slope, at_low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = low - at_low * (high - low) / (at_high - at_low)
+    x = np.where(at_low >= 0.0, low, np.where(at_high <= 0.0, high, x))
+    return point_box(a + x * u, half)
 
 
-def _point_box(x: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the signed distance of points from a box about the origin [m], shape (...)."""
+def _slope(a: FloatArray, u: FloatArray, half: FloatArray, x: FloatArray) -> FloatArray:
+    """Returns half the derivative of the squared distance of a + x u from boxes, shape (...)."""
+    point = a + x * u
+    return dot(u, point - np.clip(point, -half, half))
+
+
+def point_box(x: FloatArray, half: FloatArray) -> FloatArray:
+    """Returns the signed distance of points (3, ...) from boxes about the origin [m], shape (...)."""
     beyond = np.abs(x) - half
     outside = np.maximum(beyond, 0.0)
-    return np.sqrt((outside * outside).sum(-1)) + np.minimum(beyond.max(-1), 0.0)
+    return np.sqrt(dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)

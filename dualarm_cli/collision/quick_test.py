@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.distances import box_distance, segment_distance
+from dualarm_cli.collision.distances import box_distance, dot, segment_distance
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
@@ -18,55 +18,71 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.cell import Cell
 
-BLOCK = 2048
+BLOCK = 512
 """Postures that are tested at a time: their arrays stay in the cache."""
+ENOUGH = 0.01
+"""Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+
+
+@dataclass(frozen=True)
+class _Hulls:
+    """Capsules that move with joints, joint by joint."""
+
+    joints: tuple[tuple[int, int, int], ...]
+    """Joint, first capsule and the one after the last."""
+    center: FloatArray
+    """Middle of each in its joint's frame [m], shape (h, 3)."""
+    half: FloatArray
+    """From there to one end [m], shape (h, 3)."""
 
 
 @dataclass(frozen=True)
 class _Rounds:
-    """Pairs of segments with radii."""
+    """Pairs of capsules."""
 
-    first: tuple[int, ...]
-    """Hulls on the one side, p of them."""
-    second: tuple[int, ...]
-    """Hulls on the other side."""
+    first: IntArray
+    """Capsules on the one side, shape (p,)."""
+    second: IntArray
+    """Capsules on the other side, shape (p,)."""
     slack: FloatArray
-    """Both radii and the required clearance [m], shape (p,)."""
+    """Both radii and the required clearance [m], shape (p, 1)."""
+    ball: FloatArray
+    """The same and both half lengths, shape (p, 1)."""
 
 
 @dataclass(frozen=True)
-class _Boxes:
-    """Pairs of a segment and a box that moves with a joint (or stands)."""
+class _Box:
+    """A box that moves with a joint (or stands), and the capsules that must keep clear of it."""
 
-    hulls: tuple[int, ...]
-    """Segments, p of them."""
-    joints: tuple[int, ...]
-    """The joint that each box moves with."""
+    joint: int
+    """The joint that it moves with."""
     R: FloatArray
-    """Rotation of each box in its joint's frame, shape (p, 3, 3)."""
+    """Rotation of the box in its joint's frame, shape (3, 3)."""
     p: FloatArray
-    """Its centre there [m], shape (p, 3)."""
+    """Its centre there [m], shape (3,)."""
     half: FloatArray
-    """Half sides [m], shape (p, 3)."""
+    """Half sides [m], shape (3,)."""
+    hulls: IntArray
+    """The capsules, shape (p,)."""
     slack: FloatArray
-    """Radius and required clearance [m], shape (p,)."""
+    """Their radii and the required clearances [m], shape (p, 1)."""
+    ball: FloatArray
+    """The same and their half lengths, shape (p, 1)."""
 
 
 @dataclass(frozen=True)
 class _Planes:
-    """Pairs of a segment and a half-space that stands in the root link's frame."""
+    """Pairs of a capsule and a half-space that stands in the root link's frame."""
 
-    hulls: tuple[int, ...]
-    """Segments, p of them."""
+    hulls: IntArray
+    """The capsules, shape (p,)."""
     normal: FloatArray
-    """Outward unit normals, shape (p, 3)."""
-    offset: FloatArray
-    """The planes are normal·x = offset [m], shape (p,)."""
+    """Outward unit normals, shape (3, p, 1)."""
     slack: FloatArray
-    """Radius and required clearance [m], shape (p,)."""
+    """Where the planes are along them, the capsules' radii and the required clearances [m], shape (p, 1)."""
 
 
 @dataclass(frozen=True)
@@ -75,21 +91,26 @@ class PairGroup:
 
     joints: frozenset[int]
     """Joints whose frames are needed."""
+    hulls: _Hulls
     rounds: _Rounds
-    boxes: _Boxes
+    boxes: tuple[_Box, ...]
     planes: _Planes
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing to test."""
-        return not (self.rounds.first or self.boxes.hulls or self.planes.hulls)
+        return not (len(self.rounds.first) or self.boxes or len(self.planes.hulls))
 
 
 class QuickTest:
     """Round hulls of all moving solids of a cell, and its pairs by which joints move them."""
 
-    def __init__(self, cell: Cell) -> None:
-        """Prepares a cell; parts are left out.
+    def __init__(self, cell: Cell, carried: Sequence[tuple[str, str]] = ()) -> None:
+        """Prepares a cell.
+
+        Args:
+            cell: the noun.
+            carried: arm and part for every part that an arm ever carries.
 
         Raises:
             InputError: a mesh that cannot be used.
@@ -97,28 +118,57 @@ class QuickTest:
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
         self._tree = JointTree.of(model, robot.joints)
-        solids = cell_solids(cell, model, [])
-        pairs = pairs_that_must_keep_apart(model, solids, cell)
-        hulls = [_hull(solid) for solid in solids]
-        self._solids, self._pairs = solids, pairs
-        self._joint = [solid.joint for solid in solids]
-        self._a = np.array([hull[0] for hull in hulls])
-        self._b = np.array([hull[1] for hull in hulls])
-        self._radius = np.array([hull[2] for hull in hulls])
+        self._solids = cell_solids(cell, model, carried)
+        self._pairs = pairs_that_must_keep_apart(model, self._solids, cell)
+        hulls = [_hull(solid, self._tree) for solid in self._solids]
+        self._center = np.array([0.5 * (a + b) for a, b, _ in hulls])
+        self._half = np.array([0.5 * (a - b) for a, b, _ in hulls])
+        self._radius = np.array([radius for *_, radius in hulls])
+        self._length = np.linalg.norm(self._half, axis=1)
         members = {arm.name: set(arm.joints) for arm in robot.arms}
-        moved_by = [_movers(model, solid, members) for solid in solids]
-        own: dict[str, list[Pair]] = {name: [] for name in members}
-        cross: list[Pair] = []
-        for pair in pairs:
-            arms = moved_by[pair.first] | moved_by[pair.second]
-            if len(arms) == 2:
-                cross.append(pair)
-            elif arms:
-                own[next(iter(arms))].append(pair)
-        self.own = {name: self._group(solids, found) for name, found in own.items()}
-        """Pairs that one arm's joints (and the platform) move, by arm."""
-        self.cross = self._group(solids, cross)
-        """Pairs of one arm with the other."""
+        self.arms = tuple(members)
+        """Names of the arms."""
+        self._moved_by = [_movers(model, solid, members) for solid in self._solids]
+        self._groups: dict[tuple[str, ...], PairGroup] = {}
+
+    def own(self, arm: str, part: str = "", on_line: bool = False) -> PairGroup:
+        """Returns the pairs that one arm's joints (and the platform's) move.
+
+        Args:
+            arm: its name.
+            part: what it carries, if anything.
+            on_line: whether it is on one of a stop's lines: there a part may touch what stands still.
+        """
+        key = ("own", arm, part, "line" if on_line else "")
+        if key not in self._groups:
+            self._groups[key] = self._group(
+                [
+                    pair
+                    for pair in self._pairs
+                    if self._movers_of(pair) == {arm}
+                    and self._carries(pair, {arm: part})
+                    and not (on_line and self._part_on_ground(pair))
+                ]
+            )
+        return self._groups[key]
+
+    def cross(self, parts: Mapping[str, str] | None = None) -> PairGroup:
+        """Returns the pairs of one arm with the other.
+
+        Args:
+            parts: what each arm carries, if anything, by arm.
+        """
+        carried = parts or {}
+        key = ("cross", *(carried.get(arm, "") for arm in self.arms))
+        if key not in self._groups:
+            self._groups[key] = self._group(
+                [
+                    pair
+                    for pair in self._pairs
+                    if len(self._movers_of(pair)) == 2 and self._carries(pair, carried)
+                ]
+            )
+        return self._groups[key]
 
     def margins(self, group: PairGroup, position: FloatArray) -> FloatArray:
         """Returns a bound below the least of distance less required clearance over a group's pairs [m], shape (n,).
@@ -133,19 +183,26 @@ class QuickTest:
                 least[k : k + BLOCK] = self._block(group, position[k : k + BLOCK])
         return least
 
-    def nearest(self, position: FloatArray) -> tuple[str, str, float]:
+    def nearest(
+        self, position: FloatArray, parts: Mapping[str, str] | None = None
+    ) -> tuple[str, str, float]:
         """Returns the two bodies of all pairs that have the least margin at one configuration, and it [m]; by coal.
 
         Args:
             position: all joints of the robot [rad], shape (columns,).
+            parts: what each arm carries, if anything, by arm.
         """
-        frames = self._tree.frames(position[None], frozenset(self._joint))
-        places = [
-            pin.SE3(frames[s.joint][0][0], frames[s.joint][1][0]) * s.pose for s in self._solids
-        ]
+        frames = self._tree.frames(position[None], {s.joint for s in self._solids})
+        places = []
+        for solid in self._solids:
+            R, p = frames[solid.joint]
+            own = self._tree.R_joint_own[solid.joint]
+            places.append(pin.SE3(R[..., 0] @ own.T, p[:, 0]) * solid.pose)
         best = ("", "", np.inf)
         request = coal.DistanceRequest()
         for pair in self._pairs:
+            if not self._carries(pair, parts or {}):
+                continue
             one, other = self._solids[pair.first], self._solids[pair.second]
             result = coal.DistanceResult()
             transforms = [
@@ -159,99 +216,162 @@ class QuickTest:
                 best = (one.body, other.body, float(distance - pair.required))
         return best
 
+    def _movers_of(self, pair: Pair) -> set[str]:
+        return self._moved_by[pair.first] | self._moved_by[pair.second]
+
+    def _carries(self, pair: Pair, parts: Mapping[str, str]) -> bool:
+        """Returns whether all parts of a pair are carried."""
+        solids = (self._solids[pair.first], self._solids[pair.second])
+        return all(parts.get(s.carrier, "") == s.body for s in solids if s.carrier)
+
+    def _part_on_ground(self, pair: Pair) -> bool:
+        """Returns whether a pair is a part and something that stands still."""
+        solids = (self._solids[pair.first], self._solids[pair.second])
+        return any(s.carrier for s in solids) and any(s.joint == WORLD for s in solids)
+
     def _block(self, group: PairGroup, position: FloatArray) -> FloatArray:
+        n = len(position)
         frames = self._tree.frames(position, group.joints)
-        ends: dict[int, tuple[FloatArray, FloatArray]] = {}
-
-        def segments(hulls: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-            for hull in hulls:
-                if hull not in ends:
-                    R, p = frames[self._joint[hull]]
-                    ends[hull] = p + R @ self._a[hull], p + R @ self._b[hull]
-            a = np.stack([ends[hull][0] for hull in hulls], axis=1)
-            b = np.stack([ends[hull][1] for hull in hulls], axis=1)
-            return a, b
-
-        least = np.full(len(position), np.inf)
-        rounds = group.rounds
-        if rounds.first:
-            distance = segment_distance(*segments(rounds.first), *segments(rounds.second))
-            least = np.minimum(least, (distance - rounds.slack).min(axis=1))
+        hulls = group.hulls
+        center, half = np.empty((2, 3, len(hulls.center), n))
+        for joint, low, high in hulls.joints:
+            R, p = frames[joint]
+            center[:, low:high] = p[:, None] + hulls.center[low:high] @ R
+            half[:, low:high] = hulls.half[low:high] @ R
+        least = np.full(n, np.inf)
+        if len(group.rounds.first):
+            least = _round_margins(group.rounds, center, half)
         planes = group.planes
-        if planes.hulls:
-            a, b = segments(planes.hulls)
-            height = np.minimum((a * planes.normal).sum(-1), (b * planes.normal).sum(-1))
-            least = np.minimum(least, (height - planes.offset - planes.slack).min(axis=1))
-        boxes = group.boxes
-        if boxes.hulls:
-            a, b = segments(boxes.hulls)
-            R = np.stack([frames[j][0] for j in boxes.joints], axis=1) @ boxes.R
-            p = np.stack(
-                [
-                    frames[j][1] + frames[j][0] @ x
-                    for j, x in zip(boxes.joints, boxes.p, strict=True)
-                ],
-                axis=1,
-            )
-            local = [((x - p)[..., None, :] @ R)[..., 0, :] for x in (a, b)]
-            # A ball around the segment first: most pairs are far apart.
-            middle, reach = 0.5 * (local[0] + local[1]), 0.5 * np.linalg.norm(b - a, axis=-1)
-            outside = np.maximum(np.abs(middle) - boxes.half, 0.0)
-            margin = np.sqrt((outside * outside).sum(-1)) - reach - boxes.slack
-            near = margin < np.maximum(0.0, np.minimum(least, 0.0)[:, None])
-            rows, columns = np.nonzero(near)
-            if len(rows):
-                exact = box_distance(
-                    local[0][rows, columns], local[1][rows, columns], boxes.half[columns]
-                )
-                margin[rows, columns] = exact - boxes.slack[columns]
-            least = np.minimum(least, margin.min(axis=1))
+        if len(planes.hulls):
+            height = dot(planes.normal, center[:, planes.hulls])
+            height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
+            least = np.minimum(least, (height - planes.slack).min(axis=0))
+        for box in group.boxes:
+            least = np.minimum(least, _box_margins(box, frames[box.joint], center, half))
         return least
 
-    def _group(self, solids: Sequence[Solid], pairs: Sequence[Pair]) -> PairGroup:
+    def _group(self, pairs: Sequence[Pair]) -> PairGroup:
         rounds: list[tuple[int, int, float]] = []
-        boxes: list[tuple[int, int, FloatArray, FloatArray, FloatArray, float]] = []
-        planes: list[tuple[int, FloatArray, float, float]] = []
-        joints: set[int] = set()
+        boxes: dict[int, list[tuple[int, float]]] = {}
+        planes: list[tuple[int, FloatArray, float]] = []
         for pair in pairs:
             one, other = pair.first, pair.second
             # The one that is kept as it is: what stands, or else a box.
-            if _keeps_form(solids[one]) and not _keeps_form(solids[other]):
+            if _keeps_form(self._solids[one]) and not _keeps_form(self._solids[other]):
                 one, other = other, one
-            solid = solids[other]
-            joints |= {solids[one].joint, solid.joint}
+            solid = self._solids[other]
             slack = float(self._radius[one]) + pair.required
             if isinstance(solid.geometry, coal.Halfspace):
                 normal = solid.pose.rotation @ np.asarray(solid.geometry.n).ravel()
                 offset = float(solid.geometry.d + normal @ solid.pose.translation)
-                planes.append((one, normal, offset, slack))
+                planes.append((one, normal, offset + slack))
             elif _keeps_form(solid):
-                R, p, half = _box(solid)
-                boxes.append((one, solid.joint, R, p, half, slack))
+                boxes.setdefault(other, []).append((one, slack))
             else:
                 rounds.append((one, other, slack + float(self._radius[other])))
+        used = {hull for one, other, _ in rounds for hull in (one, other)}
+        used |= {hull for found in boxes.values() for hull, _ in found}
+        used |= {hull for hull, *_ in planes}
+        order = sorted(used, key=lambda hull: (self._solids[hull].joint, hull))
+        number = {hull: k for k, hull in enumerate(order)}
+        joints = [self._solids[hull].joint for hull in order]
+        spans = []
+        for joint in dict.fromkeys(joints):
+            low = joints.index(joint)
+            spans.append((joint, low, low + joints.count(joint)))
+        slack = np.array([s for *_, s in rounds]).reshape(-1, 1)
+        lengths = [self._length[a] + self._length[b] for a, b, _ in rounds]
         return PairGroup(
-            frozenset(joints - {WORLD}) | {WORLD},
+            frozenset({*joints, *(self._solids[box].joint for box in boxes)}),
+            _Hulls(
+                tuple(spans),
+                self._center[order].reshape(-1, 3),
+                self._half[order].reshape(-1, 3),
+            ),
             _Rounds(
-                tuple(r[0] for r in rounds),
-                tuple(r[1] for r in rounds),
-                np.array([r[2] for r in rounds]),
+                np.array([number[a] for a, _, _ in rounds], dtype=np.int64),
+                np.array([number[b] for _, b, _ in rounds], dtype=np.int64),
+                slack,
+                slack + np.array(lengths).reshape(-1, 1),
             ),
-            _Boxes(
-                tuple(x[0] for x in boxes),
-                tuple(x[1] for x in boxes),
-                np.array([x[2] for x in boxes]).reshape(-1, 3, 3),
-                np.array([x[3] for x in boxes]).reshape(-1, 3),
-                np.array([x[4] for x in boxes]).reshape(-1, 3),
-                np.array([x[5] for x in boxes]),
-            ),
+            tuple(self._box_pairs(box, found, number) for box, found in boxes.items()),
             _Planes(
-                tuple(x[0] for x in planes),
-                np.array([x[1] for x in planes]).reshape(-1, 3),
-                np.array([x[2] for x in planes]),
-                np.array([x[3] for x in planes]),
+                np.array([number[hull] for hull, *_ in planes], dtype=np.int64),
+                np.array([normal for _, normal, _ in planes]).reshape(-1, 3).T[..., None],
+                np.array([s for *_, s in planes]).reshape(-1, 1),
             ),
         )
+
+    def _box_pairs(
+        self, box: int, found: Sequence[tuple[int, float]], number: Mapping[int, int]
+    ) -> _Box:
+        solid = self._solids[box]
+        own = self._tree.R_joint_own[solid.joint]
+        center, half = _bounds(solid.geometry)
+        slack = np.array([s for _, s in found]).reshape(-1, 1)
+        return _Box(
+            solid.joint,
+            own.T @ solid.pose.rotation,
+            own.T @ np.asarray(solid.pose.act(center)),
+            half,
+            np.array([number[hull] for hull, _ in found], dtype=np.int64),
+            slack,
+            slack + self._length[[hull for hull, _ in found]][:, None],
+        )
+
+
+def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> FloatArray:
+    """Returns the least margin of pairs of capsules [m], shape (n,), for middles and half vectors (3, h, n) [m]."""
+    apart = center[:, pairs.first] - center[:, pairs.second]
+    margin = np.sqrt(dot(apart, apart)) - pairs.ball
+    near = np.nonzero(margin < ENOUGH)
+    if len(near[0]):
+        ends = []
+        for hulls in (pairs.first, pairs.second):
+            middle, to_end = center[:, hulls[near[0]], near[1]], half[:, hulls[near[0]], near[1]]
+            ends += [middle + to_end, middle - to_end]
+        margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
+    least: FloatArray = margin.min(axis=0)
+    return least
+
+
+def _box_margins(
+    box: _Box, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
+) -> FloatArray:
+    """Returns the least margin of capsules from a box [m], shape (n,), for middles and half vectors (3, h, n) [m]."""
+    R, p = frame
+    middle = center[:, box.hulls]
+    if box.joint == WORLD:
+        local = _turned(box.R.T, middle) - (box.R.T @ box.p)[:, None, None]
+    else:
+        axes = (box.R.T @ R).transpose(1, 0, 2)
+        local = _along(axes, middle - (p + box.p @ R)[:, None])
+    sides = box.half[:, None, None]
+    outside = np.maximum(np.abs(local) - sides, 0.0)
+    margin = np.sqrt(dot(outside, outside)) - box.ball
+    near = np.nonzero(margin < ENOUGH)
+    if len(near[0]):
+        to_end = half[:, box.hulls[near[0]], near[1]]
+        if box.joint == WORLD:
+            to_end = box.R.T @ to_end
+        else:
+            to_end = (axes[:, :, near[1]] * to_end).sum(axis=1)
+        middle = local[:, near[0], near[1]]
+        exact = box_distance(middle + to_end, middle - to_end, box.half[:, None])
+        margin[near] = exact - box.slack[near[0], 0]
+    least: FloatArray = margin.min(axis=0)
+    return least
+
+
+def _turned(R: FloatArray, x: FloatArray) -> FloatArray:
+    """Returns vectors (3, h, n) turned by one rotation."""
+    turned: FloatArray = (R @ x.reshape(3, -1)).reshape(x.shape)
+    return turned
+
+
+def _along(axes: FloatArray, x: FloatArray) -> FloatArray:
+    """Returns components of vectors (3, h, n) along three axes each, of shape (3, 3, n)."""
+    return np.stack([dot(axis[:, None], x) for axis in axes])
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:
@@ -270,12 +390,6 @@ def _keeps_form(solid: Solid) -> bool:
     ) and not isinstance(solid.geometry, coal.Capsule | coal.Sphere | coal.Cylinder)
 
 
-def _box(solid: Solid) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns rotation, centre and half sides of the box around a solid, in its joint's frame."""
-    center, half = _bounds(solid.geometry)
-    return solid.pose.rotation, np.asarray(solid.pose.act(center)), half
-
-
 def _bounds(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
     """Returns centre and half sides of the box around a solid in its own frame [m]."""
     if isinstance(geometry, coal.Box):
@@ -286,8 +400,8 @@ def _bounds(geometry: coal.CollisionGeometry) -> tuple[FloatArray, FloatArray]:
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def _hull(solid: Solid) -> tuple[FloatArray, FloatArray, float]:
-    """Returns both ends, in its joint's frame, and the radius of a capsule around a solid [m].
+def _hull(solid: Solid, tree: JointTree) -> tuple[FloatArray, FloatArray, float]:
+    """Returns both ends, in the tree's frame of its joint, and the radius of a capsule around a solid [m].
 
     A cylinder lies within the capsule about its own axis, a box within that about its longest side's middle line with
     half the diagonal of the others as its radius. A half-space has none, and is never asked for it.
@@ -295,15 +409,16 @@ def _hull(solid: Solid) -> tuple[FloatArray, FloatArray, float]:
     form = solid.geometry
     if isinstance(form, coal.Halfspace):
         return np.zeros(3), np.zeros(3), 0.0
+    center, end = np.zeros(3), np.zeros(3)
     if isinstance(form, coal.Sphere):
-        center = np.array(solid.pose.translation)
-        return center, center, float(form.radius)
-    if isinstance(form, coal.Capsule | coal.Cylinder):
-        end = np.array([0.0, 0.0, form.halfLength])
-        return np.array(solid.pose.act(end)), np.array(solid.pose.act(-end)), float(form.radius)
-    center, half = _bounds(form)
-    longest = int(np.argmax(half))
-    end = np.zeros(3)
-    end[longest] = half[longest]
-    radius = float(np.linalg.norm(np.delete(half, longest)))
-    return np.array(solid.pose.act(center + end)), np.array(solid.pose.act(center - end)), radius
+        radius = float(form.radius)
+    elif isinstance(form, coal.Capsule | coal.Cylinder):
+        end[2], radius = form.halfLength, float(form.radius)
+    else:
+        center, half = _bounds(form)
+        longest = int(np.argmax(half))
+        end[longest] = half[longest]
+        radius = float(np.linalg.norm(np.delete(half, longest)))
+    own = tree.R_joint_own[solid.joint].T
+    one, other = (own @ np.asarray(solid.pose.act(center + sign * end)) for sign in (1.0, -1.0))
+    return one, other, radius

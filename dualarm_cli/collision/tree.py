@@ -1,7 +1,8 @@
-"""Frames of all joints of a robot for many configurations at once."""
+"""Frames of all joints of a robot for many configurations at once, components first."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,18 +13,22 @@ from dualarm_cli.geometry.arrays import FloatArray
 
 @dataclass(frozen=True)
 class JointTree:
-    """A robot's joints as constant steps and axes; joint 0 is the root link."""
+    """A robot's joints as constant steps; joint 0 is the root link.
+
+    Every joint has a frame of its own here whose z axis is the joint's axis, so that its motion is a turn about z or a
+    shift along it.
+    """
 
     parents: tuple[int, ...]
     """Joint before each joint; 0 of joint 0."""
     columns: tuple[int, ...]
     """Column of each joint's position; -1 of joint 0."""
-    R_parent_joint: FloatArray
-    """Rotation before each joint's motion, shape (j, 3, 3)."""
-    p_parent_joint: FloatArray
+    R_joint_own: FloatArray
+    """Rotation of the frame that is used here in pinocchio's of the same joint, shape (j, 3, 3)."""
+    R_parent_own: FloatArray
+    """Rotation before each joint's motion, between frames that are used here, shape (j, 3, 3)."""
+    p_parent_own: FloatArray
     """Translation before each joint's motion [m], shape (j, 3)."""
-    axes: FloatArray
-    """Unit axis of each joint in its own frame, shape (j, 3)."""
     slides: tuple[bool, ...]
     """Whether a joint slides along its axis."""
 
@@ -37,55 +42,55 @@ class JointTree:
         """
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        axes, slides, columns = [np.zeros(3)], [False], [-1]
+        turned, slides, columns = [np.eye(3)], [False], [-1]
+        R, p = [np.eye(3)], [np.zeros(3)]
         for joint in range(1, model.njoints):
             twist = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
             slides.append(bool(np.linalg.norm(twist[3:]) < 0.5))
-            axes.append(twist[:3] if slides[-1] else twist[3:])
+            axis = twist[:3] if slides[-1] else twist[3:]
+            turned.append(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix())
             columns.append(joints.index(model.names[joint]))
-        steps = model.jointPlacements
+            before, step = turned[model.parents[joint]], model.jointPlacements[joint]
+            R.append(before.T @ step.rotation @ turned[-1])
+            p.append(before.T @ step.translation)
         return cls(
             tuple(int(parent) for parent in model.parents),
             tuple(columns),
-            np.array([step.rotation for step in steps]),
-            np.array([step.translation for step in steps]),
-            np.array(axes),
+            np.array(turned),
+            np.array(R),
+            np.array(p),
             tuple(slides),
         )
 
     def frames(
-        self, position: FloatArray, needed: frozenset[int]
+        self, position: FloatArray, needed: Iterable[int]
     ) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """Returns frames of some joints in the root link's: rotations (n, 3, 3) and translations (n, 3).
+        """Returns frames of some joints in the root link's: rotations (3, 3, n) and translations (3, n).
 
         Args:
             position: all joints [rad, m], shape (n, columns); those not above a needed joint do not count.
             needed: numbers of joints.
         """
         wanted = set(needed)
-        for joint in sorted(needed, reverse=True):
+        for joint in tuple(wanted):
             while joint:
                 wanted.add(joint)
                 joint = self.parents[joint]
         n = len(position)
-        found = {0: (np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3)))}
+        found = {0: (np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n)), np.zeros((3, n)))}
         for joint in sorted(wanted - {0}):
             R, p = found[self.parents[joint]]
-            p = p + R @ self.p_parent_joint[joint]
-            R = R @ self.R_parent_joint[joint]
+            p = p + self.p_parent_own[joint] @ R
+            R = self.R_parent_own[joint].T @ R
             q = position[:, self.columns[joint]]
             if self.slides[joint]:
-                p = p + (R @ self.axes[joint]) * q[:, None]
+                p = p + R[:, 2] * q
             else:
-                R = R @ _turns(self.axes[joint], q)
+                s, c = np.sin(q), np.cos(q)
+                turned = np.empty_like(R)
+                turned[:, 0] = c * R[:, 0] + s * R[:, 1]
+                turned[:, 1] = c * R[:, 1] - s * R[:, 0]
+                turned[:, 2] = R[:, 2]
+                R = turned
             found[joint] = R, p
         return found
-
-
-def _turns(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Returns rotations about a unit axis, shape (n, 3, 3) ([Rodrigues1840])."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    turned: FloatArray = np.eye(3) + s * K + (1.0 - c) * (K @ K)
-    return turned
