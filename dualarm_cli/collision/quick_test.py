@@ -279,7 +279,7 @@ class QuickTest:
         for joint in dict.fromkeys(joints):
             low = joints.index(joint)
             spans.append((joint, low, low + joints.count(joint)))
-        slack = np.array([s for *_, s in rounds]).reshape(-1, 1)
+        radii = np.array([s for *_, s in rounds]).reshape(-1, 1)
         lengths = [self._length[a] + self._length[b] for a, b, _ in rounds]
         return PairGroup(
             frozenset({*joints, *(self._solids[box].joint for box in boxes)}),
@@ -291,8 +291,8 @@ class QuickTest:
             _Rounds(
                 np.array([number[a] for a, _, _ in rounds], dtype=np.int64),
                 np.array([number[b] for _, b, _ in rounds], dtype=np.int64),
-                slack,
-                slack + np.array(lengths).reshape(-1, 1),
+                radii,
+                radii + np.array(lengths).reshape(-1, 1),
             ),
             tuple(self._box_pairs(box, found, number) for box, found in boxes.items()),
             _Planes(
@@ -352,10 +352,8 @@ def _box_margins(
     near = np.nonzero(margin < ENOUGH)
     if len(near[0]):
         to_end = half[:, box.hulls[near[0]], near[1]]
-        if box.joint == WORLD:
-            to_end = box.R.T @ to_end
-        else:
-            to_end = (axes[:, :, near[1]] * to_end).sum(axis=1)
+        standing = box.joint == WORLD
+        to_end = box.R.T @ to_end if standing else (axes[:, :, near[1]] * to_end).sum(axis=1)
         middle = local[:, near[0], near[1]]
         exact = box_distance(middle + to_end, middle - to_end, box.half[:, None])
         margin[near] = exact - box.slack[near[0], 0]

@@ -7,31 +7,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.collision.clearance import SLACK, CellClearance
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
-SLACK = 0.004
-"""What stops keep beyond the required clearance, so that lines and motions near them keep theirs [m]."""
 SAMPLES = 8
 """Postures along a move, between its ends."""
+ALIKE = 0.1
+"""Stages whose joints are all nearer than this to those of a barred one are barred as well [rad]."""
 
 
 @dataclass(frozen=True)
-class Clearance:
+class Barred:
+    """A stage that turned out not to keep clear when it was timed, whatever was tried."""
+
+    stage: int
+    """Its number, or the number of stages for the return."""
+    start: FloatArray | None
+    """All joints before it [rad], shape (columns,); None where what comes before does not matter."""
+    arrival: FloatArray
+    """All joints after the transfer [rad], shape (columns,)."""
+
+
+@dataclass(frozen=True)
+class SequenceClearance:
     """The quick test of a cell, asked in the search's terms."""
 
-    test: QuickTest
+    cell: CellClearance
     """Hulls and pairs."""
-    names: tuple[str, ...]
-    """The arms in the problem's order."""
-    columns: tuple[tuple[int, ...], ...]
-    """Columns of each arm's joints among the robot's."""
     platform_columns: tuple[int, ...]
     """Columns of the platform's joints."""
     rest: FloatArray
     """All joints of the robot where nothing else is said [rad], shape (columns,)."""
     turns: bool
     """Whether the platform's one joint is turned."""
+    before: IntArray
+    """What each arm holds before each stage's targets, shape (n, arms)."""
+    after: IntArray
+    """What each arm holds after them, shape (n, arms)."""
+    barred: tuple[Barred, ...] = ()
+    """Stages that are not possible although postures and straight moves are."""
 
     def positions(self, angle: FloatArray, joints: Sequence[FloatArray | None]) -> FloatArray:
         """Returns all joints of the robot [rad], shape (n, columns).
@@ -43,42 +57,48 @@ class Clearance:
         position = np.tile(self.rest, (len(angle), 1))
         if self.turns:
             position[:, self.platform_columns[0]] = angle
-        for columns, q in zip(self.columns, joints, strict=True):
+        for columns, q in zip(self.cell.columns, joints, strict=True):
             if q is not None:
                 position[:, list(columns)] = q
         return position
 
-    def arm_free(self, a: int, angle: FloatArray, q: FloatArray) -> BoolArray:
-        """Returns where one arm keeps clear of itself and of all that is not the other arm, shape (n,)."""
-        joints: list[FloatArray | None] = [None] * len(self.columns)
+    @property
+    def at_targets(self) -> IntArray:
+        """What each arm holds at each stage's targets, on its line, shape (n, arms)."""
+        holds: IntArray = np.maximum(self.before, self.after) + 1
+        return holds
+
+    def arm_free(self, a: int, angle: FloatArray, q: FloatArray, held: int) -> BoolArray:
+        """Returns where one arm keeps clear of itself and of all that is not the other arm, shape (n,).
+
+        Args:
+            a: which arm.
+            angle: platform angles [rad], shape (n,).
+            q: its joints [rad], shape (n, 7).
+            held: what it holds.
+        """
+        joints: list[FloatArray | None] = [None] * len(self.cell.arms)
         joints[a] = q
-        margins = self.test.margins(self.test.own[self.names[a]], self.positions(angle, joints))
-        return np.asarray(margins >= SLACK)
+        position = self.positions(angle, joints)
+        return np.asarray(self.cell.own_margins(a, position, np.full(len(q), held)) >= SLACK)
 
-    def free(self, position: FloatArray) -> BoolArray:
-        """Returns where everything keeps clear of everything, for all joints (n, columns); shape (n,)."""
-        free = np.ones(len(position), dtype=np.bool_)
-        for group in (self.test.cross, *self.test.own.values()):
-            rows = np.flatnonzero(free)
-            free[rows] = self.test.margins(group, position[rows]) >= SLACK
-        return free
-
-    def moves_free(self, start: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Returns where each arm's straight move keeps clear of all but the other arm, and where of that, (n,) each.
-
-        SAMPLES postures on the way are looked at.
+    def along(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """Returns SAMPLES postures on every straight move, shape (n SAMPLES, columns) [rad].
 
         Args:
             start: all joints [rad], shape (n, columns).
             end: all joints [rad], shape (n, columns).
         """
         share = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
-        way = (start[:, None] + share[:, None] * (end - start)[:, None]).reshape(-1, start.shape[1])
-        own = np.ones(len(way), dtype=np.bool_)
-        for group in self.test.own.values():
-            own &= self.test.margins(group, way) >= 0.0
-        cross = self.test.margins(self.test.cross, way) >= 0.0
-        shape = (len(start), SAMPLES)
-        free = (np.asarray(found.reshape(shape).all(axis=1)) for found in (own, cross))
-        one, other = free
-        return one, other
+        way = start[:, None] + share[:, None] * (end - start)[:, None]
+        return way.reshape(-1, start.shape[1])
+
+    def is_barred(self, start: FloatArray, arrival: FloatArray) -> BoolArray:
+        """Returns which moves are barred, for all joints before and after them (n + 1, columns) [rad]."""
+        found = np.zeros(len(start), dtype=np.bool_)
+        for bar in self.barred:
+            k = bar.stage
+            if k >= len(start) or np.abs(arrival[k] - bar.arrival).max() > ALIKE:
+                continue
+            found[k] |= bar.start is None or bool(np.abs(start[k] - bar.start).max() <= ALIKE)
+        return found

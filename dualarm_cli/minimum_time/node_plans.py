@@ -76,6 +76,7 @@ def plans_on_nodes(
             else _free_nodes(
                 problem,
                 a,
+                k,
                 angles[k],
                 grid_nodes(
                     problem, a, tables[a], k, Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
@@ -102,17 +103,21 @@ def plans_on_nodes(
     return NodePlans([], bound)
 
 
-def _free_nodes(problem: SequenceProblem, a: int, angles: FloatArray, nodes: Nodes) -> Nodes:
+def _free_nodes(
+    problem: SequenceProblem, a: int, k: int, angles: FloatArray, nodes: Nodes
+) -> Nodes:
     """Returns the nodes at which the arm keeps clear of itself and of what stands still."""
     test = problem.clearance
     if test is None or not len(nodes.work):
         return nodes
     free = np.ones(len(nodes.work), dtype=np.bool_)
-    for q in (nodes.decisions.near, nodes.q_approach, nodes.q_retract):
-        if q is nodes.q_retract and np.array_equal(q, nodes.q_approach):
-            continue
+    before, after = int(test.before[k, a]), int(test.after[k, a])
+    places = [(nodes.decisions.near, int(test.at_targets[k, a])), (nodes.q_approach, before)]
+    if before != after or not np.array_equal(nodes.q_approach, nodes.q_retract):
+        places.append((nodes.q_retract, after))
+    for q, held in places:
         rows = np.flatnonzero(free)
-        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows])
+        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows], held)
     return nodes.take(np.flatnonzero(free))
 
 

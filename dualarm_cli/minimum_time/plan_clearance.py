@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.minimum_time.clearance import Clearance
+from dualarm_cli.minimum_time.clearance import SAMPLES, SequenceClearance
 from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.times import Chain, Evaluated, start_angle, start_joints
 
@@ -50,20 +51,26 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
         yes = np.ones(n + 1, dtype=np.bool_)
         return PlanClearance(yes[:-1], yes, yes)
     arrive, work, leave = _joints(problem, test, plan)
-    stops = np.ones(n, dtype=np.bool_)
-    for position in (arrive, work, leave):
-        stops &= test.free(position)
     before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
     if problem.free_start:
         before[0] = arrive[0]
     after = before[:1] if problem.returns else leave[-1:]
-    moves, apart = test.moves_free(
-        np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
-    )
-    return PlanClearance(stops, moves, apart)
+    starts, ends = np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
+    position = np.concatenate([arrive, work, leave, test.along(starts, ends)])
+    moving = np.repeat(np.concatenate([test.before, test.after[-1:]]), SAMPLES, axis=0)
+    held = np.concatenate([test.before, test.at_targets, test.after, moving])
+    cross = test.cell.cross_margins(position, held)
+    own = np.full(len(position), np.inf)
+    for a in range(len(problem.arms)):
+        own = np.minimum(own, test.cell.own_margins(a, position, held[:, a]))
+    stops = (np.minimum(cross, own)[: 3 * n] >= SLACK).reshape(3, n).all(axis=0)
+    moves = (own[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    apart = (cross[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    allowed = np.asarray(moves & ~test.is_barred(starts, ends))
+    return PlanClearance(stops, allowed, apart)
 
 
-def _start(problem: SequenceProblem, test: Clearance, plan: Evaluated) -> FloatArray:
+def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
     """Returns all joints before the first stage [rad]."""
     joints = [
         start_joints(problem, work, Chain.of(work), found)[None]
@@ -74,7 +81,7 @@ def _start(problem: SequenceProblem, test: Clearance, plan: Evaluated) -> FloatA
 
 
 def _joints(
-    problem: SequenceProblem, test: Clearance, plan: Evaluated
+    problem: SequenceProblem, test: SequenceClearance, plan: Evaluated
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns all joints where moves end, at the targets and where retracts end, (n, columns) each."""
     n = problem.stages

@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.minimum_time.clearance import Clearance
+from dualarm_cli.minimum_time.clearance import SequenceClearance
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -85,7 +85,7 @@ class SequenceProblem:
     """Whether the motion may begin anywhere: it then begins where the first transfer would end."""
     returns: bool
     """Whether the motion ends in its start, with a last transfer of platform and all arms."""
-    clearance: Clearance | None = None
+    clearance: SequenceClearance | None = None
     """What keeps clear; None where nothing is asked for."""
 
     @property

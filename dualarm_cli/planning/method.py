@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.clearance import Barred
 from dualarm_cli.model.job import Job
+from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.stages import StagePlan
 
 
@@ -23,6 +25,12 @@ class MethodProblem:
     """quick, normal or thorough; greedy methods have one effort only."""
     seed: int = 0
     """Seed of all randomness."""
+    holding: Holding | None = None
+    """What has to keep clear; None where nothing has to."""
+    barred: tuple[Barred, ...] = ()
+    """Stages that turned out not to keep clear; only methods over the whole sequence avoid them."""
+    blind: tuple[StagePlan, ...] = ()
+    """The method's own plan for the same job where nothing had to keep clear, if there is one."""
 
     @property
     def turns_for_both(self) -> bool:

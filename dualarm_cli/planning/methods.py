@@ -35,7 +35,10 @@ def _needs_arm_angles(problem: MethodProblem) -> str | None:
 
 def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
     def solve(problem: MethodProblem) -> Decided:
-        return Decided(choose_stages(problem.model, problem.job, platform, problem.redundancy))
+        stages = choose_stages(
+            problem.model, problem.job, platform, problem.redundancy, holding=problem.holding
+        )
+        return Decided(stages)
 
     return solve
 

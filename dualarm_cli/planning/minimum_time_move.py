@@ -176,7 +176,8 @@ def _stages_near(
             postures[k][arm] = answer
     plans = []
     for k, found in enumerate(postures):
-        if len(found) == len(problems[k]):
+        apart = stage.keep is None or stage.keep.apart(position, angles[k : k + 1], found)
+        if len(found) == len(problems[k]) and apart:
             made = stage_plan(stage, position, MINIMUM_TIME, angles[k : k + 1], problems[k], found)
             if isinstance(made, StagePlan):
                 plans.append(made)

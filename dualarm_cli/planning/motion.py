@@ -19,6 +19,12 @@ from dualarm_cli.planning.stages import ArmStop, StagePlan
 from dualarm_cli.planning.transfers import PLATFORM, Transfers, transfers_within_tool_speed
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold, merge
+from dualarm_cli.timing.problem import LineProblem
+
+CURVE_POINTS = 65
+"""Points of a curve that is passed along."""
+CURVE_KNOTS = 48
+"""Knots of its motion at least."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +98,17 @@ def _add_stage(
 ) -> None:
     """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
     begin, ends = record.clock, {}
+    together = path_pieces(plan, columns, limits, timing) if plan.path is not None else {}
     for name, index in columns.items():
         ends[name] = wait = plan.waits.get(name, 0.0)
         if wait > 0:
             names = tuple(model.cell.robot.joints[i] for i in index)
             record.pieces[name].append(hold(names, plan.start[index], wait))
             _segment(record, name, "wait", plan.stops.get(name), begin, begin + wait)
-        if name in plan.detours:
+        if name in together:
+            record.pieces[name].append(together[name])
+            ends[name] += together[name].duration
+        elif name in plan.detours:
             pieces = detour_pieces(model, plan, name, columns, limits, timing, job.tool_speed)
             record.pieces[name] += pieces
             ends[name] += sum(piece.duration for piece in pieces)
@@ -132,7 +142,7 @@ def detour_pieces(
     timing: TimingSolver,
     cap: float | None,
 ) -> list[Trajectory]:
-    """Returns an arm's way by a posture out of the other one's way: there, a pause (if there is one), and on.
+    """Returns an arm's way by a posture: there, a pause, and on; or in one curve that does not stop there.
 
     Args:
         model: the cell.
@@ -144,6 +154,10 @@ def detour_pieces(
         cap: largest speed of any tool centre point in the world [m/s], or None.
     """
     detour, index = plan.detours[name], columns[name]
+    joints = tuple(limits.joints[i] for i in index)
+    if detour.pause is None:
+        curve = passing_curve(plan.start[index], detour.posture, plan.arrival[index], CURVE_POINTS)
+        return [_along(joints, curve, limits, timing)]
     between = np.array(plan.start)
     between[index] = detour.posture
     goal = np.array(plan.start)
@@ -154,9 +168,54 @@ def detour_pieces(
         moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
         pieces += [moved.motion[name]] if name in moved.motion else []
     if detour.pause > 0.0:
-        joints = tuple(limits.joints[i] for i in index)
         pieces.insert(1, hold(joints, detour.posture, detour.pause))
     return pieces
+
+
+def path_pieces(
+    plan: StagePlan,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> dict[str, Trajectory]:
+    """Returns the motion of every joint group along a stage's common path."""
+    assert plan.path is not None  # asked for only where there is one
+    whole = _along(limits.joints, plan.path, limits, timing)
+    return {
+        name: Trajectory(
+            tuple(limits.joints[i] for i in index),
+            whole.time,
+            whole.position[:, index],
+            whole.velocity[:, index],
+            whole.acceleration[:, index],
+        )
+        for name, index in columns.items()
+    }
+
+
+def passing_curve(
+    start: FloatArray, posture: FloatArray, goal: FloatArray, count: int
+) -> FloatArray:
+    """Returns points of the parabola that passes by a posture halfway, shape (..., count, 7) [rad].
+
+    Args:
+        start: where it begins [rad], shape (7,).
+        posture: where it passes by, shape (..., 7).
+        goal: where it ends, shape (7,).
+        count: how many points.
+    """
+    s = np.linspace(0.0, 1.0, count)[:, None]
+    control = 2.0 * posture - 0.5 * (start + goal)
+    bent: FloatArray = 2.0 * s * (1.0 - s) * control[..., None, :]
+    return (1.0 - s) ** 2 * start + bent + s**2 * goal
+
+
+def _along(
+    joints: tuple[str, ...], points: FloatArray, limits: JointLimits, timing: TimingSolver
+) -> Trajectory:
+    """Returns the quickest motion along points of a curve [rad], shape (m, n)."""
+    share = np.linspace(0.0, 1.0, len(points))
+    return timing.line(LineProblem(joints, points, share, limits.select(joints), None, CURVE_KNOTS))
 
 
 def _stage(

@@ -69,7 +69,10 @@ def solve_continuous(problem: MethodProblem) -> Decided:
 
 
 def _greedy(problem: MethodProblem, name: str) -> Decided:
-    return Decided(choose_stages(problem.model, problem.job, name, problem.redundancy))
+    stages = choose_stages(
+        problem.model, problem.job, name, problem.redundancy, holding=problem.holding
+    )
+    return Decided(stages)
 
 
 def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improve) -> Decided:

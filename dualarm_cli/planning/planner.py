@@ -5,25 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from dualarm_cli import __version__
-from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.errors import InfeasibleError, UnsupportedError
+from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.delays import Cleared, with_delays
-from dualarm_cli.planning.keeping_clear import STEP
-from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
-from dualarm_cli.timing import TIMING_SOLVERS, TimingSolver
+from dualarm_cli.timing import TIMING_SOLVERS
 
 
 def plan(
@@ -73,10 +68,8 @@ def plan_without_bound(
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     progress(f"deciding platform angles and postures ({method.name})")
-    decided = method.solve(problem)
-    progress("timing the motion")
-    cleared, cost = _quickest(model, job, decided, timing, settings.seed)
-    stages, motion = cleared.plans, cleared.motion
+    found = quickest_clear(problem, method.solve, timing, progress)
+    stages, motion = found.cleared.plans, found.cleared.motion
     return Schedule(
         robot=ScheduleRobot.of_job(job),
         trajectory=motion.trajectory,
@@ -84,83 +77,15 @@ def plan_without_bound(
         segments=motion.segments,
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
-        grid_gap=decided.grid_gap,
+        grid_gap=found.decided.grid_gap,
         notes=(
             *job.notes,
             *_job_notes(job),
-            *decided.notes,
+            *found.decided.notes,
             *_platform_notes(model, stages),
-            *_wait_notes(stages, cost),
+            *clearance_notes(found),
         ),
     )
-
-
-def _quickest(
-    model: CellModel, job: Job, decided: Decided, timing: TimingSolver, seed: int
-) -> tuple[Cleared, float]:
-    """Returns the quickest of a method's plans that keeps clear, exactly timed, and what its waits cost [s].
-
-    Where none keeps clear the one with the fewest stages that do not.
-    """
-    test = QuickTest(model.cell)
-    plans = [decided.stages, *decided.alternatives]
-    motions = [realise(model, job, stages, timing) for stages in plans]
-    best, cost = None, 0.0
-    for k in sorted(range(len(plans)), key=lambda k: motions[k].trajectory.duration):
-        blind = motions[k].trajectory.duration
-        if best is not None and not best.blocked and best.motion.trajectory.duration <= blind:
-            break
-        one = with_delays(model, job, plans[k], motions[k], timing, test, seed)
-        if best is None or _badness(one) < _badness(best):
-            best, cost = one, one.motion.trajectory.duration - blind
-    assert best is not None  # there is always the method's own plan
-    if best.blocked:
-        raise InfeasibleError(_why_blocked(model, best, test))
-    return best, cost
-
-
-def _why_blocked(model: CellModel, found: Cleared, test: QuickTest) -> str:
-    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
-    lines = []
-    for k in found.blocked:
-        stage = found.motion.stages[k]
-        times = np.arange(stage.start, stage.end + STEP, STEP)
-        position = found.motion.trajectory.at(np.minimum(times, stage.end))[0]
-        groups = (test.cross, *test.own.values())
-        margins = np.minimum.reduce([test.margins(group, position) for group in groups])
-        worst = int(np.argmin(margins))
-        one, other, margin = test.nearest(position[worst])
-        places = ", ".join(
-            f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
-        )
-        lines.append(
-            f"{places or 'return'}: {one} and {other} lack {-margin * 1e3:.1f} mm of clearance "
-            f"{times[worst] - stage.start:.2f} s into stage {k + 1}"
-        )
-    return (
-        "no plan was found that keeps clear by other postures, platform angles, waits or detours:\n  "
-        + "\n  ".join(lines)
-    )
-
-
-def _badness(found: Cleared) -> tuple[int, float]:
-    return len(found.blocked), found.motion.trajectory.duration
-
-
-def _wait_notes(stages: list[StagePlan], cost: float) -> list[str]:
-    """Returns where an arm waits for the other one to get out of its way."""
-    waits = [
-        f"{arm} {wait:.2f} s in stage {k}"
-        for k, stage in enumerate(stages, 1)
-        for arm, wait in stage.waits.items()
-    ] + [
-        f"{arm} by a detour in stage {k}"
-        for k, stage in enumerate(stages, 1)
-        for arm in stage.detours
-    ]
-    if not waits:
-        return []
-    return [f"clearance: arms wait for each other ({', '.join(waits)}), which costs {cost:.3f} s"]
 
 
 def _job_notes(job: Job) -> list[str]:

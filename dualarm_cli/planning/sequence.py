@@ -41,9 +41,11 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         InfeasibleError: no method finds a plan; the reason of the first one.
     """
     model, job = problem.model, problem.job
-    numbers = sequence_problem(model, job)
+    numbers = sequence_problem(model, job, problem.holding, problem.barred)
     starts, failure = _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
+    if problem.blind:
+        decided.append(decisions_of(numbers, model, list(problem.blind)))
     if len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
@@ -61,7 +63,14 @@ def _starts(
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
     names = (*problem.simpler, MINIMUM_TIME)
-    rough = choose_stages_with(problem.model, problem.job, names, problem.redundancy, refine=False)
+    rough = choose_stages_with(
+        problem.model,
+        problem.job,
+        names,
+        problem.redundancy,
+        refine=False,
+        holding=problem.holding,
+    )
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
             failure = failure or plan
@@ -74,7 +83,9 @@ def _other_basins(problem: MethodProblem, numbers: SequenceProblem) -> list[Deci
     """Returns local optima that other methods find from simple plans."""
     tables = tuple(StopTable.of(work) for work in numbers.arms)
     methods = {"fixed": nonlinear_program, MINIMUM_TIME: local_search}
-    plans = choose_stages_with(problem.model, problem.job, list(methods), problem.redundancy)
+    plans = choose_stages_with(
+        problem.model, problem.job, list(methods), problem.redundancy, holding=problem.holding
+    )
     found = []
     for name, plan in plans.items():
         if isinstance(plan, InfeasibleError):
@@ -102,7 +113,9 @@ def _rivals(
     if MINIMUM_TIME in worth:
         worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES
     near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
-    refined = choose_stages_with(problem.model, problem.job, near, problem.redundancy)
+    refined = choose_stages_with(
+        problem.model, problem.job, near, problem.redundancy, holding=problem.holding
+    )
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     # What a cap on the tools' speed costs is not known before a plan is timed exactly.
     return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE) * total)

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
-from dualarm_cli.minimum_time.clearance import Clearance
+from dualarm_cli.minimum_time.clearance import Barred, SequenceClearance
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.model.job import Job, JointTarget, Stop
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.stages import stop_yaws
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
-def sequence_problem(model: CellModel, job: Job) -> SequenceProblem:
+def sequence_problem(
+    model: CellModel,
+    job: Job,
+    holding: Holding | None = None,
+    barred: tuple[Barred, ...] = (),
+) -> SequenceProblem:
     """Returns a job's stages in their order, under its limits at its speed.
 
     Args:
         model: the job's cell.
         job: what is to be done.
+        holding: what has to keep clear; None where nothing has to.
+        barred: stages that turned out not to keep clear.
     """
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
@@ -48,19 +55,21 @@ def sequence_problem(model: CellModel, job: Job) -> SequenceProblem:
         arms=arms,
         free_start=job.start == "free",
         returns=job.returns,
-        clearance=_clearance(model, start),
+        clearance=None if holding is None else _clearance(model, start, holding, barred),
     )
 
 
-def _clearance(model: CellModel, start: FloatArray) -> Clearance:
-    """Returns the quick test of the job's cell."""
-    return Clearance(
-        QuickTest(model.cell),
-        tuple(model.arms),
-        tuple(tuple(arm.columns) for arm in model.arms.values()),
+def _clearance(
+    model: CellModel, start: FloatArray, holding: Holding, barred: tuple[Barred, ...]
+) -> SequenceClearance:
+    return SequenceClearance(
+        holding.cell,
         tuple(model.platform_columns),
         start,
         model.platform.is_turntable,
+        holding.before,
+        holding.after,
+        barred,
     )
 
 

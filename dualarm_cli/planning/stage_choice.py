@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,12 +11,17 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.planning.platform_candidates import platform_candidates
 from dualarm_cli.planning.reach import explain_reach, reachable_positions
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.stage_problems import Clock, stage_problems
 from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem, solve_stops
 
+MEET = (
+    "its posture and the other arm's are too near to each other, whichever of those tried they take"
+)
+"""Why there is none for two arms together."""
 REACH = "reach"
 """What a stage's solver is called where none of its angles would do."""
 
@@ -30,13 +35,14 @@ class Stage:
     work: Mapping[str, tuple[Task, Stop]]
     redundancy: str
     refine: bool
+    keep: KeepClear | None = None
 
     def from_position(
         self, position: FloatArray, angles: FloatArray
     ) -> list[dict[str, StopProblem]]:
         """Returns the arms' stops with the platform at positions (m, k)."""
         return stage_problems(
-            self.model, self.clock, position, angles, self.work, refine=self.refine
+            self.model, self.clock, position, angles, self.work, refine=self.refine, keep=self.keep
         )
 
     def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
@@ -125,10 +131,52 @@ def try_places(
     postures: dict[tuple[bytes, bytes], dict[str, StopPosture | NoPosture]] = {}
     for (key, arm), answer in zip(each, answers, strict=True):
         postures.setdefault(key, {})[arm] = answer
+    if stage.keep is not None:
+        for key, name in firsts.items():
+            angles = places[name][1]
+            postures[key] = made_apart(
+                stage, stage.keep, positions[name], angles, problems[key], postures[key]
+            )
     return {
         name: stage_plan(stage, positions[name], *places[name], problems[key], postures[key])
         for name, key in keys.items()
     }
+
+
+def made_apart(
+    stage: Stage,
+    keep: KeepClear,
+    position: FloatArray,
+    angles: FloatArray,
+    problems: Mapping[str, StopProblem],
+    postures: dict[str, StopPosture | NoPosture],
+) -> dict[str, StopPosture | NoPosture]:
+    """Returns postures of two arms that keep clear of each other: of one of them, another one where they do not.
+
+    Args:
+        stage: what is to be done.
+        keep: what has to keep clear.
+        position: all joints before the stage [rad], shape (n,).
+        angles: where the platform is then, shape (k,).
+        problems: the arms' stops there.
+        postures: each arm's best one there.
+    """
+    found = {arm: one for arm, one in postures.items() if isinstance(one, StopPosture)}
+    if len(found) < 2 or len(found) < len(postures):
+        return postures
+    if keep.apart(position, angles, found):
+        return postures
+    tries: list[dict[str, StopPosture | NoPosture]] = []
+    for kept, other in (tuple(found), tuple(found)[::-1]):
+        test = keep.test(other, position, angles, stage.work, {kept: found[kept]})
+        [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
+        if isinstance(answer, StopPosture):
+            tries.append({kept: found[kept], other: answer})
+    if not tries:
+        return dict.fromkeys(postures, NoPosture(MEET))
+    return min(
+        tries, key=lambda pair: max(p.cost for p in pair.values() if isinstance(p, StopPosture))
+    )
 
 
 def stage_plan(

@@ -28,12 +28,12 @@ class ArmStop:
 
 @dataclass(frozen=True)
 class Detour:
-    """A posture out of the other arm's way."""
+    """A posture that an arm passes by on its transfer."""
 
     posture: FloatArray
     """The arm's joints there [rad], shape (7,)."""
-    pause: float
-    """How long it waits there [s]."""
+    pause: float | None
+    """How long it waits there [s]; None where it does not stop."""
 
 
 @dataclass(frozen=True)
@@ -55,4 +55,6 @@ class StagePlan:
     waits: Mapping[str, float] = field(default_factory=dict)
     """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
     detours: Mapping[str, Detour] = field(default_factory=dict)
-    """Where an arm makes way for the other one before it goes on; by arm."""
+    """What an arm passes by on its transfer, to keep clear of the cell or the other arm; by arm."""
+    path: FloatArray | None = None
+    """All joints along the transfer's path [rad], shape (m, n), where all of them move along one together."""

@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.redundancy import StopProblem
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -91,6 +92,7 @@ def stage_problems(
     work: Mapping[str, tuple[Task, Stop]],
     *,
     refine: bool,
+    keep: KeepClear | None = None,
 ) -> list[dict[str, StopProblem]]:
     """Returns the arms' stops with the platform at each of many positions, coming from one.
 
@@ -101,6 +103,7 @@ def stage_problems(
         angles: platform positions, shape (m, k).
         work: the stage's targets by arm.
         refine: whether postures are to be refined.
+        keep: what has to keep clear; None where nothing has to.
     """
     waiting = clock.platform_times(angles - position[model.platform_columns])
     R_world, p_world = model.platform.pose(angles)
@@ -127,6 +130,7 @@ def stage_problems(
                 joint_times=times.law.per_joint,
                 line_time=times.line_time,
                 refine=refine,
+                clear=None if keep is None else keep.test(name, position, angles[k], work),
             )
     return found
 

@@ -10,6 +10,8 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.planning.stage_choice import Stage, choose_stage
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
@@ -33,6 +35,7 @@ def choose_stages(
     *,
     refine: bool = True,
     count: int | None = None,
+    holding: Holding | None = None,
 ) -> list[StagePlan]:
     """Returns the stages of a job, decided greedily in their order.
 
@@ -43,11 +46,14 @@ def choose_stages(
         redundancy: name of the redundancy solver.
         refine: whether postures are refined; without it stages are decided faster, to compare.
         count: how many stages are decided; all of them by default.
+        holding: what has to keep clear; None where nothing has to.
 
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
     """
-    plans = choose_stages_with(model, job, [platform], redundancy, refine=refine, count=count)
+    plans = choose_stages_with(
+        model, job, [platform], redundancy, refine=refine, count=count, holding=holding
+    )
     found = plans[platform]
     if isinstance(found, InfeasibleError):
         raise found
@@ -62,6 +68,7 @@ def choose_stages_with(
     *,
     refine: bool = True,
     count: int | None = None,
+    holding: Holding | None = None,
 ) -> dict[str, list[StagePlan] | InfeasibleError]:
     """Returns the stages of a job as several platform solvers decide them, each for itself, or why one cannot.
 
@@ -74,13 +81,15 @@ def choose_stages_with(
         redundancy: name of the redundancy solver.
         refine: whether postures are refined.
         count: how many stages are decided; all of them by default.
+        holding: what has to keep clear; None where nothing has to.
     """
     clock = Clock.of(model, job)
     home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
     plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
     failures: dict[str, InfeasibleError] = {}
-    for work in job.stages()[:count]:
-        stage = Stage(model, clock, work, redundancy, refine)
+    for k, work in enumerate(job.stages()[:count]):
+        keep = None if holding is None else KeepClear(model, holding, k)
+        stage = Stage(model, clock, work, redundancy, refine, keep)
         positions = {
             name: np.array(found[-1].end) if found else home
             for name, found in plans.items()

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.redundancy.coarse_ways import coarse_ways
 from dualarm_cli.redundancy.line_following import Followed
-from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
+from dualarm_cli.redundancy.problem import NoPosture, Place, StopPosture, StopProblem
 from dualarm_cli.redundancy.refinement import leading, refinements, variation
 from dualarm_cli.redundancy.stop_batch import StopBatch, batches
 from dualarm_cli.redundancy.target_grid import TargetPostures, target_postures
@@ -16,6 +17,8 @@ from dualarm_cli.redundancy.ways import LINE_SAMPLES, Ways
 
 DENSE_SAMPLES = 33
 """Samples of a line at which the posture that is taken must keep its limits."""
+END_SAMPLES = 3
+"""Samples of a line where only its end matters."""
 STARTS = 2
 """Ways of a stop that are refined; what becomes of the best of them is taken."""
 
@@ -96,7 +99,7 @@ def _choose(batch: StopBatch) -> list[StopPosture | NoPosture]:
         if not open_rows:
             break
         coarse = coarse_ways(batch, grid, open_rows, complete)
-        settled = _first_that_hold(batch, coarse)
+        settled = _first_that_hold(batch, _with_clear_ends(batch, coarse))
         for row, answer in settled.items():
             answers[row] = answer
         # Where the quick look found no way at all it has left none out.
@@ -126,6 +129,24 @@ def _first_that_hold(batch: StopBatch, coarse: Ways) -> dict[int, StopPosture]:
     return found
 
 
+def _with_clear_ends(batch: StopBatch, ways: Ways) -> Ways:
+    """Returns the ways that keep clear where their lines begin and end."""
+    if not len(ways.row) or all(problem.clear is None for problem in batch.problems):
+        return ways
+    ends = ways.follow(batch, END_SAMPLES).q[-1, ..., 0].T
+    sides: dict[Place, FloatArray] = {
+        "approach": ends[: len(ways.row)],
+        "retract": ends[len(ways.row) :],
+    }
+    kept = np.ones(len(ways.row), dtype=np.bool_)
+    for row in np.unique(ways.row).tolist():
+        test = batch.problems[row].clear
+        rows = np.flatnonzero(ways.row == row)
+        for place, q in sides.items() if test is not None else ():
+            kept[rows] &= test(q[rows], place)
+    return ways.take(np.flatnonzero(kept))
+
+
 def _no_lines(batch: StopBatch) -> NoPosture:
     """Returns the reason where targets can be reached but no line can be followed."""
     if batch.given:
@@ -133,7 +154,9 @@ def _no_lines(batch: StopBatch) -> NoPosture:
             "no given configuration can follow its approach and retract lines (a straight wrist or "
             "shoulder cannot: give others, or approach: 0 and retract: 0)"
         )
-    return NoPosture("no posture at the target can follow its approach and retract lines")
+    clear = any(problem.clear is not None for problem in batch.problems)
+    also = " and keep clear at their ends" if clear else ""
+    return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
 
 
 def _settled(batch: StopBatch, ways: Ways) -> dict[int, StopPosture]:
@@ -158,7 +181,20 @@ def _held(batch: StopBatch, ways: Ways, samples: int = DENSE_SAMPLES) -> dict[in
         return {}
     followed = ways.follow(batch, samples)
     held = np.flatnonzero(followed.ok.reshape(2, -1).all(axis=0))
-    return {int(ways.row[k]): _posture(ways, followed, k) for k in held.tolist()}
+    found = {int(ways.row[k]): _posture(ways, followed, k) for k in held.tolist()}
+    return {row: one for row, one in found.items() if _keeps_clear(batch.problems[row], one)}
+
+
+def _keeps_clear(problem: StopProblem, posture: StopPosture) -> bool:
+    """Returns whether a posture keeps clear at its target and at the ends of its lines."""
+    if problem.clear is None:
+        return True
+    places: dict[Place, FloatArray] = {
+        "approach": posture.q_approach,
+        "target": posture.q_target,
+        "retract": posture.q_retract,
+    }
+    return all(bool(problem.clear(q[None], place)[0]) for place, q in places.items())
 
 
 def _posture(ways: Ways, followed: Followed, k: int) -> StopPosture:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
-from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinematics.srs_arm import SrsArm
+
+Place = Literal["approach", "target", "retract"]
+"""Where on a stop an arm is: where its approach starts, at its target, or where its retract ends."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class StopProblem:
     """Estimated time [s], shape (n,), of lines q (n, s, 7) [rad] over their length (s,) [m]."""
     refine: bool = True
     """Whether the best posture is refined between the grid's arm angles; without, it is found faster."""
+    clear: Callable[[FloatArray, Place], BoolArray] | None = None
+    """Whether joints (n, 7) [rad] at a place keep clear of everything, shape (n,); None where nothing has to."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs_limits import LIMIT_SLACK
 from dualarm_cli.redundancy.line_following import FLIPPED
@@ -18,6 +19,10 @@ ARM_ANGLE_STEPS = 48
 """Arm angles tried at each target: 7.5 degrees apart."""
 KEPT = 48
 """Target postures, quickest transfer first, whose lines are looked at."""
+LOOKED_AT = 4 * KEPT
+"""Target postures whose clearance is looked at together, quickest first, until KEPT are clear."""
+TOUCHES = "every posture at the target that is within limits touches something or is too near to it"
+"""Why there is none where what is clear matters."""
 ROUGH_STEPS = 24
 """Arm angles where only a first idea of a time is wanted: 15 degrees apart."""
 _ARM_ANGLES = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
@@ -50,16 +55,58 @@ def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
     slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], _ARM_ANGLES)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
     found: list[TargetPostures | NoPosture] = []
-    for low, high in pairwise(edges.tolist()):
-        best = _quickest(slowest[low:high].ravel())
+    for row, (low, high) in enumerate(pairwise(edges.tolist())):
+        time = slowest[low:high].ravel()
+
+        def postures(index: IntArray, low: int = low, high: int = high) -> TargetPostures:
+            pose, angle, branch = np.unravel_index(index, (high - low, *slowest.shape[1:]))
+            pose = pose + low
+            return TargetPostures(target[pose], yaw[pose], branch, _ARM_ANGLES[angle])
+
+        best = _quickest(time, KEPT)
         if not len(best):
             these = slice(low, high)
             found.append(_between_the_grid(batch, owner[these], target[these], yaw[these]))
-            continue
-        pose, angle, branch = np.unravel_index(best, (high - low, *slowest.shape[1:]))
-        pose = pose + low
-        found.append(TargetPostures(target[pose], yaw[pose], branch, _ARM_ANGLES[angle]))
+        elif batch.problems[row].clear is None:
+            found.append(postures(best))
+        else:
+            found.append(_clear_ones(batch, row, time, postures))
     return found
+
+
+def _clear_ones(
+    batch: StopBatch,
+    row: int,
+    time: FloatArray,
+    postures: Callable[[IntArray], TargetPostures],
+) -> TargetPostures | NoPosture:
+    """Returns the KEPT quickest postures of a problem that keep clear, best first, or why there is none.
+
+    Args:
+        batch: the problems.
+        row: which of them.
+        time: of all its postures [s], infinite where one is out of reach or limits.
+        postures: makes postures of numbers among those.
+    """
+    order = _quickest(time, len(time))
+    kept: list[IntArray] = []
+    for first in range(0, len(order), LOOKED_AT):
+        some = order[first : first + LOOKED_AT]
+        found = postures(some)
+        poses = batch.poses(np.full(len(some), row), found.target, found.yaw)
+        q, _ = batch.arm.solve_branch(poses.R, poses.p, found.psi, found.branch)
+        q = batch.arm.nearest_turns(q, batch.start[row])
+        kept.append(some[_clear(batch, row, q)])
+        if sum(map(len, kept)) >= KEPT:
+            break
+    clear = np.concatenate(kept)[:KEPT]
+    return postures(clear) if len(clear) else NoPosture(TOUCHES)
+
+
+def _clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
+    """Returns which joints at a problem's target (n, 7) keep clear, shape (n,)."""
+    test = batch.problems[row].clear
+    return np.ones(len(q), dtype=np.bool_) if test is None else test(q, "target")
 
 
 def least_transfer_times(problem: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -124,23 +171,27 @@ def _poses(batch: StopBatch) -> tuple[IntArray, IntArray, FloatArray]:
     return np.concatenate(owner), np.concatenate(target), np.concatenate(yaw)
 
 
-def _quickest(time: FloatArray) -> IntArray:
-    """Returns the indices of the KEPT least finite times, best first."""
-    if len(time) > KEPT:
-        least = np.partition(time, KEPT - 1)[KEPT - 1]
+def _quickest(time: FloatArray, count: int) -> IntArray:
+    """Returns the indices of the least finite times, so many at most, best first."""
+    if len(time) > count:
+        least = np.partition(time, count - 1)[count - 1]
         candidates = np.flatnonzero(time <= least)
     else:
         candidates = np.arange(len(time))
-    order = candidates[np.argsort(time[candidates], kind="stable")][:KEPT]
+    order = candidates[np.argsort(time[candidates], kind="stable")][:count]
     best: IntArray = order[np.isfinite(time[order])]
     return best
 
 
-def _given(batch: StopBatch, row: int) -> TargetPostures:
-    """Returns a problem's configurations as postures at targets."""
+def _given(batch: StopBatch, row: int) -> TargetPostures | NoPosture:
+    """Returns a problem's configurations that keep clear as postures at targets, or why there is none."""
     q = batch.problems[row].configurations
     index = np.arange(0 if q is None else len(q))
     q = batch.configurations(np.full(len(index), row), index)
+    clear = _clear(batch, row, q)
+    if not clear.any():
+        return NoPosture(TOUCHES)
+    index, q = index[clear], q[clear]
     arm = batch.arm
     return TargetPostures(index, np.zeros(len(index)), arm.branch(q), arm.arm_angle(q))
 

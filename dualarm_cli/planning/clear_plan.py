@@ -1,0 +1,209 @@
+"""A method's quickest plan that keeps clear: blind first, then with clearance, then without what would not do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.minimum_time.clearance import Barred
+from dualarm_cli.planning.clearing import Cleared, Clearing
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.motion import Motion, realise
+from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.stage_samples import MOVES, stage_samples
+from dualarm_cli.timing import TimingSolver
+
+NEGLIGIBLE = 0.005
+"""Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
+FEW = 0.34
+"""Share of stages; a blind plan with more that do not keep clear is not mended."""
+ROUNDS = 3
+"""So many times a method decides anew without the stages that would not do."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A method's plan, mended and timed."""
+
+    decided: Decided
+    """What it came from."""
+    cleared: Cleared
+    """The plan that keeps clear."""
+    blind: float | None
+    """Duration of the method's plan where nothing has to keep clear [s]; None where it found none."""
+    replanned: bool
+    """Whether other postures or platform angles were needed."""
+
+
+def quickest_clear(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+) -> Found:
+    """Returns the quickest plan of a method that keeps clear.
+
+    The method decides as if nothing could touch; where that plan keeps clear, or mending it costs next to nothing, it
+    is the plan. Otherwise the method decides anew with clearance, and again without stages that do not keep clear when
+    they are timed, whatever is done about them.
+
+    Args:
+        problem: what the method is asked.
+        solve: the method.
+        timing: how motions are timed.
+        progress: is told what is being done.
+
+    Raises:
+        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
+    """
+    model, job = problem.model, problem.job
+    holding = Holding.of(job)
+    clearing = Clearing(model, job, holding, timing, problem.seed)
+    blind = solve(problem)
+    progress("timing the motion")
+    timed = _timed(problem, blind, timing)
+    reference = timed[0][1].trajectory.duration
+    best = None
+    for plans, motion in timed:
+        if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:
+            break
+        touching = clearing.touching(motion)
+        if not touching:
+            best = Cleared(plans, motion, ())
+        elif len(touching) <= max(1, FEW * len(plans)):
+            progress("keeping clear")
+            mended = clearing.cleared(plans, motion, touching)
+            best = _better(best, mended)
+    if best is not None and not best.blocked:
+        cost = best.motion.trajectory.duration - reference
+        if cost <= NEGLIGIBLE * reference:
+            return Found(blind, best, reference, replanned=False)
+    found = Found(blind, best, reference, replanned=False) if best is not None else None
+    asked = replace(problem, holding=holding, blind=tuple(timed[0][0]))
+    failure: InfeasibleError | None = None
+    for _ in range(ROUNDS):
+        progress("deciding again, keeping clear")
+        try:
+            decided = solve(asked)
+        except InfeasibleError as error:
+            failure = error
+            break
+        tried = _cleared(clearing, _timed(problem, decided, timing))
+        if found is None or _badness(tried) < _badness(found.cleared):
+            found = Found(decided, tried, reference, replanned=True)
+        if not found.cleared.blocked:
+            return found
+        barred = (*asked.barred, *_bars(clearing, tried))
+        if len(barred) == len(asked.barred):
+            break
+        asked = replace(asked, barred=barred)
+    if found is not None and not found.cleared.blocked:
+        return found
+    raise failure or InfeasibleError(_why_blocked(clearing, found))
+
+
+def _timed(
+    problem: MethodProblem, decided: Decided, timing: TimingSolver
+) -> list[tuple[list[StagePlan], Motion]]:
+    """Returns a method's plans with their motions, quickest first."""
+    plans = [decided.stages, *decided.alternatives]
+    timed = [(stages, realise(problem.model, problem.job, stages, timing)) for stages in plans]
+    return sorted(timed, key=lambda one: one[1].trajectory.duration)
+
+
+def _cleared(clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]) -> Cleared:
+    """Returns the best of some plans after mending."""
+    best: Cleared | None = None
+    for plans, motion in timed:
+        done = best is not None and not best.blocked
+        if (
+            best is not None
+            and done
+            and motion.trajectory.duration >= best.motion.trajectory.duration
+        ):
+            break
+        best = _better(best, clearing.cleared(plans, motion, clearing.touching(motion)))
+    assert best is not None  # a method always has a plan of its own
+    return best
+
+
+def _better(one: Cleared | None, other: Cleared) -> Cleared:
+    return other if one is None or _badness(other) < _badness(one) else one
+
+
+def _badness(found: Cleared) -> tuple[int, float]:
+    return len(found.blocked), found.motion.trajectory.duration
+
+
+def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
+    """Returns what a plan's blocked stages have to be different in."""
+    found = []
+    for k in tried.blocked:
+        plan, stage = tried.plans[k], tried.motion.stages[k]
+        samples = stage_samples(tried.motion, k, k, clearing.holding)
+        margins = clearing.holding.cell.margins(samples.position, samples.held)
+        arrivals = [
+            part.end
+            for part in tried.motion.segments
+            if part.kind in MOVES and stage.start < part.end <= stage.end
+        ]
+        arrived = (min(arrivals, default=stage.end) - stage.start) / (stage.end - stage.start)
+        worst = int(np.argmin(margins)) / (len(margins) - 1)
+        start = None if plan.stops and worst >= arrived else plan.start
+        found.append(Barred(k, start, plan.arrival))
+    return found
+
+
+def _why_blocked(clearing: Clearing, found: Found | None) -> str:
+    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
+    head = (
+        "no plan was found that keeps clear by other postures, platform angles, waits, detours or "
+        "paths of the whole robot"
+    )
+    if found is None:
+        return head
+    lines, cell = [], clearing.holding.cell
+    for k in found.cleared.blocked:
+        samples = stage_samples(found.cleared.motion, k, k, clearing.holding)
+        margins = cell.margins(samples.position, samples.held)
+        worst = int(np.argmin(margins))
+        parts = {
+            arm: cell.parts[h // 2] for arm, h in zip(cell.arms, samples.held[worst], strict=True)
+        }
+        one, other, margin = cell.test.nearest(samples.position[worst], parts)
+        stage = found.cleared.motion.stages[k]
+        when = (stage.end - stage.start) * worst / (len(margins) - 1)
+        places = ", ".join(
+            f"{stop.stop.place}: task '{stop.task.id}'"
+            for stop in found.cleared.plans[k].stops.values()
+        )
+        lines.append(
+            f"{places or 'return'}: {one} and {other} lack {-margin * 1e3:.1f} mm of clearance "
+            f"{when:.2f} s into stage {k + 1}"
+        )
+    return head + ":\n  " + "\n  ".join(lines)
+
+
+def clearance_notes(found: Found) -> list[str]:
+    """Returns what was done for clearance, and what it cost against the plan where nothing could touch."""
+    done = []
+    for k, stage in enumerate(found.cleared.plans, 1):
+        done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
+        for arm, detour in stage.detours.items():
+            waits = f" and waits there {detour.pause:.2f} s" if detour.pause else ""
+            done.append(f"{arm} makes a detour{waits} in stage {k}")
+        if stage.path is not None:
+            done.append(f"all joints follow a free path in stage {k}")
+    if found.replanned:
+        done.insert(0, "other postures or platform angles were taken")
+    if not done or found.blind is None:
+        return []
+    cost = found.cleared.motion.trajectory.duration - found.blind
+    return [
+        f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) "
+        f"this costs {cost:.3f} s"
+    ]

@@ -1,0 +1,208 @@
+"""Stages that do not keep clear when they are timed: waits, curves, stopovers, and paths of the whole robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.detours import StageContext, quickest_curve, quickest_stopover
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.joint_paths import free_path
+from dualarm_cli.planning.motion import Motion, realise
+from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.stage_samples import (
+    STEP,
+    StageSamples,
+    alone_clear,
+    apart,
+    arm_ways,
+    combined,
+    keeps_clear,
+    stage_samples,
+)
+from dualarm_cli.timing import TimingSolver
+
+DELAY_STEP = 0.02
+"""Delays are multiples of this [s]."""
+SHORT_DELAY = 0.1
+"""No curve is looked for where a delay of so much serves [s]."""
+MENDS = 4
+"""A stage is mended so many times: one arm after the other, then both."""
+
+
+@dataclass(frozen=True)
+class Cleared:
+    """A plan whose stages were mended where they did not keep clear."""
+
+    plans: list[StagePlan]
+    """Its stages."""
+    motion: Motion
+    """Their motion."""
+    blocked: tuple[int, ...]
+    """Stages that do not keep clear by anything that was tried."""
+
+
+@dataclass(frozen=True)
+class Clearing:
+    """What mending is done with."""
+
+    model: CellModel
+    """The job's cell."""
+    job: Job
+    """What is to be done."""
+    holding: Holding
+    """What has to keep clear."""
+    timing: TimingSolver
+    """How transfers and curves are timed."""
+    seed: int
+    """Of what is tried at random."""
+
+    def touching(self, motion: Motion) -> list[int]:
+        """Returns the stages of a motion that do not keep clear."""
+        return [
+            k
+            for k in range(len(motion.stages))
+            if not keeps_clear(self.holding.cell, stage_samples(motion, k, k, self.holding))
+        ]
+
+    def cleared(
+        self, plans: Sequence[StagePlan], motion: Motion, touching: Sequence[int]
+    ) -> Cleared:
+        """Returns a plan whose stages are mended where they do not keep clear.
+
+        Args:
+            plans: its stages.
+            motion: theirs.
+            touching: the stages that do not keep clear.
+        """
+        found, blocked = list(plans), []
+        for k in touching:
+            mended = self._mended(plans[k], k)
+            if mended is None:
+                blocked.append(k)
+            else:
+                found[k] = mended
+        if len(blocked) == len(touching):
+            return Cleared(found, motion, tuple(blocked))
+        return Cleared(found, realise(self.model, self.job, found, self.timing), tuple(blocked))
+
+    def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
+        """Returns a stage that keeps clear, None where nothing that was tried does."""
+        tried = plan
+        for _ in range(MENDS):
+            context = self._context(tried, k)
+            found = self._next(context)
+            if found is tried:
+                return tried
+            if found is None:
+                break
+            tried = found
+        path = self._path(plan, k)
+        if path is None:
+            return None
+        samples = self._context(path, k).samples
+        return path if keeps_clear(self.holding.cell, samples) else None
+
+    def _context(self, plan: StagePlan, k: int) -> StageContext:
+        motion = realise(self.model, self.job, [plan], self.timing)
+        samples = stage_samples(motion, 0, k, self.holding)
+        ways = arm_ways(self.model, motion, 0, samples)
+        return StageContext(
+            self.model, self.job, self.holding.cell, plan, samples, ways, self.timing, self.seed
+        )
+
+    def _next(self, context: StageContext) -> StagePlan | None:
+        """Returns the stage with one thing mended, the same where there is nothing, None where that cannot be."""
+        cell, samples = context.cell, context.samples
+        for a, name in enumerate(cell.arms):
+            if alone_clear(cell, samples, a):
+                continue
+            if name in context.plan.detours or not _mendable(context, a):
+                return None
+
+            def clear(stage: StageSamples, a: int = a) -> bool:
+                return alone_clear(cell, stage, a)
+
+            return quickest_curve(context, name, clear, with_other=False)
+        if apart(cell, samples):
+            return context.plan
+        if context.plan.waits:
+            return None
+        return self._made_apart(context)
+
+    def _made_apart(self, context: StageContext) -> StagePlan | None:
+        """Returns the shortest stage found in which the arms keep clear of each other."""
+        delayed = _least_delay(context)
+        if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY:
+            return delayed
+        tries = [delayed] if delayed is not None else []
+
+        def clear(stage: StageSamples) -> bool:
+            return keeps_clear(context.cell, stage)
+
+        free = [name for name in context.cell.arms if name not in context.plan.detours]
+        curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
+        tries += [one for one in curves if one is not None]
+        if not tries and not context.plan.detours:
+            stopovers = (quickest_stopover(context, name) for name in free)
+            tries += [one for one in stopovers if one is not None]
+        if not tries:
+            return None
+        lengths = [
+            realise(self.model, self.job, [one], self.timing).trajectory.duration for one in tries
+        ]
+        return tries[int(np.argmin(lengths))]
+
+    def _path(self, plan: StagePlan, k: int) -> StagePlan | None:
+        """Returns the stage with all joints along one path found by random trees, None where none was found."""
+        if self.job.tool_speed is not None:
+            return None
+        cell = self.holding.cell
+        last = len(self.holding.before) - 1
+        held = self.holding.before[k] if k <= last else self.holding.after[last]
+        limits = self.job.cell.robot.limits
+
+        def free(position: FloatArray) -> BoolArray:
+            return cell.margins(position, np.tile(held, (len(position), 1))) >= SLACK / 2
+
+        if not free(np.stack([plan.start, plan.arrival])).all():
+            return None
+        path = free_path(free, plan.start, plan.arrival, limits.lower, limits.upper, self.seed)
+        return None if path is None else replace(plan, path=path, waits={}, detours={})
+
+
+def _mendable(context: StageContext, a: int) -> bool:
+    """Returns whether an arm keeps clear at both ends of its transfer and from there on."""
+    name = context.cell.arms[a]
+    arrival = context.ways[name].arrival
+    first, rest = context.samples.position[:1], context.samples.position[arrival:]
+    held = context.samples.held
+    rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
+    return bool((context.cell.own_margins(a, rows.position, rows.held[:, a]) >= 0.0).all())
+
+
+def _least_delay(context: StageContext) -> StagePlan | None:
+    """Returns the stage with the delay of one arm that makes it shortest, None where no delay serves."""
+    for delay, name in _delays(context):
+        stage = combined(context.model, context.samples, context.ways, {name: delay})
+        if keeps_clear(context.cell, stage):
+            return replace(context.plan, waits={name: delay * STEP})
+    return None
+
+
+def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
+    """Yields delays and arms, those that make the stage shortest first."""
+    shift = round(DELAY_STEP / STEP)
+    tries = []
+    for name, way in context.ways.items():
+        others = max((w.end for other, w in context.ways.items() if other != name), default=0)
+        for delay in range(shift, max(others, 1) + shift, shift):
+            tries.append((max(way.end + delay, others), delay, name))
+    for _, delay, name in sorted(tries):
+        yield delay, name

@@ -1,0 +1,99 @@
+"""Whether the postures of one stage keep clear, in the terms of those who choose them one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.redundancy.problem import Place, StopPosture
+
+PLACES: tuple[Place, ...] = ("approach", "target", "retract")
+
+
+@dataclass(frozen=True)
+class KeepClear:
+    """One stage of a job's holding."""
+
+    model: CellModel
+    """The job's cell."""
+    holding: Holding
+    """What has to keep clear."""
+    stage: int
+    """Number of the stage."""
+
+    def test(
+        self,
+        arm: str,
+        position: FloatArray,
+        angles: FloatArray,
+        active: Mapping[str, object],
+        others: Mapping[str, StopPosture] | None = None,
+    ) -> Callable[[FloatArray, Place], BoolArray]:
+        """Returns a test of one arm's postures with the platform at a position.
+
+        Against itself and what stands still; against the other arm only where that one does nothing in this stage, or
+        its posture is given.
+
+        Args:
+            arm: its name.
+            position: all joints before the stage [rad], shape (n,).
+            angles: where the platform is, shape (k,).
+            active: the arms that have something to do.
+            others: the other arm's posture, if it is decided.
+        """
+        cell, decided = self.holding.cell, others or {}
+        a = cell.arms.index(arm)
+        columns = self.model.arms[arm].columns
+        met = [
+            name for name in cell.arms if name != arm and (name not in active or name in decided)
+        ]
+
+        def clear(q: FloatArray, place: Place) -> BoolArray:
+            rows = np.tile(position, (len(q), 1))
+            rows[:, self.model.platform_columns] = angles
+            for name, posture in decided.items():
+                rows[:, self.model.arms[name].columns] = _joints(posture, place)
+            rows[:, columns] = q
+            held = np.tile(self._held(place), (len(q), 1))
+            free = np.asarray(cell.own_margins(a, rows, held[:, a]) >= SLACK)
+            if met:
+                left = np.flatnonzero(free)
+                free[left] = cell.cross_margins(rows[left], held[left]) >= SLACK
+            return free
+
+        return clear
+
+    def apart(
+        self,
+        position: FloatArray,
+        angles: FloatArray,
+        postures: Mapping[str, StopPosture],
+    ) -> bool:
+        """Returns whether the arms keep clear of each other at all three places of their stops."""
+        if len(postures) < 2:
+            return True
+        rows = np.tile(position, (len(PLACES), 1))
+        rows[:, self.model.platform_columns] = angles
+        for name, posture in postures.items():
+            rows[:, self.model.arms[name].columns] = [_joints(posture, p) for p in PLACES]
+        held = np.array([self._held(place) for place in PLACES])
+        return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
+
+    def _held(self, place: Place) -> IntArray:
+        """Returns what each arm holds at a place of its stop, shape (arms,)."""
+        before, after = self.holding.before[self.stage], self.holding.after[self.stage]
+        if place == "target":
+            on_line: IntArray = np.maximum(before, after) + 1
+            return on_line
+        return before if place == "approach" else after
+
+
+def _joints(posture: StopPosture, place: Place) -> FloatArray:
+    joints: FloatArray = getattr(posture, f"q_{place}")
+    return joints

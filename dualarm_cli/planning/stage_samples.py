@@ -1,0 +1,185 @@
+"""A stage at many instants: everybody's joints and what the arms hold, and whether all of it keeps clear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.motion import Motion
+
+STEP = 0.004
+"""Time between the instants [s]."""
+KEPT = 0.0005
+"""What is asked for beyond the required clearance, for what is between the instants [m]."""
+NEAR = 0.008
+"""Between two instants of which one has less than this to spare it is looked at more closely [m]."""
+COARSE = 8
+"""Every so many instants are looked at first."""
+BETWEEN = 8
+"""Instants that are looked at there."""
+LINES = ("approach", "dwell", "retract")
+"""Segments on which a part may touch what stands still."""
+MOVES = ("transfer", "return")
+"""Segments that lead to where a line begins."""
+
+
+@dataclass(frozen=True)
+class StageSamples:
+    """One stage at t instants STEP apart."""
+
+    position: FloatArray
+    """All joints [rad], shape (t, columns)."""
+    held: IntArray
+    """What each arm holds, shape (t, arms)."""
+
+
+@dataclass(frozen=True)
+class ArmWay:
+    """What one arm does in a stage, by itself."""
+
+    q: FloatArray
+    """Its joints [rad], shape (t, 7)."""
+    held: IntArray
+    """What it holds, shape (t,)."""
+    arrival: int
+    """Number of the instant at which its transfer is over."""
+
+    @property
+    def end(self) -> int:
+        """Number of the instant after which it does not move."""
+        return last_motion(self.q)
+
+
+def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> StageSamples:
+    """Returns one stage of a motion.
+
+    Args:
+        motion: of some stages.
+        number: which of them.
+        stage: its number in the job, that of the return being the number of all others.
+        holding: what the arms hold.
+    """
+    this = motion.stages[number]
+    count = max(2, int(np.ceil((this.end - this.start) / STEP - 1e-9)) + 1)
+    time = np.minimum(this.start + STEP * np.arange(count), this.end)
+    held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)
+    last = len(holding.before) - 1
+    for a, arm in enumerate(holding.cell.arms):
+        before = holding.before[stage, a] if stage <= last else holding.after[last, a]
+        held[:, a] = before
+        for event in motion.events:
+            if event.arm == arm and this.start <= event.time <= this.end and stage <= last:
+                held[time >= event.time, a] = holding.after[stage, a]
+        for part in motion.segments:
+            if part.arm == arm and part.kind in LINES:
+                inside = (time > max(part.start, this.start)) & (time < min(part.end, this.end))
+                held[inside, a] |= 1
+    return StageSamples(motion.trajectory.at(time)[0], held)
+
+
+def arm_ways(
+    model: CellModel, motion: Motion, number: int, samples: StageSamples
+) -> dict[str, ArmWay]:
+    """Returns what each arm does in one stage of a motion.
+
+    Args:
+        model: the cell.
+        motion: of some stages.
+        number: which of them.
+        samples: of that stage.
+    """
+    this = motion.stages[number]
+    ways = {}
+    for a, (name, arm) in enumerate(model.arms.items()):
+        ends = [
+            part.end
+            for part in motion.segments
+            if part.arm == name and part.kind in MOVES and this.start < part.end <= this.end + STEP
+        ]
+        arrival = round((max(ends, default=this.start) - this.start) / STEP)
+        arrival = min(arrival, len(samples.position) - 1)
+        ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)
+    return ways
+
+
+def combined(
+    model: CellModel,
+    samples: StageSamples,
+    ways: Mapping[str, ArmWay],
+    delays: Mapping[str, int],
+) -> StageSamples:
+    """Returns a stage with other ways of its arms, some of them late.
+
+    Args:
+        model: the cell.
+        samples: of the stage as it was, for the platform.
+        ways: of every arm.
+        delays: instants that an arm waits before it leaves, by arm.
+    """
+    lengths = [delays.get(name, 0) + way.end + 1 for name, way in ways.items()]
+    length = max(*lengths, last_motion(samples.position[:, model.platform_columns]) + 1, 2)
+    rows = np.minimum(np.arange(length), len(samples.position) - 1)
+    position = samples.position[rows]
+    held = np.empty((length, len(ways)), dtype=np.int64)
+    for a, (name, way) in enumerate(ways.items()):
+        own = np.clip(np.arange(length) - delays.get(name, 0), 0, len(way.q) - 1)
+        position[:, model.arms[name].columns] = way.q[own]
+        held[:, a] = way.held[own]
+    return StageSamples(position, held)
+
+
+def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:
+    """Returns whether everything keeps clear of everything in a stage."""
+    arms = range(len(cell.arms))
+    return apart(cell, samples) and all(alone_clear(cell, samples, a) for a in arms)
+
+
+def apart(cell: CellClearance, samples: StageSamples) -> bool:
+    """Returns whether the arms keep clear of each other."""
+
+    def margins(some: StageSamples) -> FloatArray:
+        return cell.cross_margins(some.position, some.held)
+
+    return _all_kept(samples, margins)
+
+
+def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
+    """Returns whether one arm keeps clear of itself and of all that is not the other arm."""
+
+    def margins(some: StageSamples) -> FloatArray:
+        return cell.own_margins(a, some.position, some.held[:, a])
+
+    return _all_kept(samples, margins)
+
+
+def _all_kept(samples: StageSamples, margins: Callable[[StageSamples], FloatArray]) -> bool:
+    """Returns whether all margins are kept, at some instants, then at all of them, and between those."""
+    some = StageSamples(samples.position[::COARSE], samples.held[::COARSE])
+    if not (margins(some) >= KEPT).all():
+        return False
+    found = margins(samples)
+    if not (found >= KEPT).all():
+        return False
+    return bool((margins(_between(samples, found)) >= KEPT).all())
+
+
+def _between(samples: StageSamples, margin: FloatArray) -> StageSamples:
+    """Returns more instants where it is tight; between two of them joints are taken to go straight."""
+    tight = np.flatnonzero(np.minimum(margin[:-1], margin[1:]) < NEAR)
+    share = ((np.arange(BETWEEN) + 1.0) / (BETWEEN + 1.0))[None, :, None]
+    start, end = samples.position[tight, None], samples.position[tight + 1, None]
+    position = (start + share * (end - start)).reshape(-1, samples.position.shape[1])
+    held = np.repeat(samples.held[tight], BETWEEN, axis=0)
+    return replace(samples, position=position, held=held)
+
+
+def last_motion(position: FloatArray) -> int:
+    """Returns the number of the instant after which nothing moves, of joints (t, columns)."""
+    moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1, initial=0.0) > 0.0)
+    return int(moves[-1]) + 1 if len(moves) else 0
