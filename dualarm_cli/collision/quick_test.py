@@ -18,13 +18,18 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Cell
+
+Frames = Mapping[int, tuple[FloatArray, FloatArray]]
+"""Rotations (3, 3, n) and translations (3, n) by joint."""
 
 BLOCK = 512
 """Postures that are tested at a time: their arrays stay in the cache."""
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+DOUBTED = 0.004
+"""Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +100,10 @@ class PairGroup:
     rounds: _Rounds
     boxes: tuple[_Box, ...]
     planes: _Planes
-
-    @property
-    def empty(self) -> bool:
-        """Whether there is nothing to test."""
-        return not (len(self.rounds.first) or self.boxes or len(self.planes.hulls))
+    pairs: tuple[Pair, ...]
+    """The pairs in the order of rounds, planes and boxes, q of them."""
+    rough: BoolArray
+    """Whether a hull of the pair is wider than the solid, shape (q,)."""
 
 
 class QuickTest:
@@ -132,7 +136,7 @@ class QuickTest:
         self._groups: dict[tuple[str, ...], PairGroup] = {}
 
     def own(self, arm: str, part: str = "", on_line: bool = False) -> PairGroup:
-        """Returns the pairs that one arm's joints (and the platform's) move.
+        """Returns the pairs that one arm's joints or only the platform's move.
 
         Args:
             arm: its name.
@@ -141,16 +145,17 @@ class QuickTest:
         """
         key = ("own", arm, part, "line" if on_line else "")
         if key not in self._groups:
-            self._groups[key] = self._group(
-                [
-                    pair
-                    for pair in self._pairs
-                    if self._movers_of(pair) == {arm}
-                    and self._carries(pair, {arm: part})
-                    and not (on_line and self._part_on_ground(pair))
-                ]
-            )
+            self._groups[key] = self._group(self._own_pairs(arm, part, on_line))
         return self._groups[key]
+
+    def _own_pairs(self, arm: str, part: str, on_line: bool) -> list[Pair]:
+        return [
+            pair
+            for pair in self._pairs
+            if self._movers_of(pair) <= {arm}
+            and self._carries(pair, {arm: part})
+            and not (on_line and self._part_on_ground(pair))
+        ]
 
     def cross(self, parts: Mapping[str, str] | None = None) -> PairGroup:
         """Returns the pairs of one arm with the other.
@@ -178,7 +183,7 @@ class QuickTest:
             position: all joints of the robot [rad], shape (n, columns).
         """
         least = np.full(len(position), np.inf)
-        if not group.empty:
+        if group.pairs:
             for k in range(0, len(position), BLOCK):
                 least[k : k + BLOCK] = self._block(group, position[k : k + BLOCK])
         return least
@@ -192,29 +197,22 @@ class QuickTest:
             position: all joints of the robot [rad], shape (columns,).
             parts: what each arm carries, if anything, by arm.
         """
+        return self._nearest(
+            position, [pair for pair in self._pairs if self._carries(pair, parts or {})]
+        )
+
+    def nearest_of_own(
+        self, arm: str, position: FloatArray, part: str = "", on_line: bool = False
+    ) -> tuple[str, str, float]:
+        """Returns the same among the pairs of one arm's own group; arguments as of `own`."""
+        return self._nearest(position, self._own_pairs(arm, part, on_line))
+
+    def _nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
         frames = self._tree.frames(position[None], {s.joint for s in self._solids})
-        places = []
-        for solid in self._solids:
-            R, p = frames[solid.joint]
-            own = self._tree.R_joint_own[solid.joint]
-            places.append(pin.SE3(R[..., 0] @ own.T, p[:, 0]) * solid.pose)
-        best = ("", "", np.inf)
-        request = coal.DistanceRequest()
-        for pair in self._pairs:
-            if not self._carries(pair, parts or {}):
-                continue
-            one, other = self._solids[pair.first], self._solids[pair.second]
-            result = coal.DistanceResult()
-            transforms = [
-                coal.Transform3s(places[k].rotation, places[k].translation)
-                for k in (pair.first, pair.second)
-            ]
-            distance = coal.distance(
-                one.geometry, transforms[0], other.geometry, transforms[1], request, result
-            )
-            if distance - pair.required < best[2]:
-                best = (one.body, other.body, float(distance - pair.required))
-        return best
+        margins = [self._margin(pair, frames, 0) for pair in pairs]
+        worst = int(np.argmin(margins))
+        one, other = self._solids[pairs[worst].first], self._solids[pairs[worst].second]
+        return one.body, other.body, margins[worst]
 
     def _movers_of(self, pair: Pair) -> set[str]:
         return self._moved_by[pair.first] | self._moved_by[pair.second]
@@ -238,22 +236,48 @@ class QuickTest:
             R, p = frames[joint]
             center[:, low:high] = p[:, None] + hulls.center[low:high] @ R
             half[:, low:high] = hulls.half[low:high] @ R
-        least = np.full(n, np.inf)
-        if len(group.rounds.first):
-            least = _round_margins(group.rounds, center, half)
         planes = group.planes
-        if len(planes.hulls):
-            height = dot(planes.normal, center[:, planes.hulls])
-            height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
-            least = np.minimum(least, (height - planes.slack).min(axis=0))
-        for box in group.boxes:
-            least = np.minimum(least, _box_margins(box, frames[box.joint], center, half))
+        height = dot(planes.normal, center[:, planes.hulls])
+        height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
+        margins = np.concatenate(
+            [
+                _round_margins(group.rounds, center, half),
+                height - planes.slack,
+                *(_box_margins(box, frames[box.joint], center, half) for box in group.boxes),
+            ]
+        )
+        if group.rough.any():
+            sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
+            doubted = group.rough[:, None] & (margins < DOUBTED) & sure
+            for number, row in np.argwhere(doubted).tolist():
+                margins[number, row] = self._margin(group.pairs[number], frames, row)
+        least: FloatArray = margins.min(axis=0)
         return least
+
+    def _margin(self, pair: Pair, frames: Frames, row: int) -> float:
+        """Returns distance less required clearance of one pair in one of n postures, by coal [m]."""
+        places = []
+        for number in (pair.first, pair.second):
+            solid = self._solids[number]
+            R, p = frames[solid.joint]
+            R_joint = R[..., row] @ self._tree.R_joint_own[solid.joint].T
+            places.append(
+                coal.Transform3s(
+                    R_joint @ solid.pose.rotation,
+                    p[:, row] + R_joint @ solid.pose.translation,
+                )
+            )
+        one, other = self._solids[pair.first].geometry, self._solids[pair.second].geometry
+        result = coal.DistanceResult()
+        coal.distance(one, places[0], other, places[1], coal.DistanceRequest(), result)
+        return float(result.min_distance) - pair.required
 
     def _group(self, pairs: Sequence[Pair]) -> PairGroup:
         rounds: list[tuple[int, int, float]] = []
         boxes: dict[int, list[tuple[int, float]]] = {}
         planes: list[tuple[int, FloatArray, float]] = []
+        kinds: list[list[Pair]] = [[], []]
+        boxed: dict[int, list[Pair]] = {}
         for pair in pairs:
             one, other = pair.first, pair.second
             # The one that is kept as it is: what stands, or else a box.
@@ -265,9 +289,12 @@ class QuickTest:
                 normal = solid.pose.rotation @ np.asarray(solid.geometry.n).ravel()
                 offset = float(solid.geometry.d + normal @ solid.pose.translation)
                 planes.append((one, normal, offset + slack))
+                kinds[1].append(pair)
             elif _keeps_form(solid):
                 boxes.setdefault(other, []).append((one, slack))
+                boxed.setdefault(other, []).append(pair)
             else:
+                kinds[0].append(pair)
                 rounds.append((one, other, slack + float(self._radius[other])))
         used = {hull for one, other, _ in rounds for hull in (one, other)}
         used |= {hull for found in boxes.values() for hull, _ in found}
@@ -279,6 +306,7 @@ class QuickTest:
         for joint in dict.fromkeys(joints):
             low = joints.index(joint)
             spans.append((joint, low, low + joints.count(joint)))
+        ordered = (*kinds[0], *kinds[1], *(pair for some in boxed.values() for pair in some))
         radii = np.array([s for *_, s in rounds]).reshape(-1, 1)
         lengths = [self._length[a] + self._length[b] for a, b, _ in rounds]
         return PairGroup(
@@ -300,7 +328,16 @@ class QuickTest:
                 np.array([normal for _, normal, _ in planes]).reshape(-1, 3).T[..., None],
                 np.array([s for *_, s in planes]).reshape(-1, 1),
             ),
+            ordered,
+            np.array([self._is_rough(pair) for pair in ordered], dtype=np.bool_),
         )
+
+    def _is_rough(self, pair: Pair) -> bool:
+        """Returns whether the quick margin of a pair may be less than the true one."""
+        forms = [self._solids[number].geometry for number in (pair.first, pair.second)]
+        exact = [isinstance(form, coal.Capsule | coal.Sphere) for form in forms]
+        boxes = [isinstance(form, coal.Box | coal.Halfspace) for form in forms]
+        return not (all(exact) or (any(exact) and any(boxes)))
 
     def _box_pairs(
         self, box: int, found: Sequence[tuple[int, float]], number: Mapping[int, int]
@@ -321,7 +358,7 @@ class QuickTest:
 
 
 def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the least margin of pairs of capsules [m], shape (n,), for middles and half vectors (3, h, n) [m]."""
+    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
     apart = center[:, pairs.first] - center[:, pairs.second]
     margin = np.sqrt(dot(apart, apart)) - pairs.ball
     near = np.nonzero(margin < ENOUGH)
@@ -331,14 +368,13 @@ def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> Floa
             middle, to_end = center[:, hulls[near[0]], near[1]], half[:, hulls[near[0]], near[1]]
             ends += [middle + to_end, middle - to_end]
         margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
-    least: FloatArray = margin.min(axis=0)
-    return least
+    return margin
 
 
 def _box_margins(
     box: _Box, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
 ) -> FloatArray:
-    """Returns the least margin of capsules from a box [m], shape (n,), for middles and half vectors (3, h, n) [m]."""
+    """Returns the margins of p capsules from a box [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
     R, p = frame
     middle = center[:, box.hulls]
     if box.joint == WORLD:
@@ -357,8 +393,7 @@ def _box_margins(
         middle = local[:, near[0], near[1]]
         exact = box_distance(middle + to_end, middle - to_end, box.half[:, None])
         margin[near] = exact - box.slack[near[0], 0]
-    least: FloatArray = margin.min(axis=0)
-    return least
+    return margin
 
 
 def _turned(R: FloatArray, x: FloatArray) -> FloatArray:

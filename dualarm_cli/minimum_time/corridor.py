@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.minimum_time.plan_clearance import MEETING, PlanClearance, plan_clearance
+from dualarm_cli.minimum_time.plan_clearance import PlanClearance, plan_clearance
 from dualarm_cli.minimum_time.postures import Postures, postures
 from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -84,7 +84,7 @@ def _bar(
 ) -> bool:
     """Makes costlier what does not keep clear along a path, and returns whether there was anything new.
 
-    Choices at stops and pairs of choices on moves become impossible, those on whose moves the arms meet cost MEETING.
+    Choices at stops and pairs of choices on moves become impossible, those where the arms meet cost what they wait.
 
     Args:
         cost: of every stage, by the choices before and in it, shape (n, m, m).
@@ -98,7 +98,7 @@ def _bar(
     for k in np.flatnonzero(~clear.stops).tolist():
         news |= bool(np.isfinite(cost[k, :, picked[k]]).any())
         cost[k, :, picked[k]] = np.inf
-    for k in np.flatnonzero(~(clear.moves & clear.apart)).tolist():
+    for k in np.flatnonzero(~clear.moves | (clear.waits > 0.0)).tolist():
         table, place = (
             (closing, (picked[-1], picked[0])) if k == n else (cost[k], (before[k], picked[k]))
         )
@@ -106,7 +106,7 @@ def _bar(
         if key not in barred:
             barred.add(key)
             news = True
-            table[place] += MEETING if clear.moves[k] else np.inf
+            table[place] += clear.waits[k] if clear.moves[k] else np.inf
     return news
 
 

@@ -14,6 +14,8 @@ from dualarm_cli.minimum_time.times import Chain, Evaluated, start_angle, start_
 
 MEETING = 0.4
 """About how long one arm waits for the other where their moves meet [s]."""
+TURNS = 1.0
+"""About how long it waits where they cannot be at their targets at once [s]."""
 
 
 @dataclass(frozen=True)
@@ -21,24 +23,25 @@ class PlanClearance:
     """What keeps clear in a plan of n stages."""
 
     stops: BoolArray
-    """Where approach, target and retract of all arms keep clear, shape (n,)."""
+    """Where approach, target and retract of each arm keep clear, and where retracts of both end, shape (n,)."""
     moves: BoolArray
     """Where each arm's move into a stage does, and last the return, but for the other arm, shape (n + 1,)."""
-    apart: BoolArray
-    """Where the arms keep clear of each other on their moves, shape (n + 1,)."""
+    waits: FloatArray
+    """About how long one arm has to wait for the other in a stage, and last in the return [s], shape (n + 1,)."""
 
     @property
     def penalty(self) -> float:
-        """What is added to a plan's length [s]: infinite where it cannot be, MEETING where one arm has to wait."""
+        """What is added to a plan's length [s]: infinite where it cannot be, else what one arm has to wait."""
         if not (self.stops.all() and self.moves.all()):
             return np.inf
-        return MEETING * float((~self.apart).sum())
+        return float(self.waits.sum())
 
 
 def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     """Returns what keeps clear in a plan; everything where nothing is asked for.
 
-    Arms at the same stop of their lines are looked at together, as are arms that wait where they ended. Moves are taken
+    Arms at the same place of their lines are looked at together, as are arms that wait where they ended: where they
+    meet at the targets one goes after the other, but both are where their retracts end at last. Moves are taken
     as straight in all joints.
 
     Args:
@@ -49,7 +52,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     test = problem.clearance
     if test is None:
         yes = np.ones(n + 1, dtype=np.bool_)
-        return PlanClearance(yes[:-1], yes, yes)
+        return PlanClearance(yes[:-1], yes, np.zeros(n + 1))
     arrive, work, leave = _joints(problem, test, plan)
     before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
     if problem.free_start:
@@ -63,11 +66,14 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     own = np.full(len(position), np.inf)
     for a in range(len(problem.arms)):
         own = np.minimum(own, test.cell.own_margins(a, position, held[:, a]))
-    stops = (np.minimum(cross, own)[: 3 * n] >= SLACK).reshape(3, n).all(axis=0)
+    alone = (own[: 3 * n] >= SLACK).reshape(3, n)
+    both = (cross[: 3 * n] >= SLACK).reshape(3, n)
     moves = (own[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
     apart = (cross[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
-    allowed = np.asarray(moves & ~test.is_barred(starts, ends))
-    return PlanClearance(stops, allowed, apart)
+    moves &= ~test.is_barred(starts, ends)
+    waits = np.where(apart, 0.0, MEETING)
+    waits[:n] = np.where(both[:2].all(axis=0), waits[:n], TURNS)
+    return PlanClearance(np.asarray(alone.all(axis=0) & both[2]), np.asarray(moves), waits)
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:

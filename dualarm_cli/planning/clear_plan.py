@@ -44,6 +44,8 @@ def quickest_clear(
     solve: Callable[[MethodProblem], Decided],
     timing: TimingSolver,
     progress: Callable[[str], None],
+    *,
+    clear: bool = True,
 ) -> Found:
     """Returns the quickest plan of a method that keeps clear.
 
@@ -56,17 +58,20 @@ def quickest_clear(
         solve: the method.
         timing: how motions are timed.
         progress: is told what is being done.
+        clear: whether anything has to keep clear.
 
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
     model, job = problem.model, problem.job
-    holding = Holding.of(job)
-    clearing = Clearing(model, job, holding, timing, problem.seed)
     blind = solve(problem)
     progress("timing the motion")
     timed = _timed(problem, blind, timing)
     reference = timed[0][1].trajectory.duration
+    if not clear:
+        return Found(blind, Cleared(*timed[0], ()), reference, replanned=False)
+    holding = Holding.of(job)
+    clearing = Clearing(model, job, holding, timing, problem.seed)
     best = None
     for plans, motion in timed:
         if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:

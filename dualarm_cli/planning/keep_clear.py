@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.redundancy.problem import Place, StopPosture
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")
+LAST: tuple[Place, ...] = ("retract",)
+"""Where both arms are in the end, even if one of them has waited for the other."""
 
 
 @dataclass(frozen=True)
@@ -69,20 +71,38 @@ class KeepClear:
 
         return clear
 
+    def margins(
+        self, arm: str, position: FloatArray, angles: FloatArray, q: FloatArray, place: Place
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns all joints (n, columns) [rad] with one arm at q (n, 7), and its own least margins there [m], (n,)."""
+        rows = np.tile(position, (len(q), 1))
+        rows[:, self.model.platform_columns] = angles
+        rows[:, self.model.arms[arm].columns] = q
+        a = self.holding.cell.arms.index(arm)
+        held = np.full(len(q), self._held(place)[a])
+        return rows, self.holding.cell.own_margins(a, rows, held)
+
+    def nearest(self, arm: str, position: FloatArray, place: Place) -> tuple[str, str, float]:
+        """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
+        cell = self.holding.cell
+        number = int(self._held(place)[cell.arms.index(arm)])
+        return cell.test.nearest_of_own(arm, position, cell.parts[number // 2], bool(number % 2))
+
     def apart(
         self,
         position: FloatArray,
         angles: FloatArray,
         postures: Mapping[str, StopPosture],
+        places: Sequence[Place] = PLACES,
     ) -> bool:
-        """Returns whether the arms keep clear of each other at all three places of their stops."""
+        """Returns whether the arms keep clear of each other at some places of their stops."""
         if len(postures) < 2:
             return True
-        rows = np.tile(position, (len(PLACES), 1))
+        rows = np.tile(position, (len(places), 1))
         rows[:, self.model.platform_columns] = angles
         for name, posture in postures.items():
-            rows[:, self.model.arms[name].columns] = [_joints(posture, p) for p in PLACES]
-        held = np.array([self._held(place) for place in PLACES])
+            rows[:, self.model.arms[name].columns] = [_joints(posture, p) for p in places]
+        held = np.array([self._held(place) for place in places])
         return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
 
     def _held(self, place: Place) -> IntArray:

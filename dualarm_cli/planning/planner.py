@@ -42,19 +42,24 @@ def job_bound(job: Job, effort: str) -> LowerBound:
 
 
 def plan_without_bound(
-    job: Job, settings: PlanSettings, progress: Callable[[str], None] = lambda _: None
+    job: Job,
+    settings: PlanSettings,
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    clear: bool = True,
 ) -> Schedule:
-    """Returns the schedule of a job: decisions by closed forms, then exact motion.
+    """Returns the schedule of a job: decisions by closed forms, then exact motion that keeps clear.
 
     Args:
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
         progress: is told what is being done.
+        clear: whether anything has to keep clear; without, methods are compared for their speed alone.
 
     Raises:
         UnknownSolverError: a solver that its family does not have.
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
-        InfeasibleError: no posture reaches a target.
+        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
     timing = TIMING_SOLVERS[settings.timing]
     REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
@@ -68,7 +73,7 @@ def plan_without_bound(
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     progress(f"deciding platform angles and postures ({method.name})")
-    found = quickest_clear(problem, method.solve, timing, progress)
+    found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
     return Schedule(
         robot=ScheduleRobot.of_job(job),

@@ -11,11 +11,12 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Stop, Task
-from dualarm_cli.planning.keep_clear import KeepClear
+from dualarm_cli.planning.keep_clear import LAST, KeepClear
 from dualarm_cli.planning.platform_candidates import platform_candidates
 from dualarm_cli.planning.reach import explain_reach, reachable_positions
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.stage_problems import Clock, stage_problems
+from dualarm_cli.planning.touching import angles_looked_at, explain_touching
 from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem, solve_stops
 
 MEET = (
@@ -153,6 +154,8 @@ def made_apart(
 ) -> dict[str, StopPosture | NoPosture]:
     """Returns postures of two arms that keep clear of each other: of one of them, another one where they do not.
 
+    Where nothing else is found, they need to only where their retracts end: one may wait for the other.
+
     Args:
         stage: what is to be done.
         keep: what has to keep clear.
@@ -172,6 +175,8 @@ def made_apart(
         [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
         if isinstance(answer, StopPosture):
             tries.append({kept: found[kept], other: answer})
+    if not tries and keep.apart(position, angles, found, LAST):
+        return postures
     if not tries:
         return dict.fromkeys(postures, NoPosture(MEET))
     return min(
@@ -206,6 +211,23 @@ def stage_plan(
     return StagePlan(np.array(position), arrival, end, stops, solver, longest)
 
 
+def explain_clearance(stage: Stage, keep: KeepClear, position: FloatArray) -> dict[str, str]:
+    """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it."""
+    angles = angles_looked_at(stage.model, position)
+    problems = stage.from_position(position, angles)
+    faults = {
+        arm: explain_touching(keep, arm, position, angles, [stops[arm] for stops in problems])
+        for arm in stage.work
+    }
+    found = {arm: fault for arm, fault in faults.items() if fault is not None}
+    together = "and the other arm's" if len(stage.work) > 1 else "along its lines"
+    return found or dict.fromkeys(
+        stage.work,
+        f"postures that keep clear were found for single places, but none for this stop {together} "
+        "together",
+    )
+
+
 def explain(
     stage: Stage, position: FloatArray, reasons: Mapping[str, NoPosture]
 ) -> InfeasibleError:
@@ -214,6 +236,8 @@ def explain(
     stops = stage.at_start(position)
     faults = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
     faults = {name: fault for name, fault in faults.items() if fault is not None}
+    if not faults and stage.keep is not None:
+        faults |= explain_clearance(stage, stage.keep, position)
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
         if model.platform.is_turntable and len(stage.work) > 1:
