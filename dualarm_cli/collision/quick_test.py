@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.distances import box_distance, dot, segment_distance
+from dualarm_cli.collision.reach import can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
@@ -24,10 +25,14 @@ from dualarm_cli.model.cell import Cell
 Frames = Mapping[int, tuple[FloatArray, FloatArray]]
 """Rotations (3, 3, n) and translations (3, n) by joint."""
 
-BLOCK = 512
-"""Postures that are tested at a time: their arrays stay in the cache."""
+BLOCK = 20_000
+"""Pairs in postures that are tested at a time: their arrays stay in the cache."""
+LEAST_ROWS = 128
+"""Postures that are tested at a time at least."""
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+ALIGNED = 1e-12
+"""Boxes whose axes are off those of their joint's frame by no more are along it."""
 DOUBTED = 0.004
 """Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
 
@@ -59,17 +64,17 @@ class _Rounds:
 
 
 @dataclass(frozen=True)
-class _Box:
-    """A box that moves with a joint (or stands), and the capsules that must keep clear of it."""
+class _Boxes:
+    """Pairs of a capsule and a box; all boxes move with one joint, or all of them stand."""
 
     joint: int
-    """The joint that it moves with."""
-    R: FloatArray
-    """Rotation of the box in its joint's frame, shape (3, 3)."""
+    """The joint that they move with."""
+    axes: FloatArray | None
+    """Axes of each pair's box in the joint's frame, shape (3 axes, 3, p, 1); None where all are along that frame's."""
     p: FloatArray
-    """Its centre there [m], shape (3,)."""
+    """Its centre there [m], shape (3, p, 1)."""
     half: FloatArray
-    """Half sides [m], shape (3,)."""
+    """Half sides [m], shape (3, p, 1)."""
     hulls: IntArray
     """The capsules, shape (p,)."""
     slack: FloatArray
@@ -98,7 +103,7 @@ class PairGroup:
     """Joints whose frames are needed."""
     hulls: _Hulls
     rounds: _Rounds
-    boxes: tuple[_Box, ...]
+    boxes: tuple[_Boxes, ...]
     planes: _Planes
     pairs: tuple[Pair, ...]
     """The pairs in the order of rounds, planes and boxes, q of them."""
@@ -123,7 +128,11 @@ class QuickTest:
         model = pin.buildModelFromXML(robot.urdf)
         self._tree = JointTree.of(model, robot.joints)
         self._solids = cell_solids(cell, model, carried)
-        self._pairs = pairs_that_must_keep_apart(model, self._solids, cell)
+        self._pairs = [
+            pair
+            for pair in pairs_that_must_keep_apart(model, self._solids, cell)
+            if can_meet(model, self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
+        ]
         hulls = [_hull(solid, self._tree) for solid in self._solids]
         self._center = np.array([0.5 * (a + b) for a, b, _ in hulls])
         self._half = np.array([0.5 * (a - b) for a, b, _ in hulls])
@@ -184,8 +193,9 @@ class QuickTest:
         """
         least = np.full(len(position), np.inf)
         if group.pairs:
-            for k in range(0, len(position), BLOCK):
-                least[k : k + BLOCK] = self._block(group, position[k : k + BLOCK])
+            rows = max(LEAST_ROWS, BLOCK // len(group.pairs))
+            for k in range(0, len(position), rows):
+                least[k : k + rows] = self._block(group, position[k : k + rows])
         return least
 
     def nearest(
@@ -274,7 +284,7 @@ class QuickTest:
 
     def _group(self, pairs: Sequence[Pair]) -> PairGroup:
         rounds: list[tuple[int, int, float]] = []
-        boxes: dict[int, list[tuple[int, float]]] = {}
+        boxes: dict[int, list[tuple[int, int, float]]] = {}
         planes: list[tuple[int, FloatArray, float]] = []
         kinds: list[list[Pair]] = [[], []]
         boxed: dict[int, list[Pair]] = {}
@@ -291,13 +301,13 @@ class QuickTest:
                 planes.append((one, normal, offset + slack))
                 kinds[1].append(pair)
             elif _keeps_form(solid):
-                boxes.setdefault(other, []).append((one, slack))
-                boxed.setdefault(other, []).append(pair)
+                boxes.setdefault(solid.joint, []).append((one, other, slack))
+                boxed.setdefault(solid.joint, []).append(pair)
             else:
                 kinds[0].append(pair)
                 rounds.append((one, other, slack + float(self._radius[other])))
         used = {hull for one, other, _ in rounds for hull in (one, other)}
-        used |= {hull for found in boxes.values() for hull, _ in found}
+        used |= {hull for found in boxes.values() for hull, *_ in found}
         used |= {hull for hull, *_ in planes}
         order = sorted(used, key=lambda hull: (self._solids[hull].joint, hull))
         number = {hull: k for k, hull in enumerate(order)}
@@ -310,7 +320,7 @@ class QuickTest:
         radii = np.array([s for *_, s in rounds]).reshape(-1, 1)
         lengths = [self._length[a] + self._length[b] for a, b, _ in rounds]
         return PairGroup(
-            frozenset({*joints, *(self._solids[box].joint for box in boxes)}),
+            frozenset({*joints, *boxes}),
             _Hulls(
                 tuple(spans),
                 self._center[order].reshape(-1, 3),
@@ -322,7 +332,7 @@ class QuickTest:
                 radii,
                 radii + np.array(lengths).reshape(-1, 1),
             ),
-            tuple(self._box_pairs(box, found, number) for box, found in boxes.items()),
+            tuple(self._box_pairs(joint, found, number) for joint, found in boxes.items()),
             _Planes(
                 np.array([number[hull] for hull, *_ in planes], dtype=np.int64),
                 np.array([normal for _, normal, _ in planes]).reshape(-1, 3).T[..., None],
@@ -340,20 +350,27 @@ class QuickTest:
         return not (all(exact) or (any(exact) and any(boxes)))
 
     def _box_pairs(
-        self, box: int, found: Sequence[tuple[int, float]], number: Mapping[int, int]
-    ) -> _Box:
-        solid = self._solids[box]
-        own = self._tree.R_joint_own[solid.joint]
-        center, half = _bounds(solid.geometry)
-        slack = np.array([s for _, s in found]).reshape(-1, 1)
-        return _Box(
-            solid.joint,
-            own.T @ solid.pose.rotation,
-            own.T @ np.asarray(solid.pose.act(center)),
-            half,
-            np.array([number[hull] for hull, _ in found], dtype=np.int64),
+        self, joint: int, found: Sequence[tuple[int, int, float]], number: Mapping[int, int]
+    ) -> _Boxes:
+        """Returns pairs of boxes that move with one joint; found are capsule, box and slack."""
+        own = self._tree.R_joint_own[joint].T
+        axes, centers, halves = [], [], []
+        for _, box, _ in found:
+            solid = self._solids[box]
+            center, half = _bounds(solid.geometry)
+            axes.append((own @ solid.pose.rotation).T)
+            centers.append(own @ np.asarray(solid.pose.act(center)))
+            halves.append(half)
+        aligned = np.abs(np.array(axes) - np.eye(3)).max() < ALIGNED
+        slack = np.array([s for *_, s in found]).reshape(-1, 1)
+        return _Boxes(
+            joint,
+            None if aligned else np.moveaxis(np.array(axes), 0, 2)[..., None],
+            np.array(centers).T[..., None],
+            np.array(halves).T[..., None],
+            np.array([number[hull] for hull, *_ in found], dtype=np.int64),
             slack,
-            slack + self._length[[hull for hull, _ in found]][:, None],
+            slack + self._length[[hull for hull, *_ in found]][:, None],
         )
 
 
@@ -372,39 +389,35 @@ def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> Floa
 
 
 def _box_margins(
-    box: _Box, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
+    boxes: _Boxes, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
 ) -> FloatArray:
-    """Returns the margins of p capsules from a box [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
+    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
     R, p = frame
-    middle = center[:, box.hulls]
-    if box.joint == WORLD:
-        local = _turned(box.R.T, middle) - (box.R.T @ box.p)[:, None, None]
-    else:
-        axes = (box.R.T @ R).transpose(1, 0, 2)
-        local = _along(axes, middle - (p + box.p @ R)[:, None])
-    sides = box.half[:, None, None]
-    outside = np.maximum(np.abs(local) - sides, 0.0)
-    margin = np.sqrt(dot(outside, outside)) - box.ball
+    middle = center[:, boxes.hulls]
+    if boxes.joint != WORLD:
+        middle = _along(R.transpose(1, 0, 2)[:, :, None], middle - p[:, None])
+    middle = middle - boxes.p
+    if boxes.axes is not None:
+        middle = _along(boxes.axes, middle)
+    outside = np.maximum(np.abs(middle) - boxes.half, 0.0)
+    margin = np.sqrt(dot(outside, outside)) - boxes.ball
     near = np.nonzero(margin < ENOUGH)
     if len(near[0]):
-        to_end = half[:, box.hulls[near[0]], near[1]]
-        standing = box.joint == WORLD
-        to_end = box.R.T @ to_end if standing else (axes[:, :, near[1]] * to_end).sum(axis=1)
-        middle = local[:, near[0], near[1]]
-        exact = box_distance(middle + to_end, middle - to_end, box.half[:, None])
-        margin[near] = exact - box.slack[near[0], 0]
+        pair, row = near
+        to_end = half[:, boxes.hulls[pair], row]
+        if boxes.joint != WORLD:
+            to_end = _along(R.transpose(1, 0, 2)[:, :, row], to_end)
+        if boxes.axes is not None:
+            to_end = _along(boxes.axes[:, :, pair, 0], to_end)
+        middle = middle[:, pair, row]
+        exact = box_distance(middle + to_end, middle - to_end, boxes.half[:, pair, 0])
+        margin[near] = exact - boxes.slack[pair, 0]
     return margin
 
 
-def _turned(R: FloatArray, x: FloatArray) -> FloatArray:
-    """Returns vectors (3, h, n) turned by one rotation."""
-    turned: FloatArray = (R @ x.reshape(3, -1)).reshape(x.shape)
-    return turned
-
-
 def _along(axes: FloatArray, x: FloatArray) -> FloatArray:
-    """Returns components of vectors (3, h, n) along three axes each, of shape (3, 3, n)."""
-    return np.stack([dot(axis[:, None], x) for axis in axes])
+    """Returns components of vectors (3, ...) along three axes each, of shape (3 axes, 3, ...), broadcast."""
+    return np.stack([dot(axis, x) for axis in axes])
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:

@@ -42,13 +42,18 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
-    starts, failure = _starts(problem)
+    # With clearance the blind plan is a start, and simpler methods, which take long then, only the last resort.
+    starts, failure = ({}, None) if problem.blind else _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if problem.blind:
         decided.append(decisions_of(numbers, model, list(problem.blind)))
     if len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
+    if found is None and problem.blind:
+        starts, failure = _starts(problem)
+        decided += [decisions_of(numbers, model, stages) for stages in starts.values()]
+        found = search(numbers, decided, problem.effort, problem.seed)
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")

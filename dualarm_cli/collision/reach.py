@@ -1,0 +1,116 @@
+"""Pairs of solids that can never meet, whatever the joints do: their chains are too short."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import Pair, Solid
+from dualarm_cli.geometry.arrays import FloatArray
+
+SURE = 1e-6
+"""What rounding may be off [m]."""
+
+
+@dataclass(frozen=True)
+class _Ball:
+    """Where a solid is always within, in the frame of a joint below it."""
+
+    center: FloatArray
+    """Middle [m], shape (3,)."""
+    radius: float
+    """Radius [m]; infinite where there is none."""
+
+
+def can_meet(model: pin.Model, one: Solid, other: Solid, pair: Pair, within: float = 0.0) -> bool:
+    """Returns whether two solids can come within their required clearance and a little more of each other.
+
+    From the last joint that moves both, each solid is within a ball about a point of the axis of the next joint
+    towards it: as far from it as the lengths of the links from there on add up to.
+
+    Args:
+        model: of the robot's URDF.
+        one: the pair's first solid.
+        other: its second one.
+        pair: for its clearance.
+        within: what is added to the clearance [m].
+    """
+    below = [_chain(model, solid.joint) for solid in (one, other)]
+    common = max(set(below[0]) & set(below[1]), key=below[0].index)
+    balls = [
+        _ball(model, solid, chain[chain.index(common) + 1 :])
+        for solid, chain in zip((one, other), below, strict=True)
+    ]
+    far = pair.required + within + SURE
+    if balls[0] is not None and balls[1] is not None:
+        apart = float(np.linalg.norm(balls[0].center - balls[1].center))
+        return apart - balls[0].radius - balls[1].radius < far
+    for ball, fixed in ((balls[0], other), (balls[1], one)):
+        if ball is not None and np.isfinite(ball.radius):
+            return _distance(ball.center, fixed) - ball.radius < far
+    return True
+
+
+def _chain(model: pin.Model, joint: int) -> list[int]:
+    """Returns the joints from the root to one."""
+    chain = [joint]
+    while joint:
+        joint = model.parents[joint]
+        chain.append(joint)
+    return chain[::-1]
+
+
+def _ball(model: pin.Model, solid: Solid, chain: list[int]) -> _Ball | None:
+    """Returns where a solid is always within, in the frame that its chain begins in; None where it does not move."""
+    if not chain:
+        return None
+    steps = [np.asarray(model.jointPlacements[joint].translation) for joint in chain]
+    if any(not _turns(model, joint) for joint in chain):
+        return _Ball(steps[0], np.inf)
+    rest = sum(float(np.linalg.norm(step)) for step in steps[2:]) + solid.extent
+    if len(chain) == 1:
+        return _Ball(steps[0], rest)
+    # The next joint's origin goes round on a circle about the first one's axis.
+    axis = _axis(model, chain[0])
+    along = float(axis @ steps[1])
+    center = np.asarray(model.jointPlacements[chain[0]].act(along * axis))
+    return _Ball(center, float(np.linalg.norm(steps[1] - along * axis)) + rest)
+
+
+def _turns(model: pin.Model, joint: int) -> bool:
+    return bool(np.linalg.norm(_twist(model, joint)[3:]) > 0.5)
+
+
+def _axis(model: pin.Model, joint: int) -> FloatArray:
+    axis: FloatArray = _twist(model, joint)[3:]
+    return axis
+
+
+def _twist(model: pin.Model, joint: int) -> FloatArray:
+    """Returns how a joint moves in its own frame: linear and angular, shape (6,)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    twist: FloatArray = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+    return twist
+
+
+def _distance(point: FloatArray, solid: Solid) -> float:
+    """Returns how far a point is from a solid, both in one frame [m]."""
+    dot = coal.Sphere(SURE)
+    places = [
+        coal.Transform3s(np.eye(3), point),
+        coal.Transform3s(solid.pose.rotation, solid.pose.translation),
+    ]
+    return float(
+        coal.distance(
+            dot,
+            places[0],
+            solid.geometry,
+            places[1],
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+    )
