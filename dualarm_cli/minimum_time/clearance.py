@@ -12,8 +12,8 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SAMPLES = 8
 """Postures along a move, between its ends."""
-ALIKE = 0.1
-"""Stages whose joints are all nearer than this to those of a barred one are barred as well [rad]."""
+ALIKE = 0.15
+"""Stages whose joints that matter are all nearer than this to those of a barred one are barred as well [rad]."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,8 @@ class Barred:
 
     stage: int
     """Its number, or the number of stages for the return."""
+    columns: tuple[int, ...]
+    """Joints that matter: of one arm and the platform, or all."""
     start: FloatArray | None
     """All joints before it [rad], shape (columns,); None where what comes before does not matter."""
     arrival: FloatArray
@@ -97,8 +99,9 @@ class SequenceClearance:
         """Returns which moves are barred, for all joints before and after them (n + 1, columns) [rad]."""
         found = np.zeros(len(start), dtype=np.bool_)
         for bar in self.barred:
-            k = bar.stage
-            if k >= len(start) or np.abs(arrival[k] - bar.arrival).max() > ALIKE:
+            k, columns = bar.stage, list(bar.columns)
+            if k >= len(start) or np.abs(arrival[k] - bar.arrival)[columns].max() > ALIKE:
                 continue
-            found[k] |= bar.start is None or bool(np.abs(start[k] - bar.start).max() <= ALIKE)
+            same = bar.start is None or np.abs(start[k] - bar.start)[columns].max() <= ALIKE
+            found[k] |= bool(same)
         return found

@@ -14,6 +14,10 @@ from dualarm_cli.minimum_time.times import Chain, Evaluated, start_angle, start_
 
 MEETING = 0.4
 """About how long one arm waits for the other where their moves meet [s]."""
+STOPS = 7
+"""Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
+DETOUR = 0.3
+"""About what it costs that an arm's move has to be bent [s]."""
 TURNS = 1.0
 """About how long it waits where they cannot be at their targets at once [s]."""
 
@@ -25,13 +29,14 @@ class PlanClearance:
     stops: BoolArray
     """Where approach, target and retract of each arm keep clear, and where retracts of both end, shape (n,)."""
     moves: BoolArray
-    """Where each arm's move into a stage does, and last the return, but for the other arm, shape (n + 1,)."""
+    """Where the move into a stage, and last the return, is not barred, shape (n + 1,)."""
     waits: FloatArray
-    """About how long one arm has to wait for the other in a stage, and last in the return [s], shape (n + 1,)."""
+    """About what it costs that an arm's straight move touches something or the arms meet, by stage, and last in the
+    return [s], shape (n + 1,)."""
 
     @property
     def penalty(self) -> float:
-        """What is added to a plan's length [s]: infinite where it cannot be, else what one arm has to wait."""
+        """What is added to a plan's length [s]: infinite where it cannot be, else what waits and detours cost."""
         if not (self.stops.all() and self.moves.all()):
             return np.inf
         return float(self.waits.sum())
@@ -53,27 +58,30 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     if test is None:
         yes = np.ones(n + 1, dtype=np.bool_)
         return PlanClearance(yes[:-1], yes, np.zeros(n + 1))
-    arrive, work, leave = _joints(problem, test, plan)
+    arrive, work, leave, lines = _joints(problem, test, plan)
     before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
     if problem.free_start:
         before[0] = arrive[0]
     after = before[:1] if problem.returns else leave[-1:]
     starts, ends = np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
-    position = np.concatenate([arrive, work, leave, test.along(starts, ends)])
+    position = np.concatenate([*lines, work, arrive, leave, test.along(starts, ends)])
     moving = np.repeat(np.concatenate([test.before, test.after[-1:]]), SAMPLES, axis=0)
-    held = np.concatenate([test.before, test.at_targets, test.after, moving])
+    on_lines = (*(test.before | 1,) * 2, *(test.after | 1,) * 2, test.at_targets)
+    held = np.concatenate([*on_lines, test.before, test.after, moving])
     cross = test.cell.cross_margins(position, held)
     own = np.full(len(position), np.inf)
     for a in range(len(problem.arms)):
         own = np.minimum(own, test.cell.own_margins(a, position, held[:, a]))
-    alone = (own[: 3 * n] >= SLACK).reshape(3, n)
-    both = (cross[: 3 * n] >= SLACK).reshape(3, n)
-    moves = (own[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
-    apart = (cross[3 * n :] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
-    moves &= ~test.is_barred(starts, ends)
-    waits = np.where(apart, 0.0, MEETING)
-    waits[:n] = np.where(both[:2].all(axis=0), waits[:n], TURNS)
-    return PlanClearance(np.asarray(alone.all(axis=0) & both[2]), np.asarray(moves), waits)
+    stops = STOPS * n
+    alone = (own[:stops] >= SLACK).reshape(STOPS, n)
+    both = (cross[:stops] >= SLACK).reshape(STOPS, n)
+    moves = (own[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    apart = (cross[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    waits = np.where(apart, 0.0, MEETING) + np.where(moves, 0.0, DETOUR)
+    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, TURNS)
+    return PlanClearance(
+        np.asarray(alone.all(axis=0) & both[-1]), ~test.is_barred(starts, ends), waits
+    )
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
@@ -88,10 +96,11 @@ def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -
 
 def _joints(
     problem: SequenceProblem, test: SequenceClearance, plan: Evaluated
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns all joints where moves end, at the targets and where retracts end, (n, columns) each."""
+) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
+    """Returns all joints where moves end, at the targets, where retracts end and on the lines, (n, columns) each."""
     n = problem.stages
     at_end, at_target, after = [], [], []
+    on_lines: list[list[FloatArray | None]] = [[], [], [], []]
     for work, found in zip(problem.arms, plan.arms, strict=True):
         chain = Chain.of(work)
         # An idle arm waits where it ended last.
@@ -102,9 +111,12 @@ def _joints(
         at_end.append(np.where(active, found.q_approach, waits))
         at_target.append(np.where(active, found.q_target, waits))
         after.append(waits)
+        for k, place in enumerate(on_lines):
+            place.append(np.where(active, found.q_between[:, k], waits))
     angle = plan.decisions.angle
     return (
         test.positions(angle, at_end),
         test.positions(angle, at_target),
         test.positions(angle, after),
+        [test.positions(angle, place) for place in on_lines],
     )

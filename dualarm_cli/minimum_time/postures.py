@@ -13,6 +13,8 @@ from dualarm_cli.timing.line_rates import joint_line_durations
 
 LINE_SAMPLES = 7
 """Samples of a line."""
+BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
+"""Samples of both lines, approach first, that are kept for clearance; the target is between the middle ones."""
 LARGEST_STEP = np.pi / 2
 """A joint that turns more than this between two samples of a line has jumped [rad]."""
 SAME_POSTURE = 1e-9
@@ -37,6 +39,8 @@ class Postures:
     """What each joint asks for on the approach [s], shape (n, 7); the largest is its time."""
     retract: FloatArray
     """What each joint asks for on the retract [s], shape (n, 7)."""
+    q_between: FloatArray
+    """Joints at two places on the approach and at two on the retract [rad], shape (n, 4, 7)."""
 
     @property
     def possible(self) -> BoolArray:
@@ -149,7 +153,8 @@ def _postures(
         both = np.concatenate([possible[:, : middle + 1], possible[:, middle:]])
         spent[:, ok] = joint_line_durations(both, work.limits).reshape(2, -1, 7)
     time = np.where(ok, table.dwell[stage] + spent.max(axis=2).sum(axis=0), np.inf)
-    return Postures(q[:, 0], q[:, middle], q[:, -1], time, spent[0], spent[1])
+    between = q[:, np.array(BETWEEN) if lines else [0, 0, 0, 0]]
+    return Postures(q[:, 0], q[:, middle], q[:, -1], time, spent[0], spent[1], between)
 
 
 def _bulges(steps: FloatArray, middle: int) -> FloatArray:

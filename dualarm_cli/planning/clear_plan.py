@@ -14,7 +14,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
-from dualarm_cli.planning.stage_samples import MOVES, stage_samples
+from dualarm_cli.planning.stage_samples import MOVES, StageSamples, alone_clear, stage_samples
 from dualarm_cli.timing import TimingSolver
 
 NEGLIGIBLE = 0.005
@@ -159,8 +159,17 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
         arrived = (min(arrivals, default=stage.end) - stage.start) / (stage.end - stage.start)
         worst = int(np.argmin(margins)) / (len(margins) - 1)
         start = None if plan.stops and worst >= arrived else plan.start
-        found.append(Barred(k, start, plan.arrival))
+        found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))
     return found
+
+
+def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ...]:
+    """Returns the columns of the arm that does not keep clear by itself, or else of all joints."""
+    model, cell = clearing.model, clearing.holding.cell
+    for a, name in enumerate(cell.arms):
+        if not alone_clear(cell, samples, a):
+            return (*model.platform_columns, *model.arms[name].columns)
+    return tuple(range(samples.position.shape[1]))
 
 
 def _why_blocked(clearing: Clearing, found: Found | None) -> str:
