@@ -12,13 +12,14 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SAMPLES = 8
 """Postures along a move, between its ends."""
-ALIKE = 0.15
-"""Stages whose joints that matter are all nearer than this to those of a barred one are barred as well [rad]."""
+ALIKE, LIKE = 0.15, 0.5
+"""Stages whose joints that matter are all nearer than this to those of a barred one are as that: by their stops alone,
+or by a move [rad]."""
 
 
 @dataclass(frozen=True)
 class Barred:
-    """A stage that turned out not to keep clear when it was timed, whatever was tried."""
+    """A stage that turned out not to keep clear when it was timed, whatever was tried, or at what cost it does."""
 
     stage: int
     """Its number, or the number of stages for the return."""
@@ -28,6 +29,8 @@ class Barred:
     """All joints before it [rad], shape (columns,); None where what comes before does not matter."""
     arrival: FloatArray
     """All joints after the transfer [rad], shape (columns,)."""
+    cost: float = np.inf
+    """How much longer it takes than straight moves [s]."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +98,14 @@ class SequenceClearance:
         way = start[:, None] + share[:, None] * (end - start)[:, None]
         return way.reshape(-1, start.shape[1])
 
-    def is_barred(self, start: FloatArray, arrival: FloatArray) -> BoolArray:
-        """Returns which moves are barred, for all joints before and after them (n + 1, columns) [rad]."""
-        found = np.zeros(len(start), dtype=np.bool_)
+    def known_costs(self, start: FloatArray, arrival: FloatArray) -> FloatArray:
+        """Returns what moves like barred ones cost [s], for all joints before and after them (n + 1, columns) [rad]."""
+        found = np.zeros(len(start))
         for bar in self.barred:
             k, columns = bar.stage, list(bar.columns)
-            if k >= len(start) or np.abs(arrival[k] - bar.arrival)[columns].max() > ALIKE:
+            near = ALIKE if bar.start is None else LIKE
+            if k >= len(start) or np.abs(arrival[k] - bar.arrival)[columns].max() > near:
                 continue
-            same = bar.start is None or np.abs(start[k] - bar.start)[columns].max() <= ALIKE
-            found[k] |= bool(same)
+            if bar.start is None or np.abs(start[k] - bar.start)[columns].max() <= near:
+                found[k] = max(found[k], bar.cost)
         return found

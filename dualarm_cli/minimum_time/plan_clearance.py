@@ -16,8 +16,8 @@ MEETING = 0.4
 """About how long one arm waits for the other where their moves meet [s]."""
 STOPS = 7
 """Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
-DETOUR = 0.3
-"""About what it costs that an arm's move has to be bent [s]."""
+DETOUR, DEPTH = 0.1, 10.0
+"""About what it costs that an arm's move has to be bent: in any case [s], and for what it lacks [s/m]."""
 TURNS = 1.0
 """About how long it waits where they cannot be at their targets at once [s]."""
 
@@ -75,13 +75,14 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     stops = STOPS * n
     alone = (own[:stops] >= SLACK).reshape(STOPS, n)
     both = (cross[:stops] >= SLACK).reshape(STOPS, n)
-    moves = (own[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = (cross[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
-    waits = np.where(apart, 0.0, MEETING) + np.where(moves, 0.0, DETOUR)
+    known = test.known_costs(starts, ends)
+    waits = np.where(apart, 0.0, MEETING) + np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
+    waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, TURNS)
-    return PlanClearance(
-        np.asarray(alone.all(axis=0) & both[-1]), ~test.is_barred(starts, ends), waits
-    )
+    stops_clear = np.asarray(alone.all(axis=0) & both[-1])
+    return PlanClearance(stops_clear, np.isfinite(known), waits)
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:

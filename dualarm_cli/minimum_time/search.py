@@ -93,6 +93,8 @@ EFFORTS = {
     ),
 }
 """By name."""
+NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
+"""The grid around a plan that nearly does."""
 LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 1.06
@@ -149,6 +151,30 @@ def search(
             break
     best = polish(problem, tables, best, how.rounds, how.random_steps, seed)
     return Found(best, bound, total)
+
+
+def search_near(
+    problem: SequenceProblem, near: Decisions, effort: str, seed: int
+) -> Evaluated | None:
+    """Returns a fast plan about one that is fast but does not keep clear, None where a stop has no node near it.
+
+    One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
+    again.
+
+    Args:
+        problem: the sequence, with clearance.
+        near: the plan.
+        effort: one of EFFORTS.
+        seed: of the random steps of polishing.
+    """
+    how = EFFORTS[effort].for_stages(problem.stages)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    start = evaluate(problem, tables, near)
+    around = [plan for _, plan in plans_on_nodes(problem, tables, NEAR, how.plans, near).plans]
+    if not around:
+        return None
+    best = _combined(problem, tables, [*around, start], how, seed)
+    return polish(problem, tables, best, how.rounds, how.random_steps, seed)
 
 
 def _combined(

@@ -21,6 +21,8 @@ NEGLIGIBLE = 0.005
 """Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
 FEW = 0.34
 """Share of stages; a blind plan with more that do not keep clear is not mended."""
+COSTLY = 1.5
+"""What mending a stage costs that is worth looking for another one [s]."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
@@ -100,12 +102,10 @@ def quickest_clear(
         tried = _cleared(clearing, _timed(problem, decided, timing))
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
-        if not found.cleared.blocked:
-            return found
         barred = (*asked.barred, *_bars(clearing, tried))
         if len(barred) == len(asked.barred):
             break
-        asked = replace(asked, barred=barred)
+        asked = replace(asked, barred=barred, blind=tuple(decided.stages))
     if found is not None and not found.cleared.blocked:
         return found
     raise failure or InfeasibleError(_why_blocked(clearing, found))
@@ -145,8 +145,13 @@ def _badness(found: Cleared) -> tuple[int, float]:
 
 
 def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
-    """Returns what a plan's blocked stages have to be different in."""
+    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
     found = []
+    everything = tuple(range(len(clearing.job.cell.robot.joints)))
+    for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
+        cost = stage.end - stage.start - plan.duration
+        if (plan.detours or plan.waits or plan.path is not None) and cost > COSTLY:
+            found.append(Barred(k, everything, plan.start, plan.arrival, cost))
     for k in tried.blocked:
         plan, stage = tried.plans[k], tried.motion.stages[k]
         samples = stage_samples(tried.motion, k, k, clearing.holding)

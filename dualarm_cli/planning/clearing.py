@@ -7,13 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import StageContext, quickest_curve, quickest_stopover
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.joint_paths import free_path
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
@@ -26,6 +23,7 @@ from dualarm_cli.planning.stage_samples import (
     keeps_clear,
     stage_samples,
 )
+from dualarm_cli.planning.transfer_paths import transfer_path
 from dualarm_cli.timing import TimingSolver
 
 DELAY_STEP = 0.02
@@ -163,17 +161,9 @@ class Clearing:
         """Returns the stage with all joints along one path found by random trees, None where none was found."""
         if self.job.tool_speed is not None:
             return None
-        cell = self.holding.cell
         last = len(self.holding.before) - 1
         held = self.holding.before[k] if k <= last else self.holding.after[last]
-        limits = self.job.cell.robot.limits
-
-        def free(position: FloatArray) -> BoolArray:
-            return cell.margins(position, np.tile(held, (len(position), 1))) >= SLACK / 2
-
-        if not free(np.stack([plan.start, plan.arrival])).all():
-            return None
-        path = free_path(free, plan.start, plan.arrival, limits.lower, limits.upper, self.seed)
+        path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)
         return None if path is None else replace(plan, path=path, waits={}, detours={})
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import pairwise
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.planning.motion import detour_pieces, passing_curve
+from dualarm_cli.planning.curves import Missing, curve, quick_curves
+from dualarm_cli.planning.motion import detour_pieces
 from dualarm_cli.planning.stage_plan import Detour, StagePlan
 from dualarm_cli.planning.stage_samples import (
     KEPT,
@@ -28,10 +29,12 @@ SPREADS = (0.2, 0.4, 0.7, 1.1)
 """Standard deviations of random postures about the way [rad]."""
 DRAWN = 120
 """Random postures of each spread."""
-LOOKED_AT = 21
-"""Points of each curve that are looked at first."""
-TIMED = 10
-"""So many curves, shortest first, are timed."""
+TIMED = 3
+"""So many curves, quickest first, are timed."""
+SPARE = 0.004
+"""What curves keep beyond the required clearance, for what is between their points [m]."""
+ROUNDS = (17, 49, 49)
+"""Points at which curves are looked at, round by round: more, and with a better idea of what the others do then."""
 WAITED = 12
 """So many postures to wait at, nearest first, are timed."""
 SHARES = (0.0, 0.5, 1.0)
@@ -90,34 +93,37 @@ def quickest_curve(
 ) -> StagePlan | None:
     """Returns the stage with the quickest of some curves of one arm that keep clear, None for none.
 
-    Curves pass by postures drawn at random about the straight way; those whose points look clear beside what the
-    platform and the other arm do meanwhile are timed, shortest first.
+    Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
+    curve is timed; the best ones are timed, and looked at again.
 
     Args:
         context: the stage.
         name: the arm.
         clear: whether a stage with another way of the arm keeps clear.
-        with_other: whether the other arm counts when curves are looked at first.
+        with_other: whether the other arm counts while curves are looked for.
     """
     if context.job.tool_speed is not None:
         return None
-    start, goal, posture = _drawn(context, name)
-    limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
-    curves = passing_curve(start, posture, goal, LOOKED_AT)
-    inside = ((curves >= limits.lower) & (curves <= limits.upper)).all(axis=(1, 2))
-    curves, posture = curves[inside], posture[inside]
-    length = (np.abs(np.diff(curves, axis=1)) / limits.velocity).sum(axis=1).max(axis=1)
-    order = np.argsort(length, kind="stable")
-    best, least = None, np.inf
-    promising = _looking_clear(context, name, curves, order, with_other)
-    for k in islice(promising, TIMED):
-        detour = Detour(posture[k], None)
-        way = context.way_by(name, detour)
-        stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
-        if len(stage.position) < least and clear(stage):
-            least = len(stage.position)
-            best = replace(context.plan, detours={**context.plan.detours, name: detour})
-    return best
+    arm, way = context.model.arms[name], context.ways[name]
+    start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
+    limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
+    least = way.arrival * STEP
+    points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
+    for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
+        missing = _missing(context, name, way, points, with_other)
+        found = quick_curves(start, goal, limits, least, missing, samples, context.seed)
+        timed = []
+        for controls in found[:TIMED]:
+            detour = Detour(controls, None)
+            timed.append(context.way_by(name, detour))
+            stage = combined(context.model, context.samples, {**context.ways, name: timed[-1]}, {})
+            if clear(stage):
+                return replace(context.plan, detours={**context.plan.detours, name: detour})
+        if not timed:
+            break
+        # What the others do while the arm is where is known better now.
+        way, points = timed[0], curve(start, found[0], goal, later)
+    return None
 
 
 def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
@@ -134,7 +140,7 @@ def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
     cell, passing = context.cell, context.ways[other].end
     best, least = None, np.iinfo(np.int64).max
     for posture in _asides(context, name):
-        there = context.way_by(name, Detour(posture, 0.0))
+        there = context.way_by(name, Detour(posture[None], 0.0))
         turn = int(np.argmin(np.abs(there.q - posture).max(axis=1)))
 
         def stage(pause: int, delay: int, there: ArmWay = there, turn: int = turn) -> StageSamples:
@@ -168,7 +174,7 @@ def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
                 least = length
                 waits = {other: delay * STEP} if delay else {}
                 best = replace(
-                    context.plan, waits=waits, detours={name: Detour(posture, high * STEP)}
+                    context.plan, waits=waits, detours={name: Detour(posture[None], high * STEP)}
                 )
     return best
 
@@ -184,23 +190,36 @@ def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, Fl
     return start, goal, posture
 
 
-def _looking_clear(
-    context: StageContext, name: str, curves: FloatArray, order: np.ndarray, with_other: bool
-) -> Iterator[int]:
-    """Yields numbers of curves (c, points, 7) in an order whose points keep clear of what they meet about then."""
-    way = context.ways[name]
-    times = np.linspace(0, way.arrival, curves.shape[1]).round().astype(int)
-    a = context.cell.arms.index(name)
-    for first in range(0, len(order), TIMED * 4):
-        some = order[first : first + TIMED * 4]
-        rows = np.tile(context.samples.position[times], (len(some), 1))
-        rows[:, context.model.arms[name].columns] = curves[some].reshape(-1, 7)
-        held = np.tile(context.samples.held[times], (len(some), 1))
-        free: BoolArray = context.cell.own_margins(a, rows, held[:, a]) >= KEPT
+def _missing(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray, with_other: bool
+) -> Missing:
+    """Returns what curves of an arm lack of the clearance beside what all others do about then.
+
+    Args:
+        context: the stage.
+        name: the arm.
+        way: what is known of how it gets along a curve.
+        points: of that curve [rad], shape (s, 7).
+        with_other: whether the other arm counts.
+    """
+    stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
+    moving = way.q[: way.arrival + 1]
+    far = np.abs(moving[None] - points[:, None]).max(axis=2)
+    instants = np.maximum.accumulate(np.argmin(far, axis=1))
+    columns, a = context.model.arms[name].columns, context.cell.arms.index(name)
+
+    def missing(curves: FloatArray) -> FloatArray:
+        rows = np.tile(stage.position[instants], (len(curves), 1))
+        rows[:, columns] = curves.reshape(-1, 7)
+        held = np.tile(stage.held[instants], (len(curves), 1))
+        margin = context.cell.own_margins(a, rows, held[:, a])
         if with_other:
-            left = np.flatnonzero(free)
-            free[left] = context.cell.cross_margins(rows[left], held[left]) >= KEPT
-        yield from some[free.reshape(len(some), -1).all(axis=1)].tolist()
+            margin = np.minimum(margin, context.cell.cross_margins(rows, held))
+        lack: FloatArray = np.maximum(SPARE - margin, 0.0).reshape(curves.shape[:2])
+        # The ends are what they are.
+        return lack[:, 1:-1].mean(axis=1)
+
+    return missing
 
 
 def _asides(context: StageContext, name: str) -> list[FloatArray]:

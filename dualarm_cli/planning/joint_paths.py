@@ -11,44 +11,64 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 Free = Callable[[FloatArray], BoolArray]
 """Whether postures (n, columns) are free, shape (n,)."""
 
-STRIDE = 0.15
-"""Longest edge of a tree, in weighted joints [rad]."""
-SPACING = 0.02
-"""Distance of the postures that are looked at along an edge [rad]."""
-MOST_EDGES = 3000
+STRIDE = 0.06
+"""Longest edge of a tree [s]: joints are measured by how long they take at top speed."""
+SPACING = 0.008
+"""Distance of the postures that are looked at along an edge [s]."""
+NARROW, WIDE = 0.2, 1.0
+"""How far about the straight way postures are drawn, mostly and sometimes [s]."""
+MOST_EDGES = 2500
 """Edges after which the search gives up."""
-SHORT_CUTS = 150
+POINTS = 65
+"""Points of a path that is shortened."""
+SHORT_CUTS = 400
 """Short cuts that are tried."""
-CORNERS = (2, 4, 8, 16, 32)
-"""Control points per edge that are tried when corners are rounded: the more, the sharper."""
+CORNERS = (8, 12, 16, 24, 32, 48, 64)
+"""Edges of control points that are tried when corners are rounded: the more, the sharper."""
 GRIDPOINTS = 129
 """Points of the rounded path."""
 
 
-def free_path(
-    free: Free, start: FloatArray, goal: FloatArray, lower: FloatArray, upper: FloatArray, seed: int
+def free_points(
+    free: Free,
+    start: FloatArray,
+    goal: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    seed: int,
 ) -> FloatArray | None:
-    """Returns a smooth path between two free postures, shape (GRIDPOINTS, columns), None where none was found.
+    """Returns points along a path between two free postures, shape (POINTS, columns), None where none was found.
 
-    RRT-Connect [Kuffner2000], then random short cuts, then a cubic B-spline whose control points lie on the path, the
-    closer the nearer it has to follow it. The path is free at SPACING; what moves with it in time is the caller's.
+    RRT-Connect [Kuffner2000], then random short cuts, of all joints or of some [Geraerts2007]. Joints are measured by
+    how long they take at top speed. Straight lines between the points are free at SPACING.
 
     Args:
         free: tells which postures are free.
-        start: where it begins [rad], shape (columns,).
-        goal: where it ends [rad], shape (columns,).
-        lower: least joints [rad], shape (columns,).
-        upper: greatest joints [rad], shape (columns,).
+        start: where it begins [s], shape (columns,).
+        goal: where it ends [s], shape (columns,).
+        lower: least joints [s], shape (columns,).
+        upper: greatest joints [s], shape (columns,).
         seed: of all randomness.
     """
     random = np.random.default_rng(seed)
     corners = _connect(free, start, goal, lower, upper, random)
     if corners is None:
         return None
-    corners = _shortened(free, corners, random)
+    return _shortened(free, _resampled(corners, POINTS), random)
+
+
+def rounded_path(free: Free, points: FloatArray) -> FloatArray | None:
+    """Returns a smooth path along given points, shape (GRIDPOINTS, columns), None where none is free.
+
+    A cubic B-spline whose control points lie on the path, the closer the nearer it has to follow it.
+
+    Args:
+        free: tells which postures are free.
+        points: of the path [s], shape (c, columns).
+    """
     for count in CORNERS:
-        path = _rounded(corners, count)
-        if free(path).all() and free(_along(path[:-1], path[1:])).all():
+        path = _rounded(points, count)
+        if free(_along(path[:-1], path[1:])).all():
             return path
     return None
 
@@ -66,7 +86,7 @@ def _connect(
     low, high = np.minimum(start, goal), np.maximum(start, goal)
     for k in range(MOST_EDGES):
         # Most of what is tried lies about the straight way: transfers are short.
-        wide = 0.5 if k % 4 else 3.0
+        wide = NARROW if k % 4 else WIDE
         sample = random.uniform(np.maximum(lower, low - wide), np.minimum(upper, high + wide))
         here, there = trees[k % 2], trees[1 - k % 2]
         tip = here.grow(free, sample, 1)
@@ -128,44 +148,58 @@ def _along(start: FloatArray, end: FloatArray) -> FloatArray:
     return (start[:, None] + share * (end - start)[:, None]).reshape(-1, start.shape[1])
 
 
-def _shortened(free: Free, corners: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Returns a path with fewer and nearer corners."""
-    for _ in range(SHORT_CUTS):
-        if len(corners) < 3:
-            break
-        length = np.concatenate([[0.0], np.abs(np.diff(corners, axis=0)).max(axis=1).cumsum()])
-        one, other = np.sort(random.uniform(0.0, length[-1], 2))
-        i, j = (int(np.searchsorted(length, x, side="right")) - 1 for x in (one, other))
-        if i == j:
-            continue
-        ends = [
-            corners[k]
-            + (corners[k + 1] - corners[k]) * ((x - length[k]) / (length[k + 1] - length[k]))
-            for k, x in ((i, one), (j, other))
-        ]
-        if free(_along(ends[0][None], ends[1][None])).all():
-            corners = np.vstack([corners[: i + 1], ends, corners[j + 1 :]])
-    return corners
+def _lengths(points: FloatArray) -> FloatArray:
+    """Returns how far points (c, columns) are along their path, shape (c,)."""
+    steps = np.abs(np.diff(points, axis=0)).max(axis=1)
+    return np.concatenate([[0.0], steps.cumsum()])
 
 
-def _rounded(corners: FloatArray, count: int) -> FloatArray:
-    """Returns the clamped cubic B-spline with so many control points along each edge, shape (GRIDPOINTS, columns)."""
-    # Edges are weighted by their length, so that the spline does not linger.
-    length = np.concatenate([[0.0], np.abs(np.diff(corners, axis=0)).max(axis=1).cumsum()])
+def _resampled(corners: FloatArray, count: int) -> FloatArray:
+    """Returns points along a path at equal distances, shape (count, columns)."""
+    length = _lengths(corners)
     kept = np.concatenate([[True], np.diff(length) > 0.0])
-    corners, length = corners[kept], length[kept]
-    at = np.linspace(0.0, length[-1], max(4, count * (len(corners) - 1) + 1))
-    control = np.stack([np.interp(at, length, column) for column in corners.T], axis=1)
+    at = np.linspace(0.0, length[-1], count)
+    return np.stack([np.interp(at, length[kept], column[kept]) for column in corners.T], axis=1)
+
+
+def _shortened(free: Free, points: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Returns a path whose joints go straight wherever that is free, points at equal distances again."""
+    columns = points.shape[1]
+    for k in range(SHORT_CUTS):
+        if k % 40 == 39:
+            points = _resampled(points, len(points))
+        i, j = np.sort(random.integers(0, len(points), 2)).tolist()
+        if j - i < 2:
+            continue
+        # All joints, or each with even odds, or one.
+        odds = random.random(columns)
+        which = np.asarray(odds < (2.0, 0.5, 0.0)[k % 3])
+        which[int(np.argmin(odds))] = True
+        share = np.linspace(0.0, 1.0, j - i + 1)[:, None]
+        straight = points[i] + share * (points[j] - points[i])
+        tried = np.where(which, straight, points[i : j + 1])
+        if free(_along(tried[:-1], tried[1:])).all():
+            points = np.vstack([points[:i], tried, points[j + 1 :]])
+    return _resampled(points, len(points))
+
+
+def _rounded(points: FloatArray, count: int) -> FloatArray:
+    """Returns the clamped cubic B-spline with control points at equal distances, shape (GRIDPOINTS, columns).
+
+    Args:
+        points: of a path, shape (c, columns).
+        count: edges between the control points, at least 3.
+    """
+    control = _resampled(points, count + 1)
     pieces = len(control) - 3
     knots = np.concatenate([[0.0] * 3, np.arange(pieces + 1.0), [float(pieces)] * 3])
     x = np.linspace(0.0, pieces, GRIDPOINTS)
     span = np.clip(x.astype(np.int64), 0, pieces - 1) + 3
     # De Boor's algorithm for all points at once.
-    points = [control[span - 3 + k] for k in range(4)]
+    level_points = [control[span - 3 + k] for k in range(4)]
     for level in range(1, 4):
         for k in range(3, level - 1, -1):
-            low = knots[span - 3 + k]
-            high = knots[span + 1 + k - level]
+            low, high = knots[span - 3 + k], knots[span + 1 + k - level]
             share = ((x - low) / (high - low))[:, None]
-            points[k] = (1.0 - share) * points[k - 1] + share * points[k]
-    return points[3]
+            level_points[k] = (1.0 - share) * level_points[k - 1] + share * level_points[k]
+    return level_points[3]

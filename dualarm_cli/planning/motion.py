@@ -14,6 +14,7 @@ from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.curves import curve
 from dualarm_cli.planning.lines import solve_line
 from dualarm_cli.planning.stages import ArmStop, StagePlan
 from dualarm_cli.planning.transfers import PLATFORM, Transfers, transfers_within_tool_speed
@@ -156,10 +157,10 @@ def detour_pieces(
     detour, index = plan.detours[name], columns[name]
     joints = tuple(limits.joints[i] for i in index)
     if detour.pause is None:
-        curve = passing_curve(plan.start[index], detour.posture, plan.arrival[index], CURVE_POINTS)
-        return [_along(joints, curve, limits, timing)]
+        points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
+        return [_along(joints, points, limits, timing)]
     between = np.array(plan.start)
-    between[index] = detour.posture
+    between[index] = detour.points[0]
     goal = np.array(plan.start)
     goal[index] = plan.arrival[index]
     pieces = []
@@ -168,7 +169,7 @@ def detour_pieces(
         moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
         pieces += [moved.motion[name]] if name in moved.motion else []
     if detour.pause > 0.0:
-        pieces.insert(1, hold(joints, detour.posture, detour.pause))
+        pieces.insert(1, hold(joints, detour.points[0], detour.pause))
     return pieces
 
 
@@ -191,23 +192,6 @@ def path_pieces(
         )
         for name, index in columns.items()
     }
-
-
-def passing_curve(
-    start: FloatArray, posture: FloatArray, goal: FloatArray, count: int
-) -> FloatArray:
-    """Returns points of the parabola that passes by a posture halfway, shape (..., count, 7) [rad].
-
-    Args:
-        start: where it begins [rad], shape (7,).
-        posture: where it passes by, shape (..., 7).
-        goal: where it ends, shape (7,).
-        count: how many points.
-    """
-    s = np.linspace(0.0, 1.0, count)[:, None]
-    control = 2.0 * posture - 0.5 * (start + goal)
-    bent: FloatArray = 2.0 * s * (1.0 - s) * control[..., None, :]
-    return (1.0 - s) ** 2 * start + bent + s**2 * goal
 
 
 def _along(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
-from dualarm_cli.minimum_time.search import Found, search
+from dualarm_cli.minimum_time.search import Found, search, search_near
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.peers.grid import local_search
 from dualarm_cli.peers.ipopt import nonlinear_program
@@ -42,18 +43,17 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
-    # With clearance the blind plan is a start, and simpler methods, which take long then, only the last resort.
-    starts, failure = ({}, None) if problem.blind else _starts(problem)
-    decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if problem.blind:
-        decided.append(decisions_of(numbers, model, list(problem.blind)))
+        # Simpler methods, which take long with clearance, are then only the last resort.
+        blind = decisions_of(numbers, model, list(problem.blind))
+        near = search_near(numbers, blind, problem.effort, problem.seed)
+        if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
+            return Decided(stage_plans(model, job, numbers, near.decisions, "sequence"))
+    starts, failure = _starts(problem)
+    decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
-    if found is None and problem.blind:
-        starts, failure = _starts(problem)
-        decided += [decisions_of(numbers, model, stages) for stages in starts.values()]
-        found = search(numbers, decided, problem.effort, problem.seed)
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")

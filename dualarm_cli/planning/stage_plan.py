@@ -28,12 +28,12 @@ class ArmStop:
 
 @dataclass(frozen=True)
 class Detour:
-    """A posture that an arm passes by on its transfer."""
+    """What bends an arm's transfer: a posture that it stops at, or control points of one curve."""
 
-    posture: FloatArray
-    """The arm's joints there [rad], shape (7,)."""
+    points: FloatArray
+    """The arm's joints there [rad], shape (1, 7) for a posture, (c, 7) for control points."""
     pause: float | None
-    """How long it waits there [s]; None where it does not stop."""
+    """How long it waits at the posture [s]; None for a curve, on which it does not stop."""
 
 
 @dataclass(frozen=True)
