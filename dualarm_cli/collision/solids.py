@@ -129,9 +129,10 @@ def _hull(shape: Shape) -> coal.CollisionGeometry:
     try:
         mesh = coal.MeshLoader().load(shape.mesh, np.full(3, shape.size[0]))
         mesh.buildConvexHull(True, "Qt")
-    except (RuntimeError, ValueError) as error:
-        reason = (str(error).strip().splitlines() or ["no reason given"])[0]
-        raise _mesh_error(shape, f"cannot be used: {reason}") from None
+    except (RuntimeError, ValueError):
+        raise _mesh_error(
+            shape, "cannot be used: it is damaged, or its corners span no volume"
+        ) from None
     if mesh.convex is None or not np.isfinite(mesh.convex.points()).all():
         raise _mesh_error(shape, "has no convex hull with finite corners")
     return mesh.convex

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from pathlib import Path
+
+import numpy as np
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.loading.projects import BadReferenceError, Project
@@ -18,6 +21,9 @@ MESH_SUFFIXES = (".stl", ".obj", ".ply", ".dae")
 MAX_MESH_BYTES = 50_000_000
 """Largest mesh file [bytes]."""
 _STL_HEADER, _STL_TRIANGLE = 84, 50
+_STL_ROWS = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_NOT_FINITE = re.compile(rb"(?<![\w.])[+-]?(?:nan|inf|infinity)(?![\w.])", re.IGNORECASE)
+"""A number in a text file that is none; coal would crash on it."""
 
 
 def check_mesh_file(path: Path, reference: str) -> None:
@@ -49,6 +55,12 @@ def check_mesh_file(path: Path, reference: str) -> None:
                 f"{quote(reference)} is not a whole STL file: "
                 f"{count} triangles in {len(data)} bytes"
             )
+        triangles = np.frombuffer(data, _STL_ROWS, count=count, offset=_STL_HEADER)
+        finite = bool(np.isfinite(triangles["corners"]).all())
+    else:
+        finite = _NOT_FINITE.search(data) is None
+    if not finite:
+        raise BadReferenceError(f"{quote(reference)} has a corner that is not finite")
 
 
 def check_urdf_meshes(urdf: Urdf, robot_folder: Path, urdf_folder: Path) -> None:

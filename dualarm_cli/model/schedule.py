@@ -165,6 +165,8 @@ class Schedule:
     """A bound on every plan of the same stages [s], or None."""
     grid_gap: float | None = None
     """How far the best plan on the method's grid was from that grid's own bound, as a share, before it was refined."""
+    clearance_cost: float | None = None
+    """How much longer it is than the same method's plan where nothing has to keep clear [s], or None."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()

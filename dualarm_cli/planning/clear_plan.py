@@ -35,10 +35,19 @@ class Found:
     """What it came from."""
     cleared: Cleared
     """The plan that keeps clear."""
-    blind: float | None
-    """Duration of the method's plan where nothing has to keep clear [s]; None where it found none."""
+    blind: float
+    """Duration of the method's plan where nothing has to keep clear [s]."""
     replanned: bool
     """Whether other postures or platform angles were needed."""
+    checked: bool = True
+    """Whether anything had to keep clear."""
+
+    @property
+    def cost(self) -> float | None:
+        """How much longer the plan is than the blind one [s]; None where nothing had to keep clear."""
+        if not self.checked:
+            return None
+        return self.cleared.motion.trajectory.duration - self.blind
 
 
 def quickest_clear(
@@ -71,7 +80,7 @@ def quickest_clear(
     timed = _timed(problem, blind, timing)
     reference = timed[0][1].trajectory.duration
     if not clear:
-        return Found(blind, Cleared(*timed[0], ()), reference, replanned=False)
+        return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
     holding = Holding.of(job)
     clearing = Clearing(model, job, holding, timing, problem.seed)
     best = None
@@ -83,8 +92,7 @@ def quickest_clear(
             best = Cleared(plans, motion, ())
         elif len(touching) <= max(1, FEW * len(plans)):
             progress("keeping clear")
-            mended = clearing.cleared(plans, motion, touching)
-            best = _better(best, mended)
+            best = _better(best, clearing.cleared(plans, motion, touching, give_up=True))
     if best is not None and not best.blocked:
         cost = best.motion.trajectory.duration - reference
         if cost <= NEGLIGIBLE * reference:
@@ -219,10 +227,9 @@ def clearance_notes(found: Found) -> list[str]:
             done.append(f"all joints follow a free path in stage {k}")
     if found.replanned:
         done.insert(0, "other postures or platform angles were taken")
-    if not done or found.blind is None:
+    if not done or found.cost is None:
         return []
-    cost = found.cleared.motion.trajectory.duration - found.blind
     return [
         f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) "
-        f"this costs {cost:.3f} s"
+        f"this costs {found.cost:.3f} s"
     ]

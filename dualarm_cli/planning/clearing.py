@@ -14,7 +14,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
-    STEP,
+    KEPT,
     StageSamples,
     alone_clear,
     apart,
@@ -70,7 +70,12 @@ class Clearing:
         ]
 
     def cleared(
-        self, plans: Sequence[StagePlan], motion: Motion, touching: Sequence[int]
+        self,
+        plans: Sequence[StagePlan],
+        motion: Motion,
+        touching: Sequence[int],
+        *,
+        give_up: bool = False,
     ) -> Cleared:
         """Returns a plan whose stages are mended where they do not keep clear.
 
@@ -78,12 +83,15 @@ class Clearing:
             plans: its stages.
             motion: theirs.
             touching: the stages that do not keep clear.
+            give_up: whether nothing more is mended after the first stage that cannot be.
         """
         found, blocked = list(plans), []
         for k in touching:
             mended = self._mended(plans[k], k)
             if mended is None:
                 blocked.append(k)
+                if give_up:
+                    return Cleared(list(plans), motion, tuple(touching))
             else:
                 found[k] = mended
         if len(blocked) == len(touching):
@@ -93,8 +101,10 @@ class Clearing:
     def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns a stage that keeps clear, None where nothing that was tried does."""
         tried = plan
-        for _ in range(MENDS):
+        for round_ in range(MENDS):
             context = self._context(tried, k)
+            if not round_ and not all(_mendable(context, a) for a in range(len(context.cell.arms))):
+                return None
             found = self._next(context)
             if found is tried:
                 return tried
@@ -121,7 +131,7 @@ class Clearing:
         for a, name in enumerate(cell.arms):
             if alone_clear(cell, samples, a):
                 continue
-            if name in context.plan.detours or not _mendable(context, a):
+            if name in context.plan.detours:
                 return None
 
             def clear(stage: StageSamples, a: int = a) -> bool:
@@ -174,7 +184,7 @@ def _mendable(context: StageContext, a: int) -> bool:
     first, rest = context.samples.position[:1], context.samples.position[arrival:]
     held = context.samples.held
     rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
-    return bool((context.cell.own_margins(a, rows.position, rows.held[:, a]) >= 0.0).all())
+    return bool((context.cell.own_margins(a, rows.position, rows.held[:, a]) >= KEPT).all())
 
 
 def _least_delay(context: StageContext) -> StagePlan | None:
@@ -182,13 +192,13 @@ def _least_delay(context: StageContext) -> StagePlan | None:
     for delay, name in _delays(context):
         stage = combined(context.model, context.samples, context.ways, {name: delay})
         if keeps_clear(context.cell, stage):
-            return replace(context.plan, waits={name: delay * STEP})
+            return replace(context.plan, waits={name: delay * context.samples.step})
     return None
 
 
 def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
     """Yields delays and arms, those that make the stage shortest first."""
-    shift = round(DELAY_STEP / STEP)
+    shift = max(1, round(DELAY_STEP / context.samples.step))
     tries = []
     for name, way in context.ways.items():
         others = max((w.end for other, w in context.ways.items() if other != name), default=0)

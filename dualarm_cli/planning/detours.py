@@ -17,7 +17,6 @@ from dualarm_cli.planning.motion import detour_pieces
 from dualarm_cli.planning.stage_plan import Detour, StagePlan
 from dualarm_cli.planning.stage_samples import (
     KEPT,
-    STEP,
     ArmWay,
     StageSamples,
     apart,
@@ -73,7 +72,7 @@ class StageContext:
             self.model, plan, name, columns, limits, self.timing, self.job.tool_speed
         )
         base = self.ways[name]
-        rows = [piece.at(np.arange(0.0, piece.duration, STEP))[0] for piece in pieces]
+        rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
         out = np.concatenate([base.q[:1], *rows])
         # A line begins when the platform is there as well.
         wait = max(0, self._platform_arrival() - len(out))
@@ -107,7 +106,7 @@ def quickest_curve(
     arm, way = context.model.arms[name], context.ways[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
-    least = way.arrival * STEP
+    least = way.arrival * context.samples.step
     points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
     for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
         missing = _missing(context, name, way, points, with_other)
@@ -172,9 +171,11 @@ def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
             length = len(stage(high, delay).position)
             if length < least:
                 least = length
-                waits = {other: delay * STEP} if delay else {}
+                waits = {other: delay * context.samples.step} if delay else {}
                 best = replace(
-                    context.plan, waits=waits, detours={name: Detour(posture[None], high * STEP)}
+                    context.plan,
+                    waits=waits,
+                    detours={name: Detour(posture[None], high * context.samples.step)},
                 )
     return best
 

@@ -83,6 +83,7 @@ def plan_without_bound(
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
         grid_gap=found.decided.grid_gap,
+        clearance_cost=found.cost,
         notes=(
             *job.notes,
             *_job_notes(job),

@@ -14,7 +14,9 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Motion
 
 STEP = 0.004
-"""Time between the instants [s]."""
+"""Time between the instants, but for stages of minutes [s]."""
+MOST = 20_000
+"""Instants of a stage at most."""
 KEPT = 0.0005
 """What is asked for beyond the required clearance, for what is between the instants [m]."""
 NEAR = 0.008
@@ -31,12 +33,14 @@ MOVES = ("transfer", "return")
 
 @dataclass(frozen=True)
 class StageSamples:
-    """One stage at t instants STEP apart."""
+    """One stage at t instants a step apart."""
 
     position: FloatArray
     """All joints [rad], shape (t, columns)."""
     held: IntArray
     """What each arm holds, shape (t, arms)."""
+    step: float = STEP
+    """Time between the instants [s]."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +70,9 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         holding: what the arms hold.
     """
     this = motion.stages[number]
-    count = max(2, int(np.ceil((this.end - this.start) / STEP - 1e-9)) + 1)
-    time = np.minimum(this.start + STEP * np.arange(count), this.end)
+    step = max(STEP, (this.end - this.start) / MOST)
+    count = max(2, int(np.ceil((this.end - this.start) / step - 1e-9)) + 1)
+    time = np.minimum(this.start + step * np.arange(count), this.end)
     held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)
     last = len(holding.before) - 1
     for a, arm in enumerate(holding.cell.arms):
@@ -80,7 +85,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
             if part.arm == arm and part.kind in LINES:
                 inside = (time > max(part.start, this.start)) & (time < min(part.end, this.end))
                 held[inside, a] |= 1
-    return StageSamples(motion.trajectory.at(time)[0], held)
+    return StageSamples(motion.trajectory.at(time)[0], held, step)
 
 
 def arm_ways(
@@ -100,9 +105,11 @@ def arm_ways(
         ends = [
             part.end
             for part in motion.segments
-            if part.arm == name and part.kind in MOVES and this.start < part.end <= this.end + STEP
+            if part.arm == name
+            and part.kind in MOVES
+            and this.start < part.end <= this.end + samples.step
         ]
-        arrival = round((max(ends, default=this.start) - this.start) / STEP)
+        arrival = round((max(ends, default=this.start) - this.start) / samples.step)
         arrival = min(arrival, len(samples.position) - 1)
         ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)
     return ways
@@ -131,7 +138,7 @@ def combined(
         own = np.clip(np.arange(length) - delays.get(name, 0), 0, len(way.q) - 1)
         position[:, model.arms[name].columns] = way.q[own]
         held[:, a] = way.held[own]
-    return StageSamples(position, held)
+    return StageSamples(position, held, samples.step)
 
 
 def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:

@@ -16,6 +16,9 @@ from dualarm_cli.planning.stage_plan import StagePlan
 KEPT = SLACK / 2.0
 """What paths keep beyond the required clearance, for what their timing leaves them by [m]."""
 
+SPARE = 0.008
+"""What they keep more before their corners are rounded, if their ends do [m]."""
+
 Way = Callable[[FloatArray], FloatArray]
 """All joints (n, columns) [rad] at shares (n,) of a path."""
 
@@ -50,13 +53,18 @@ def transfer_path(
     def free(x: FloatArray) -> BoolArray:
         return np.asarray(margins(x * speed) >= KEPT)
 
-    if not (margins(np.stack([start, goal])) >= KEPT).all():
+    def well_free(x: FloatArray) -> BoolArray:
+        return np.asarray(margins(x * speed) >= kept)
+
+    at_ends = float(margins(np.stack([start, goal])).min())
+    if at_ends < KEPT:
         return None
-    points = _one_by_one(model, cell, plan, held, speed, (limits.lower, limits.upper), seed)
+    kept = min(KEPT + SPARE, at_ends)
+    points = _one_by_one(model, cell, plan, held, speed, (limits.lower, limits.upper), kept, seed)
     path = None if points is None else rounded_path(free, points / speed)
     if path is None:
         ends = [joints / speed for joints in (start, goal, limits.lower, limits.upper)]
-        both = free_points(free, ends[0], ends[1], ends[2], ends[3], seed)
+        both = free_points(well_free, ends[0], ends[1], ends[2], ends[3], seed)
         path = None if both is None else rounded_path(free, both)
     if path is None:
         return None
@@ -73,6 +81,7 @@ def _one_by_one(
     held: IntArray,
     speed: FloatArray,
     span: tuple[FloatArray, FloatArray],
+    kept: float,
     seed: int,
 ) -> FloatArray | None:
     """Returns all joints at points of a path, shape (GRIDPOINTS, columns) [rad], None where an arm has none."""
@@ -96,7 +105,7 @@ def _one_by_one(
             there = expanded(x)
             margin = cell.own_margins(a, there, np.full(len(there), held[a]))
             cross = cell.cross_margins(there, np.tile(held, (len(there), 1)))
-            return np.asarray(np.minimum(margin, cross) >= KEPT)
+            return np.asarray(np.minimum(margin, cross) >= kept)
 
         ends = [
             np.append(u, joints[columns]) / top

@@ -17,7 +17,12 @@ from dualarm_cli.reporting.measures import (
     elbow_imbalance,
     platform_travel,
 )
-from dualarm_cli.reporting.report import count_parts, relative_gap, throughput
+from dualarm_cli.reporting.report import (
+    count_parts,
+    relative_gap,
+    smallest_clearance,
+    throughput,
+)
 
 FORMAT = "dualarm.comparison/1"
 ORDER = ("verified", "failed", "infeasible", "not served")
@@ -119,16 +124,21 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         **dict.fromkeys(
             ("cycle_time", "parts_per_hour", "gap", "grid_gap", "elbow_imbalance"), None
         ),
-        **dict.fromkeys(("platform_travel", "deciding_stages", "deciding_time"), None),
+        **dict.fromkeys(
+            ("clearance", "clearance_cost", "platform_travel", "deciding_stages", "deciding_time"),
+            None,
+        ),
     }
     if schedule is None:
         return row
-    found = bottlenecks(schedule)
+    found, clearance = bottlenecks(schedule), smallest_clearance(schedule)
     return row | {
         "cycle_time": schedule.duration,
         "parts_per_hour": throughput(schedule, job),
         "gap": relative_gap(schedule),
         "grid_gap": schedule.grid_gap,
+        "clearance": None if clearance is None else clearance["clearance"],
+        "clearance_cost": schedule.clearance_cost,
         "elbow_imbalance": elbow_imbalance(schedule),
         "platform_travel": platform_travel(schedule),
         "deciding_stages": found.stages,

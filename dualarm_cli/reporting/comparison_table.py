@@ -32,7 +32,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
     table = Table(title=escape(title), title_justify="left")
     for name in ("method", *varied):
         table.add_column(name, no_wrap=True)
-    for name in ("cycle s", "parts/h", "gap", "planning s", "elbows °", "platform °"):
+    for name in ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", "platform °"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("plan", no_wrap=True)
     for row, timed in zip(rows, clock, strict=True):
@@ -43,6 +43,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
             _number(row["parts_per_hour"] if section["parts"] else None, 0),
             "–" if row["gap"] is None else f"{row['gap']:.1%}",
             _number(timed["planning_time"], 2),
+            "–" if row["clearance"] is None else f"{row['clearance'] * 1e3:.1f}",
             _degrees(row["elbow_imbalance"], 1),
             _degrees(row["platform_travel"], 0),
             f"[{colour}]{row['status']}[/]",
@@ -74,7 +75,8 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
     groups = {g: None for s in sections for r in s["rows"] for g in r["deciding_time"] or {}}
     names = (
         ["tasks", "method", "redundancy", "timing", "status", "cycle_time", "parts_per_hour"]
-        + ["lower_bound", "gap", "grid_gap", "elbow_imbalance", "platform_travel"]
+        + ["lower_bound", "gap", "grid_gap", "clearance", "clearance_cost"]
+        + ["elbow_imbalance", "platform_travel"]
         + [f"time_{group}" for group in groups]
         + ["reason", "planning_time"]
     )

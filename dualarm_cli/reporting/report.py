@@ -38,7 +38,8 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "gap": relative_gap(schedule),
         "grid_gap": schedule.grid_gap,
         "collisions": _collisions(schedule),
-        "smallest_clearance": _smallest_clearance(schedule),
+        "smallest_clearance": smallest_clearance(schedule),
+        "clearance_cost": schedule.clearance_cost,
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
@@ -81,7 +82,7 @@ def assumed_joints(schedule: Schedule) -> list[str]:
     ]
 
 
-def _smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
+def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
     """Returns the stage whose clearance is nearest to what is required, or None where none was proven."""
     stages = schedule.verification.clearances if schedule.verification is not None else ()
     return asdict(min(stages, key=lambda stage: stage.margin)) if stages else None
@@ -89,7 +90,7 @@ def _smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
 
 def _collisions(schedule: Schedule) -> str:
     """Returns a sentence on what was proven about collisions."""
-    found = _smallest_clearance(schedule)
+    found = smallest_clearance(schedule)
     if found is None:
         return "not checked"
     one, other = found["bodies"]

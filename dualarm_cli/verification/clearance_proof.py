@@ -21,7 +21,9 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 
 FIRST_STEP = 0.04
-"""Length of the first intervals [s]."""
+"""Length of the first intervals [s]; longer in motions of so many more that they would fill the memory."""
+MOST_FIRST = 20_000
+"""First intervals at most, but for those that edges make; whichever are too long are halved."""
 PRECISION = 5e-4
 """How far the certified least distance may be below the least one met [m]."""
 NUMERICAL = 1e-6
@@ -137,7 +139,8 @@ class ClearanceProof:
         for windows in self._windows:
             marks += [t for window in windows or () for t in window]
         marked = np.unique(np.clip(np.array(marks), edges[0], edges[-1]))
-        parts = np.maximum(1, np.ceil(np.diff(marked) / FIRST_STEP)).astype(np.int64)
+        step = max(FIRST_STEP, float(marked[-1] - marked[0]) / MOST_FIRST)
+        parts = np.maximum(1, np.ceil(np.diff(marked) / step)).astype(np.int64)
         pieces = [
             np.linspace(a, b, n, endpoint=False)
             for a, b, n in zip(marked[:-1], marked[1:], parts, strict=True)

@@ -173,10 +173,10 @@ def test_a_plan_that_fails_its_verification_is_exit_1_and_never_wins(monkeypatch
 
     real = verification.verify
 
-    def strict(schedule, job=None):
+    def strict(schedule, job=None, clearance=False):
         if schedule.provenance.settings["platform"] == "fixed":
             return Verification((Check("velocity", "failed", 2.0, 1.0, "", "left_1"),))
-        return real(schedule, job)
+        return real(schedule, job, clearance=clearance)
 
     monkeypatch.setattr(verification, "verify", strict)
     assert run(["compare", "solvers", str(planar), *SOME, "--json"]) == 1

@@ -75,3 +75,55 @@ def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
     job = with_obstacle(packing, "box", (0.05, 0.05, 0.05), target)
     with pytest.raises(InfeasibleError, match="left_tool and thing lack"):
         plan_without_bound(job, dataclasses.replace(QUICK, platform="fixed"))
+
+
+@pytest.mark.parametrize(
+    ("name", "some"),
+    [
+        ("06_shared_bin", 4),
+        ("07_two_shelves", 4),
+        ("08_narrow_bin", 5),
+        pytest.param("06_shared_bin", None, marks=pytest.mark.slow),
+        pytest.param("07_two_shelves", None, marks=pytest.mark.slow),
+        pytest.param("08_narrow_bin", None, marks=pytest.mark.slow),
+    ],
+)
+def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
+    tasks_folder, name, some
+):
+    """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the blind plan."""
+    job = load_job(tasks_folder / name / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:some])
+    schedule = plan_without_bound(job, PlanSettings())
+    # On a line a part may touch what it lies on.
+    assert least(schedule, job) >= -1e-5
+    blind = plan_without_bound(job, PlanSettings(), clear=False)
+    assert schedule.clearance_cost == pytest.approx(schedule.duration - blind.duration, abs=1e-9)
+    assert not verify(blind, job, clearance=True).passed
+    if name == "06_shared_bin":
+        assert schedule.clearance_cost <= 0.1 * blind.duration
+
+
+@pytest.mark.parametrize("method", ["fixed", "exact", "minimum_time", "swarm", "continuous"])
+def test_every_kind_of_method_keeps_clear(packing, method):
+    """Greedy ones, a peer from a greedy plan, and the refinement of the sequence's plan."""
+    schedule = plan_without_bound(packing, dataclasses.replace(QUICK, platform=method))
+    assert least(schedule, packing) >= 0.0
+
+
+def test_a_part_is_in_the_way_only_while_it_is_carried(tasks_folder):
+    """Boxes so long that they reach through the table where the approach to the shelf begins; without them it goes."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:2])
+    empty = dataclasses.replace(
+        job, tasks=tuple(dataclasses.replace(task, part="") for task in job.tasks)
+    )
+    long = Shape("box", (0.06, 0.06, 0.3), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.15])))
+    cell = dataclasses.replace(job.cell, parts={"box": (long,)})
+    carried = dataclasses.replace(job, cell=cell)
+    with pytest.raises(
+        InfeasibleError, match=r"box and (table|left_board_1|right_board_1|bin_\w+)"
+    ):
+        plan_without_bound(carried, QUICK)
+    schedule = plan_without_bound(empty, QUICK)
+    assert least(schedule, empty) >= 0.0

@@ -27,6 +27,8 @@ def row(method, cycle, status="verified", reason="", **rest):
         "parts_per_hour": None if cycle is None else 3600.0 / cycle,
         "gap": None,
         "grid_gap": None,
+        "clearance": None,
+        "clearance_cost": None,
         "elbow_imbalance": None,
         "platform_travel": None,
         "deciding_stages": None if cycle is None else {"left": 3, "right": 1},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ import pytest
 from dualarm_cli.errors import UsageError
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.planner import plan
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.reporting.schedule_comparison import compare_schedules
 from dualarm_cli.reporting.schedule_comparison_table import schedules_csv, schedules_sentence
 
+plan = partial(plan_without_bound, clear=False)
+"""Plans that differ by their method alone, not by what they make way for."""
 FIXED = PlanSettings(platform="fixed")
 
 

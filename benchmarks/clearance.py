@@ -1,0 +1,123 @@
+"""What keeping clear costs: the quick test against coal, planning times and cycle times against blind plans.
+
+    python benchmarks/clearance.py [--stages 100]
+
+Ratios within one run; the seconds depend on the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.quick_test import QuickTest
+from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+
+TASKS = Path(__file__).parents[1] / "tasks"
+CELLS = ("04_packing", "06_shared_bin", "07_two_shelves", "08_narrow_bin")
+POSTURES = 20_000
+
+
+def quick_against_coal(name: str, cell: Cell) -> None:
+    """Prints how long one posture takes by the quick test and by coal with its broad phase, all pairs."""
+    test = QuickTest(cell)
+    limits = cell.robot.limits
+    random = np.random.default_rng(0)
+    q = random.uniform(limits.lower, limits.upper, (POSTURES, len(limits.joints)))
+    begin = perf_counter()
+    groups = [test.cross(), *map(test.own, test.arms)]
+    margins = np.minimum.reduce([test.margins(group, q) for group in groups])
+    quick = (perf_counter() - begin) / POSTURES
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    solids = cell_solids(cell, model, [])
+    pairs = pairs_that_must_keep_apart(model, solids, cell)
+    geometry = _geometry(model, solids, pairs)
+    data, results = model.createData(), pin.GeometryData(geometry)
+    for k, pair in enumerate(pairs):
+        results.collisionRequests[k].security_margin = pair.required
+    manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, results)
+    order = [cell.robot.joints.index(joint) for joint in model.names[1:]]
+    some = q[: POSTURES // 4, order]
+    times = []
+    for args in ((geometry, results), (manager,)):
+        begin = perf_counter()
+        touching = [pin.computeCollisions(model, data, *args, row, True) for row in some]
+        times.append((perf_counter() - begin) / len(some))
+    wrong = int((np.array(touching) & (margins[: len(some)] > 1e-6)).sum())
+    print(
+        f"{name}: {len(pairs)} pairs, quick test {quick * 1e6:.1f} us a posture, coal "
+        f"{times[0] / quick:.1f} times as long, with its broad phase {times[1] / quick:.1f} times; "
+        f"called free and touching: {wrong} of {len(some)}"
+    )
+
+
+def _geometry(model: pin.Model, solids: list, pairs: list[Pair]) -> pin.GeometryModel:
+    geometry = pin.GeometryModel()
+    for number, solid in enumerate(solids):
+        geometry.addGeometryObject(
+            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
+        )
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return geometry
+
+
+def plans(name: str, job: Job) -> None:
+    """Prints how long a job is planned blind and clear, what it costs in cycle time, and what is proven."""
+    times, cycles = [], []
+    for clear in (False, True):
+        begin = perf_counter()
+        schedule = plan_without_bound(job, PlanSettings(), clear=clear)
+        times.append(perf_counter() - begin)
+        cycles.append(schedule.duration)
+    begin = perf_counter()
+    found = verify(schedule, job, clearance=True)
+    proof = perf_counter() - begin
+    least = min(found.clearances, key=lambda stage: stage.margin)
+    print(
+        f"{name}: {len(job.stages())} stages: blind {times[0]:.2f} s, clear {times[1]:.2f} s "
+        f"({times[1] / times[0]:.2f} times), verification {proof:.2f} s; cycle {cycles[0]:.3f} -> "
+        f"{cycles[1]:.3f} s ({cycles[1] / cycles[0] - 1.0:+.1%}); "
+        f"{'passed' if found.passed else 'FAILED'}, least proven {least.clearance * 1e3:.1f} mm of "
+        f"{least.required * 1e3:.1f} mm"
+    )
+
+
+def repeated(job: Job, stages: int) -> Job:
+    """Returns a job with its tasks repeated until it has so many stages of one pick or place of each arm."""
+    tasks = [
+        dataclasses.replace(task, id=f"{task.id}-{k // len(job.tasks)}")
+        for k, task in zip(range(stages), list(job.tasks) * stages, strict=False)
+    ]
+    return dataclasses.replace(job, tasks=tuple(tasks))
+
+
+def main() -> None:
+    """Runs all of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--stages", type=int, default=100, help="of the long sequences")
+    stages = parser.parse_args().stages
+    jobs = {name: load_job(TASKS / name / "tasks.yaml") for name in CELLS}
+    # The first plan pays for what is loaded once.
+    plan_without_bound(load_job(TASKS / "01_first_pick" / "tasks.yaml"), PlanSettings())
+    for name, job in jobs.items():
+        quick_against_coal(name, job.cell)
+    for name, job in jobs.items():
+        plans(name, job)
+    for name in CELLS[:2]:
+        plans(f"{name} repeated", repeated(jobs[name], stages))
+
+
+if __name__ == "__main__":
+    main()
