@@ -28,12 +28,13 @@ def verify_command(
         ),
     ] = None,
     clearance: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--clearance",
-            help="Prove that nothing touches, over the whole motion (with --tasks).",
+            "--clearance/--no-clearance",
+            help="Prove that nothing touches, over the whole motion; with --tasks it is the default.",
+            show_default=False,
         ),
-    ] = False,
+    ] = None,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -51,7 +52,8 @@ def verify_command(
         raise UsageError(
             "--clearance needs --tasks: obstacles, tools and clearances are in the cell file"
         )
-    judged = verify(found, load_job(tasks) if tasks else None, clearance=clearance)
+    job = load_job(tasks) if tasks else None
+    judged = verify(found, job, clearance=clearance is not False and job is not None)
     checks = (*judged.checks, *_file_checks(schedule, found))
     judged = replace(
         judged, checks=tuple(replace(check, detail=printable(check.detail)) for check in checks)

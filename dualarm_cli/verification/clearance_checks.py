@@ -22,7 +22,7 @@ from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import ClearanceProof, Windows
 from dualarm_cli.verification.motion_checks import judge, not_checked
 
-NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE --clearance` proves it"
+NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
 COLLISIONS = "collisions"
 """Name of the check."""

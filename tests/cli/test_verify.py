@@ -205,9 +205,9 @@ def test_names_that_steer_a_terminal_or_are_no_text_are_spelt_out(copied, capsys
     assert shown in out
 
 
-def test_clearance_is_proven_where_it_is_asked_for(planned, first_pick, capsys):
-    """A row per stage in the table and in the document; without the task file nothing can be said."""
-    assert run(["verify", str(planned), "--tasks", str(first_pick), "--clearance"]) == 0
+def test_clearance_is_proven_where_the_cell_is_known(planned, first_pick, capsys):
+    """A row per stage in the table and in the document; not where it is not wanted, and not without the task file."""
+    assert run(["verify", str(planned), "--tasks", str(first_pick)]) == 0
     out = capsys.readouterr().out
     assert "least clearance of every stage, proven" in out
     code, document = judged(capsys, planned, "--tasks", first_pick, "--clearance")
@@ -215,5 +215,8 @@ def test_clearance_is_proven_where_it_is_asked_for(planned, first_pick, capsys):
     [check] = [check for check in document["checks"] if check["name"] == "collisions"]
     assert check["verdict"] == "passed"
     assert min(stage["margin"] for stage in document["clearances"]) == -check["measured"]
+    code, document = judged(capsys, planned, "--tasks", first_pick, "--no-clearance")
+    assert code == 0
+    assert document["clearances"] == []
     assert run(["verify", str(planned), "--clearance"]) == 2
     assert "--clearance needs --tasks" in capsys.readouterr().err
