@@ -51,6 +51,35 @@ def check_clearance(
     pairs, windows = _pairs_and_windows(model, solids, schedule, job)
     if not pairs:
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
+    # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
+    kept, lying = (
+        [k for k, pair in enumerate(pairs) if (pair.required < 0.0) is contact]
+        for contact in (False, True)
+    )
+    proven = [
+        _proven(model, solids, [pairs[k] for k in some], [windows[k] for k in some], schedule)
+        for some in (kept, lying)
+    ]
+    stages = [*proven[0], *(stage for stage in proven[1] if stage.margin < -tol.CLEARANCE_SLACK)]
+    stages.sort(key=lambda stage: stage.stage)
+    if not stages:
+        return not_checked(COLLISIONS, "the motion has no length"), ()
+    worst = min(stages, key=lambda stage: stage.margin)
+    where = (
+        f"{worst.bodies[0]} and {worst.bodies[1]} at {worst.time:.4f} s: "
+        f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} is required"
+    )
+    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+
+
+def _proven(
+    model: pin.Model,
+    solids: Sequence[Solid],
+    pairs: list[Pair],
+    windows: list[Windows],
+    schedule: Schedule,
+) -> list[StageClearance]:
+    """Returns the least margin of some pairs in every stage in which they count."""
     proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
     edges = _edges(schedule)
     starts = np.array([stage.start for stage in schedule.stages] or [edges[0]])
@@ -61,25 +90,17 @@ def check_clearance(
         if found.pair < 0:
             continue
         pair = pairs[found.pair]
-        bodies = (solids[pair.first].body, solids[pair.second].body)
         stages.append(
             StageClearance(
                 stage=int(max(0, numbers[k])),
                 clearance=found.margin + pair.required,
                 margin=found.margin,
                 required=pair.required,
-                bodies=bodies,
+                bodies=(solids[pair.first].body, solids[pair.second].body),
                 time=found.time,
             )
         )
-    if not stages:
-        return not_checked(COLLISIONS, "the motion has no length"), ()
-    worst = min(stages, key=lambda stage: stage.margin)
-    where = (
-        f"{worst.bodies[0]} and {worst.bodies[1]} at {worst.time:.4f} s: "
-        f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} is required"
-    )
-    return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+    return stages
 
 
 def _millimetres(distance: float) -> str:
