@@ -95,7 +95,7 @@ def _collisions(schedule: Schedule) -> str:
         return "not checked"
     one, other = found["bodies"]
     return (
-        f"{'none' if found['margin'] >= -CLEARANCE_SLACK else 'CLEARANCE MISSED'}; least margin proven: "
+        f"{'none' if found['margin'] >= -CLEARANCE_SLACK else 'CLEARANCE MISSED'}; least clearance proven: "
         f"{found['clearance'] * 1e3:.1f} mm where {found['required'] * 1e3:.1f} mm are required, "
         f"{one} and {other} at {found['time']:.3f} s"
     )

@@ -62,7 +62,7 @@ def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
         assert words in result.stdout
     report = json.loads((out / "report.json").read_text())
     assert 0.0 < report["lower_bound"] <= report["cycle_time"]
-    assert report["collisions"].startswith("none; least margin proven")
+    assert report["collisions"].startswith("none; least clearance proven")
     assert report["parts_per_hour"] == pytest.approx(3600 * 2 / report["cycle_time"])
 
 
