@@ -157,8 +157,10 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
     found = []
     everything = tuple(range(len(clearing.job.cell.robot.joints)))
     for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
+        # What a cap on the tools' speed costs no search knows.
+        known = clearing.job.tool_speed is None
         cost = stage.end - stage.start - plan.duration
-        if (plan.detours or plan.waits or plan.path is not None) and cost > COSTLY:
+        if known and (plan.detours or plan.waits or plan.path is not None) and cost > COSTLY:
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
     for k in tried.blocked:
         plan, stage = tried.plans[k], tried.motion.stages[k]

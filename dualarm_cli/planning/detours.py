@@ -34,6 +34,10 @@ SPARE = 0.004
 """What curves keep beyond the required clearance, for what is between their points [m]."""
 ROUNDS = (17, 49, 49)
 """Points at which curves are looked at, round by round: more, and with a better idea of what the others do then."""
+LEG_SAMPLES = 13
+"""Points of each way to and from a posture that is stopped at."""
+STOPS = 24
+"""So many postures that are stopped at, nearest first, are timed."""
 WAITED = 12
 """So many postures to wait at, nearest first, are timed."""
 SHARES = (0.0, 0.5, 1.0)
@@ -102,7 +106,8 @@ def quickest_curve(
         with_other: whether the other arm counts while curves are looked for.
     """
     if context.job.tool_speed is not None:
-        return None
+        # How fast the tool gets along a curve is not known before; straight ways keep the cap.
+        return _quickest_stop(context, name, clear, with_other)
     arm, way = context.model.arms[name], context.ways[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
@@ -123,6 +128,35 @@ def quickest_curve(
         # What the others do while the arm is where is known better now.
         way, points = timed[0], curve(start, found[0], goal, later)
     return None
+
+
+def _quickest_stop(
+    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+) -> StagePlan | None:
+    """Returns the stage in which an arm goes by the quickest posture found at which it stops, None for none."""
+    start, goal, posture = _drawn(context, name)
+    limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
+    posture = posture[((posture >= limits.lower) & (posture <= limits.upper)).all(axis=1)]
+    share = np.linspace(0.0, 1.0, LEG_SAMPLES)[:, None]
+    out = start + share * (posture[:, None] - start)
+    on = posture[:, None] + share * (goal - posture[:, None])
+    legs = np.concatenate([out, on[:, 1:]], axis=1)
+    way = context.ways[name]
+    straight = start + np.linspace(0.0, 1.0, legs.shape[1])[:, None] * (goal - start)
+    lack = _missing(context, name, way, straight, with_other)(legs)
+    length = sum(
+        (np.abs(leg[:, -1] - leg[:, 0]) / limits.velocity).max(axis=1) for leg in (out, on)
+    )
+    best, least = None, np.inf
+    order = np.argsort(np.where(lack == 0.0, length, np.inf), kind="stable")
+    for k in order[: min(STOPS, int((lack == 0.0).sum()))]:
+        detour = Detour(posture[k : k + 1], 0.0)
+        ways = {**context.ways, name: context.way_by(name, detour)}
+        stage = combined(context.model, context.samples, ways, {})
+        if len(stage.position) < least and clear(stage):
+            least = len(stage.position)
+            best = replace(context.plan, detours={**context.plan.detours, name: detour})
+    return best
 
 
 def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
