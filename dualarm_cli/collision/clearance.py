@@ -55,13 +55,16 @@ class CellClearance:
         """Returns the number of what an arm holds."""
         return 2 * self.parts.index(part) + on_line
 
-    def own_margins(self, a: int, position: FloatArray, held: IntArray) -> FloatArray:
+    def own_margins(
+        self, a: int, position: FloatArray, held: IntArray, *, ground: bool = False
+    ) -> FloatArray:
         """Returns the least margin of one arm from itself and all that is not the other arm [m], shape (n,).
 
         Args:
             a: which arm.
             position: all joints of the robot [rad], shape (n, columns).
             held: what it holds, shape (n,).
+            ground: whether what it reaches into with a part on a line counts as well; that takes longer.
         """
         if len(self.parts) == 1:
             return self.test.margins(self.test.own(self.arms[a]), position)
@@ -70,6 +73,11 @@ class CellClearance:
             rows = np.flatnonzero(held == number)
             group = self.test.own(self.arms[a], self.parts[number // 2], bool(number % 2))
             found[rows] = self.test.margins(group, position[rows])
+            if ground and number % 2:
+                lying = self.test.ground(self.arms[a], self.parts[number // 2])
+                margin = self.test.margins(lying, position[rows])
+                # What only touches is as good as far away.
+                found[rows] = np.where(margin < 0.0, np.minimum(found[rows], margin), found[rows])
         return found
 
     def cross_margins(self, position: FloatArray, held: IntArray) -> FloatArray:
@@ -91,9 +99,29 @@ class CellClearance:
             found[rows] = self.test.margins(self.test.cross(carried), position[rows])
         return found
 
+    def nearest(self, position: FloatArray, held: IntArray) -> tuple[str, str, float]:
+        """Returns the two bodies that have the least margin, and it [m]; by coal.
+
+        Args:
+            position: all joints of the robot [rad], shape (columns,).
+            held: what each arm holds, shape (arms,).
+        """
+        parts = [self.parts[number // 2] for number in held.tolist()]
+        groups = [self.test.cross(dict(zip(self.arms, parts, strict=True)))]
+        groups += [
+            self.test.own(arm, part, bool(number % 2))
+            for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)
+        ]
+        groups += [
+            self.test.ground(arm, part)
+            for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)
+            if number % 2
+        ]
+        return self.test.nearest(position, [pair for group in groups for pair in group.pairs])
+
     def margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of everything from everything [m], shape (n,); arguments as of `cross_margins`."""
         found = self.cross_margins(position, held)
         for a in range(len(self.arms)):
-            found = np.minimum(found, self.own_margins(a, position, held[:, a]))
+            found = np.minimum(found, self.own_margins(a, position, held[:, a], ground=True))
         return found

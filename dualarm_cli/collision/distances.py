@@ -6,8 +6,10 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 
-TINY = 1e-12
+TINY = 1e-18
 """Squared lengths below this are points [m²]."""
+PARALLEL = 1e-12
+"""Squared sine of the angle between segments below which they are taken as parallel."""
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -33,7 +35,8 @@ def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
     uw, vw = dot(u, w), dot(v, w)
     denominator = uu * vv - uv * uv
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.where(denominator > TINY, (uv * vw - vv * uw) / denominator, 0.0)
+        slanted = denominator > PARALLEL * uu * vv
+        s = np.where(slanted, (uv * vw - vv * uw) / denominator, 0.0)
         s = np.clip(s, 0.0, 1.0)
         t = np.where(vv > TINY, (uv * s + vw) / vv, 0.0)
         t = np.clip(t, 0.0, 1.0)

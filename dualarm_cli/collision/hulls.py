@@ -35,9 +35,9 @@ class Hulls:
             tree: of the robot.
         """
         ends = [_hull(solid, tree) for solid in solids]
-        half = np.array([0.5 * (a - b) for a, b, _ in ends])
+        half = np.array([0.5 * (a - b) for a, b, _ in ends]).reshape(-1, 3)
         return cls(
-            np.array([0.5 * (a + b) for a, b, _ in ends]),
+            np.array([0.5 * (a + b) for a, b, _ in ends]).reshape(-1, 3),
             half,
             np.array([radius for *_, radius in ends]),
             np.linalg.norm(half, axis=1),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -26,6 +27,8 @@ BLOCK = 20_000
 """Pairs in postures that are tested at a time: their arrays stay in the cache."""
 LEAST_ROWS = 128
 """Postures that are tested at a time at least."""
+OVERLAP = 3e-4
+"""How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
 DOUBTED = 0.004
 """Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
 
@@ -72,6 +75,26 @@ class QuickTest:
             self._groups[key] = self._grouped(self._own_pairs(arm, part, on_line))
         return self._groups[key]
 
+    def ground(self, arm: str, part: str) -> PairGroup:
+        """Returns the pairs of a carried part with what stands still, which on lines may touch, not overlap.
+
+        Args:
+            arm: what carries it.
+            part: its name.
+        """
+        key = ("ground", arm, part)
+        if key not in self._groups:
+            self._groups[key] = self._grouped(
+                [
+                    replace(pair, required=-OVERLAP)
+                    for pair in self._pairs
+                    if self._part_on_ground(pair)
+                    and self._movers_of(pair) == {arm}
+                    and self._carries(pair, {arm: part})
+                ]
+            )
+        return self._groups[key]
+
     def _own_pairs(self, arm: str, part: str, on_line: bool) -> list[Pair]:
         return [
             pair
@@ -113,26 +136,15 @@ class QuickTest:
                 least[k : k + rows] = self._block(group, position[k : k + rows])
         return least
 
-    def nearest(
-        self, position: FloatArray, parts: Mapping[str, str] | None = None
-    ) -> tuple[str, str, float]:
-        """Returns the two bodies of all pairs that have the least margin at one configuration, and it [m]; by coal.
+    def nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
+        """Returns the two bodies of some pairs that have the least margin, and it [m]; by coal.
 
         Args:
             position: all joints of the robot [rad], shape (columns,).
-            parts: what each arm carries, if anything, by arm.
+            pairs: of this test's groups; infinite where there is none.
         """
-        return self._nearest(
-            position, [pair for pair in self._pairs if self._carries(pair, parts or {})]
-        )
-
-    def nearest_of_own(
-        self, arm: str, position: FloatArray, part: str = "", on_line: bool = False
-    ) -> tuple[str, str, float]:
-        """Returns the same among the pairs of one arm's own group; arguments as of `own`."""
-        return self._nearest(position, self._own_pairs(arm, part, on_line))
-
-    def _nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
+        if not pairs:
+            return "", "", np.inf
         frames = self._tree.frames(position[None], {s.joint for s in self._solids})
         margins = [self._margin(pair, frames, 0) for pair in pairs]
         worst = int(np.argmin(margins))

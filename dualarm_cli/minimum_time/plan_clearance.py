@@ -70,8 +70,12 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     held = np.concatenate([*on_lines, test.before, test.after, moving])
     cross = test.cell.cross_margins(position, held)
     own = np.full(len(position), np.inf)
-    for a in range(len(problem.arms)):
-        own = np.minimum(own, test.cell.own_margins(a, position, held[:, a]))
+    for a, arm in enumerate(problem.arms):
+        margin = test.cell.own_margins(a, position, held[:, a])
+        # An arm that stands still is where it is: it need not keep more than it must.
+        idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
+        margin[: STOPS * n] += np.where(np.tile(idle, STOPS), SLACK, 0.0)
+        own = np.minimum(own, margin)
     stops = STOPS * n
     alone = (own[:stops] >= SLACK).reshape(STOPS, n)
     both = (cross[:stops] >= SLACK).reshape(STOPS, n)

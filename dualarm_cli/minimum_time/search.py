@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.node_plans import Mesh, plans_on_nodes
+from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -185,15 +186,21 @@ def _combined(
     seed: int,
 ) -> Evaluated:
     """Returns the best combination of several plans after a little polishing; never slower than any of them."""
-    least = min(plan.total for plan in pool)
+    worth = [_worth(problem, plan) for plan in pool]
+    least = min(worth)
     tried = [
         polish(problem, tables, plan, how.trial_rounds, 0, seed)
-        for plan in pool
-        if plan.total <= PROMISING * least
+        for plan, own in zip(pool, worth, strict=True)
+        if own <= PROMISING * least
     ]
-    tried.sort(key=lambda plan: plan.total)
+    tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
     return best_combination(problem, tables, tried[0], others)
+
+
+def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
+    """Returns a plan's length, with what does not keep clear counted in [s]."""
+    return plan.total + plan_clearance(problem, plan).penalty
 
 
 def _different(pool: list[Evaluated]) -> list[Evaluated]:

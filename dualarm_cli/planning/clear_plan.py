@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,12 +111,21 @@ def quickest_clear(
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
         barred = (*asked.barred, *_bars(clearing, tried))
-        if len(barred) == len(asked.barred):
+        # Only a method over the whole sequence does something else with what is known now.
+        if len(barred) == len(asked.barred) or _same(decided.stages, asked.blind):
             break
         asked = replace(asked, barred=barred, blind=tuple(decided.stages))
     if found is not None and not found.cleared.blocked:
         return found
     raise failure or InfeasibleError(_why_blocked(clearing, found))
+
+
+def _same(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
+    """Returns whether two plans take the same postures in all stages."""
+    return len(one) == len(other) and all(
+        np.array_equal(a.arrival, b.arrival) and np.array_equal(a.end, b.end)
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 def _timed(
@@ -171,7 +180,8 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
             for part in tried.motion.segments
             if part.kind in MOVES and stage.start < part.end <= stage.end
         ]
-        arrived = (min(arrivals, default=stage.end) - stage.start) / (stage.end - stage.start)
+        length = stage.end - stage.start
+        arrived = (min(arrivals, default=stage.end) - stage.start) / length if length > 0 else 0.0
         worst = int(np.argmin(margins)) / (len(margins) - 1)
         start = None if plan.stops and worst >= arrived else plan.start
         found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))
@@ -200,10 +210,7 @@ def _why_blocked(clearing: Clearing, found: Found | None) -> str:
         samples = stage_samples(found.cleared.motion, k, k, clearing.holding)
         margins = cell.margins(samples.position, samples.held)
         worst = int(np.argmin(margins))
-        parts = {
-            arm: cell.parts[h // 2] for arm, h in zip(cell.arms, samples.held[worst], strict=True)
-        }
-        one, other, margin = cell.test.nearest(samples.position[worst], parts)
+        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
         stage = found.cleared.motion.stages[k]
         when = (stage.end - stage.start) * worst / (len(margins) - 1)
         places = ", ".join(
@@ -211,7 +218,7 @@ def _why_blocked(clearing: Clearing, found: Found | None) -> str:
             for stop in found.cleared.plans[k].stops.values()
         )
         lines.append(
-            f"{places or 'return'}: {one} and {other} lack {-margin * 1e3:.1f} mm of clearance "
+            f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
             f"{when:.2f} s into stage {k + 1}"
         )
     return head + ":\n  " + "\n  ".join(lines)

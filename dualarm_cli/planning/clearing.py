@@ -24,6 +24,7 @@ from dualarm_cli.planning.stage_samples import (
     stage_samples,
 )
 from dualarm_cli.planning.transfer_paths import transfer_path
+from dualarm_cli.planning.transfers import SPEED_MARGIN
 from dualarm_cli.timing import TimingSolver
 
 DELAY_STEP = 0.02
@@ -107,7 +108,7 @@ class Clearing:
                 return None
             found = self._next(context)
             if found is tried:
-                return tried
+                return tried if tried is plan or self._within_cap(context) else None
             if found is None:
                 break
             tried = found
@@ -116,6 +117,17 @@ class Clearing:
             return None
         samples = self._context(path, k).samples
         return path if keeps_clear(self.holding.cell, samples) else None
+
+    def _within_cap(self, context: StageContext) -> bool:
+        """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
+        if self.job.tool_speed is None:
+            return True
+        allowed = (1.0 - SPEED_MARGIN) * self.job.tool_speed * context.samples.step
+        ways = [
+            np.diff(self.model.tool_position(name, context.samples.position), axis=0)
+            for name in self.model.arms
+        ]
+        return all(float(np.linalg.norm(way, axis=1).max()) <= allowed for way in ways)
 
     def _context(self, plan: StagePlan, k: int) -> StageContext:
         motion = realise(self.model, self.job, [plan], self.timing)
@@ -184,7 +196,9 @@ def _mendable(context: StageContext, a: int) -> bool:
     first, rest = context.samples.position[:1], context.samples.position[arrival:]
     held = context.samples.held
     rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
-    return bool((context.cell.own_margins(a, rows.position, rows.held[:, a]) >= KEPT).all())
+    return bool(
+        (context.cell.own_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
+    )
 
 
 def _least_delay(context: StageContext) -> StagePlan | None:

@@ -90,6 +90,7 @@ def quick_curves(
         size=(len(SPREADS), FIRST, CONTROLS, 7)
     )
     drawn = straight + (np.array(SPREADS)[:, None, None, None] * bulge).reshape(-1, CONTROLS, 7)
+    drawn = np.clip(drawn, limits.lower, limits.upper)
     best: FloatArray = np.empty((0, CONTROLS, 7))
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)

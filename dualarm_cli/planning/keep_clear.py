@@ -63,13 +63,18 @@ class KeepClear:
                 rows[:, self.model.arms[name].columns] = _joints(posture, place)
             rows[:, columns] = q
             held = np.tile(self._held(place), (len(q), 1))
-            free = np.asarray(cell.own_margins(a, rows, held[:, a]) >= SLACK)
+            own = cell.own_margins(a, rows, held[:, a], ground=place == "target")
+            free = np.asarray(own >= SLACK)
             if met:
                 left = np.flatnonzero(free)
                 free[left] = cell.cross_margins(rows[left], held[left]) >= SLACK
             return free
 
         return clear
+
+    def yaws(self, arm: str) -> FloatArray:
+        """Returns the turns about an arm's tool that are tried [rad], shape (y,): at which its part fits."""
+        return self.holding.yaws[self.stage, arm]
 
     def margins(
         self, arm: str, position: FloatArray, angles: FloatArray, q: FloatArray, place: Place
@@ -86,7 +91,8 @@ class KeepClear:
         """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
         cell = self.holding.cell
         number = int(self._held(place)[cell.arms.index(arm)])
-        return cell.test.nearest_of_own(arm, position, cell.parts[number // 2], bool(number % 2))
+        group = cell.test.own(arm, cell.parts[number // 2], bool(number % 2))
+        return cell.test.nearest(position, group.pairs)
 
     def apart(
         self,

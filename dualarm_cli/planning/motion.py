@@ -16,7 +16,7 @@ from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.curves import curve
 from dualarm_cli.planning.lines import solve_line
-from dualarm_cli.planning.stages import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.transfers import PLATFORM, Transfers, transfers_within_tool_speed
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold, merge
@@ -113,6 +113,11 @@ def _add_stage(
             pieces = detour_pieces(model, plan, name, columns, limits, timing, job.tool_speed)
             record.pieces[name] += pieces
             ends[name] += sum(piece.duration for piece in pieces)
+            # Its line begins when the platform is there as well.
+            if name in plan.stops and (waits := ends.get(PLATFORM, 0.0) - ends[name]) > 0:
+                names = tuple(limits.joints[i] for i in index)
+                record.pieces[name].append(hold(names, plan.arrival[index], waits))
+                ends[name] += waits
         elif name in transfers.motion:
             record.pieces[name].append(transfers.motion[name])
             ends[name] += transfers.motion[name].duration

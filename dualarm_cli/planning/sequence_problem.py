@@ -11,7 +11,7 @@ from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarge
 from dualarm_cli.model.job import Job, JointTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.stages import stop_yaws
+from dualarm_cli.planning.yaws import stop_yaws
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 
@@ -37,7 +37,12 @@ def sequence_problem(
         _arm_work(
             arm,
             limits.select(arm.arm.joints),
-            tuple(_target(work[name][1]) if name in work else None for work in stages),
+            tuple(
+                _target(work[name][1], None if holding is None else holding.yaws[k, name])
+                if name in work
+                else None
+                for k, work in enumerate(stages)
+            ),
             start[arm.columns],
         )
         for name, arm in model.arms.items()
@@ -93,7 +98,7 @@ def _arm_work(
     )
 
 
-def _target(stop: Stop) -> StopTarget:
+def _target(stop: Stop, yaws: FloatArray | None) -> StopTarget:
     target = stop.target
     if isinstance(target, JointTarget):
         R, p, free, configurations = np.eye(3), np.zeros(3), False, target.configurations
@@ -104,7 +109,7 @@ def _target(stop: Stop) -> StopTarget:
         R_world_tool=R,
         p_world_tool=p,
         configurations=configurations,
-        yaw=stop_yaws(stop),
+        yaw=stop_yaws(stop) if yaws is None else yaws,
         free_yaw=free,
         approach=stop.approach,
         retract=stop.retract,

@@ -13,12 +13,10 @@ from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.planning.keep_clear import KeepClear
+from dualarm_cli.planning.yaws import stop_yaws
 from dualarm_cli.redundancy import StopProblem
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
-
-YAW_STEPS = 24
-"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,8 @@ def stage_problems(
     for name, (_, stop) in work.items():
         arm, times = model.arms[name], clock.arms[name]
         R, p, configurations = _targets(arm, stop, R_carried, p_world)
-        start, yaw = position[arm.columns], stop_yaws(stop)
+        start = position[arm.columns]
+        yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
         for k, problems in enumerate(found):
             problems[name] = StopProblem(
                 arm=arm.kinematics,
@@ -158,11 +157,3 @@ def _targets(
     pose = stop.target.pose
     p = (R_carried @ (pose.translation - p_world)[..., None])[..., 0]
     return (R_carried @ pose.rotation)[:, None], p[:, None], None
-
-
-def stop_yaws(stop: Stop) -> FloatArray:
-    """Returns the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
-    if isinstance(stop.target, JointTarget):
-        return np.zeros(1)
-    turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
-    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)

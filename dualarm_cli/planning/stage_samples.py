@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.schedule import Event
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Motion
 
@@ -25,6 +26,8 @@ COARSE = 8
 """Every so many instants are looked at first."""
 BETWEEN = 8
 """Instants that are looked at there."""
+SAME_TIME = 1e-9
+"""Instants nearer than this are one [s]."""
 LINES = ("approach", "dwell", "retract")
 """Segments on which a part may touch what stands still."""
 MOVES = ("transfer", "return")
@@ -76,16 +79,45 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
     held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)
     last = len(holding.before) - 1
     for a, arm in enumerate(holding.cell.arms):
-        before = holding.before[stage, a] if stage <= last else holding.after[last, a]
-        held[:, a] = before
-        for event in motion.events:
-            if event.arm == arm and this.start <= event.time <= this.end and stage <= last:
-                held[time >= event.time, a] = holding.after[stage, a]
-        for part in motion.segments:
-            if part.arm == arm and part.kind in LINES:
-                inside = (time > max(part.start, this.start)) & (time < min(part.end, this.end))
-                held[inside, a] |= 1
+        if stage > last:
+            held[:, a] = holding.after[last, a]
+            continue
+        held[:, a] = holding.before[stage, a]
+        event = _event_of(motion, number, arm)
+        if event is None:
+            continue
+        # A part is released when its place is over.
+        changed = event.time + (event.dwell if event.action == "place" else 0.0)
+        held[time >= changed - SAME_TIME, a] = holding.after[stage, a]
+        start, end = _on_lines(motion, arm, this.start, this.end)
+        # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
+        first = start - SAME_TIME if start == event.time else start + SAME_TIME
+        inside = (time >= first) & (time <= end - SAME_TIME)
+        held[inside, a] |= 1
     return StageSamples(motion.trajectory.at(time)[0], held, step)
+
+
+def _event_of(motion: Motion, number: int, arm: str) -> Event | None:
+    """Returns the event of an arm in one stage of a motion; every stage in which it works has one."""
+    events = [event for event in motion.events if event.arm == arm]
+    tasks = {event.task for event in events}
+    works = [k for k, stage in enumerate(motion.stages) if tasks & set(stage.tasks)]
+    return events[works.index(number)] if number in works else None
+
+
+def _on_lines(motion: Motion, arm: str, start: float, end: float) -> tuple[float, float]:
+    """Returns when an arm is on the lines of its stop in a stage from start to end [s]; an empty span for never."""
+    parts = [
+        part
+        for part in motion.segments
+        if part.arm == arm
+        and part.kind in LINES
+        and part.start >= start - SAME_TIME
+        and part.end <= end + SAME_TIME
+    ]
+    return min((p.start for p in parts), default=np.inf), max(
+        (p.end for p in parts), default=-np.inf
+    )
 
 
 def arm_ways(
@@ -160,7 +192,7 @@ def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
     """Returns whether one arm keeps clear of itself and of all that is not the other arm."""
 
     def margins(some: StageSamples) -> FloatArray:
-        return cell.own_margins(a, some.position, some.held[:, a])
+        return cell.own_margins(a, some.position, some.held[:, a], ground=True)
 
     return _all_kept(samples, margins)
 

@@ -15,7 +15,7 @@ from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.planning.stage_choice import Stage, choose_stage
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
-from dualarm_cli.planning.stage_problems import Clock, stop_problems, stop_yaws
+from dualarm_cli.planning.stage_problems import Clock, stop_problems
 
 __all__ = [
     "ArmStop",
@@ -23,7 +23,6 @@ __all__ = [
     "choose_stages",
     "choose_stages_with",
     "stop_problems",
-    "stop_yaws",
 ]
 
 

@@ -13,7 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.stages import StagePlan
+from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import rest_to_rest_duration

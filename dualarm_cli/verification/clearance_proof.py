@@ -218,7 +218,8 @@ def _interval_speeds(trajectory: Trajectory) -> FloatArray:
         return v
     fastest = np.maximum(v[:-1], v[1:])
     # Speed is a parabola between knots; its vertex counts where acceleration changes its sign.
-    turns = a[:-1] * a[1:] < 0
+    # At a jump of it, two knots at one time, there is no parabola.
+    turns = (a[:-1] * a[1:] < 0) & (np.diff(trajectory.time)[:, None] > 0)
     step = np.divide(a[:-1] ** 2, 2.0 * trajectory.jerk, out=np.zeros_like(fastest), where=turns)
     vertex = np.abs(trajectory.velocity[:-1] - step)
     return np.where(turns, np.maximum(fastest, vertex), fastest)

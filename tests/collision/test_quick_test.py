@@ -64,13 +64,12 @@ def test_what_is_called_free_is_free(tasks_folder, name):
     limits = cell.robot.limits
     random = np.random.default_rng(3)
     q = random.uniform(limits.lower, limits.upper, (2000, len(limits.joints)))
-    quick = np.minimum.reduce(
-        [test.margins(g, q) for g in (test.cross(), *map(test.own, test.arms))]
-    )
+    groups = [test.cross(), *map(test.own, test.arms)]
+    quick = np.minimum.reduce([test.margins(group, q) for group in groups])
     truth = margins_by_coal(cell, q)
     assert not ((quick > 1e-6) & (truth < 0.0)).any()
     assert (quick > 0.0).mean() > 0.9 * (truth > 0.0).mean() > 0.0
-    one, other, margin = test.nearest(q[0])
+    one, other, margin = test.nearest(q[0], [p for g in groups for p in g.pairs])
     assert margin == pytest.approx(truth[0], abs=1e-6)
     assert one != other
 

@@ -1,0 +1,52 @@
+"""Whether a part fits where it is picked or placed, whatever arm holds it."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.quick_test import OVERLAP
+from dualarm_cli.collision.solids import WORLD, shape_solid
+from dualarm_cli.model.cell import Cell
+
+STEPS = 9
+"""Places along a line that are looked at, its end included."""
+
+
+def part_fits(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> bool:
+    """Returns whether a part reaches into no obstacle, at a target and along the line on which it is carried there.
+
+    Args:
+        cell: with parts and obstacles.
+        part: name of the part.
+        T_world_tool: the tool centre point at the target.
+        line: length of the line, which runs against the tool's z axis [m].
+
+    Raises:
+        InputError: a mesh that cannot be used.
+    """
+    allowed = {frozenset(pair) for pair in cell.allowed_contacts}
+    things = [
+        shape_solid(thing.name, WORLD, pin.SE3.Identity(), thing.shape)
+        for thing in cell.obstacles
+        if frozenset((part, thing.name)) not in allowed
+    ]
+    for back in np.linspace(0.0, line, STEPS if line > 0.0 else 1):
+        T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
+        for shape in cell.parts[part]:
+            solid = shape_solid(part, WORLD, T, shape)
+            here = coal.Transform3s(solid.pose.rotation, solid.pose.translation)
+            for thing in things:
+                there = coal.Transform3s(thing.pose.rotation, thing.pose.translation)
+                distance = coal.distance(
+                    solid.geometry,
+                    here,
+                    thing.geometry,
+                    there,
+                    coal.DistanceRequest(),
+                    coal.DistanceResult(),
+                )
+                if distance < -OVERLAP:
+                    return False
+    return True
