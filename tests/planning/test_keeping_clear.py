@@ -126,3 +126,114 @@ def test_a_part_is_in_the_way_only_while_it_is_carried(tasks_folder):
         plan_without_bound(carried, QUICK)
     schedule = plan_without_bound(empty, QUICK)
     assert least(schedule, empty) >= 0.0
+
+
+def slower_platform(job):
+    """The platform at a quarter of its speed and acceleration: arms wait for it after their detours."""
+    robot = job.cell.robot
+    share = np.where(np.isin(robot.joints, robot.platform), 0.25, 1.0)
+    limits = dataclasses.replace(
+        robot.limits,
+        velocity=share * robot.limits.velocity,
+        acceleration=share * robot.limits.acceleration,
+    )
+    return in_robot(job, limits)
+
+
+def without_jerk_limits(job):
+    """Acceleration may jump."""
+    limits = job.cell.robot.limits
+    return in_robot(job, dataclasses.replace(limits, jerk=np.full(len(limits.joints), np.inf)))
+
+
+def in_robot(job, limits):
+    """The job with other limits of its robot."""
+    robot = dataclasses.replace(job.cell.robot, limits=limits)
+    return dataclasses.replace(job, cell=dataclasses.replace(job.cell, robot=robot))
+
+
+def capped(job):
+    """A cap on the tools' speed that most transfers feel."""
+    return dataclasses.replace(job, tool_speed=1.0)
+
+
+def slowed(job):
+    """Everything at a fifth of its pace."""
+    return dataclasses.replace(job, speed=0.2)
+
+
+def picked_without_approach(job):
+    """The motion begins at the first pick, whose part lies on the table."""
+    tasks = tuple(
+        dataclasses.replace(
+            task, stops=(dataclasses.replace(task.stops[0], approach=0.0), *task.stops[1:])
+        )
+        for task in job.tasks
+    )
+    return dataclasses.replace(job, tasks=tasks[:2], start="free")
+
+
+def one_arm(job):
+    """Only the left arm has anything to do; the right one hangs about."""
+    return dataclasses.replace(job, tasks=tuple(t for t in job.tasks if t.arm == "left"))
+
+
+def one_way(job):
+    """Nothing returns."""
+    return dataclasses.replace(job, returns=False)
+
+
+CHANGES = [
+    slower_platform,
+    without_jerk_limits,
+    slowed,
+    picked_without_approach,
+    one_arm,
+    one_way,
+]
+
+
+@pytest.mark.parametrize(
+    ("changed", "method"),
+    [(changed, "exact") for changed in CHANGES]
+    + [pytest.param(changed, "sequence", marks=pytest.mark.slow) for changed in (*CHANGES, capped)],
+)
+def test_whatever_is_planned_passes_the_verifier(tasks_folder, changed, method):
+    """Crowded cell, carried parts, detours: limits, lines, stillness, order and clearance by the independent judge."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = changed(dataclasses.replace(job, tasks=job.tasks[:4]))
+    schedule = plan_without_bound(job, dataclasses.replace(QUICK, platform=method))
+    assert least(schedule, job) >= 0.0
+
+
+def test_a_part_that_would_reach_into_something_where_it_is_placed_is_infeasible(tasks_folder):
+    """A post of 30 mm beside the middle of the place, within the box's 30 mm on either side, whatever its turn."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    target = job.tasks[0].stops[1].target.pose
+    place = target.translation + target.rotation @ np.array([0.029, 0.0, 0.03])
+    blocked = with_obstacle(
+        dataclasses.replace(job, tasks=job.tasks[:2]), "box", (0.01, 0.01, 0.03), place
+    )
+    with pytest.raises(InfeasibleError, match="box and thing lack"):
+        plan_without_bound(blocked, QUICK)
+
+
+def test_a_part_is_turned_where_only_one_of_its_turns_fits(tasks_folder):
+    """A long box beside a post: along it fits, across it does not; the plan takes a turn that does."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    long = Shape("box", (0.02, 0.09, 0.06), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.03])))
+    job = dataclasses.replace(
+        job, tasks=job.tasks[:2], cell=dataclasses.replace(job.cell, parts={"box": (long,)})
+    )
+    target = job.tasks[0].stops[1].target.pose
+    beside = with_obstacle(
+        job,
+        "box",
+        (0.01, 0.01, 0.03),
+        target.translation + target.rotation @ np.array([0.0, 0.035, 0.04]),
+    )
+    schedule = plan_without_bound(beside, QUICK)
+    assert least(schedule, beside) >= 0.0
+    event = next(e for e in schedule.events if e.arm == "left" and e.action == "place")
+    across = abs(float(event.pose.rotation[:, 1] @ target.rotation[:, 1]))
+    assert across < 1e-6
