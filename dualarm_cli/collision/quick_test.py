@@ -149,7 +149,7 @@ class QuickTest:
         margins = [self._margin(pair, frames, 0) for pair in pairs]
         worst = int(np.argmin(margins))
         one, other = self._solids[pairs[worst].first], self._solids[pairs[worst].second]
-        return one.body, other.body, margins[worst]
+        return one.label, other.label, margins[worst]
 
     def _movers_of(self, pair: Pair) -> set[str]:
         return self._moved_by[pair.first] | self._moved_by[pair.second]

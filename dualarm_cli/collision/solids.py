@@ -38,6 +38,11 @@ class Solid:
     carrier: str = ""
     """The arm that carries it, of a part."""
 
+    @property
+    def label(self) -> str:
+        """What a person calls it: both arms may carry the same kind of part."""
+        return f"{self.carrier} {self.body}" if self.carrier else self.body
+
 
 @dataclass(frozen=True)
 class Pair:

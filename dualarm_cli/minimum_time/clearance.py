@@ -51,6 +51,8 @@ class SequenceClearance:
     """What each arm holds after them, shape (n, arms)."""
     barred: tuple[Barred, ...] = ()
     """Stages that are not possible although postures and straight moves are."""
+    pace: float = 1.0
+    """How much slower than at full speed everything moves."""
 
     def positions(self, angle: FloatArray, joints: Sequence[FloatArray | None]) -> FloatArray:
         """Returns all joints of the robot [rad], shape (n, columns).

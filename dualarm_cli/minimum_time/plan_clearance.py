@@ -83,8 +83,8 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     apart = (cross[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
     known = test.known_costs(starts, ends)
     waits = np.where(apart, 0.0, MEETING) + np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
-    waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
-    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, TURNS)
+    waits = np.maximum(test.pace * waits, np.where(np.isfinite(known), known, 0.0))
+    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)
     stops_clear = np.asarray(alone.all(axis=0) & both[-1])
     return PlanClearance(stops_clear, np.isfinite(known), waits)
 

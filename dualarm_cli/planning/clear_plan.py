@@ -22,9 +22,18 @@ NEGLIGIBLE = 0.005
 FEW = 0.34
 """Share of stages; a blind plan with more that do not keep clear is not mended."""
 COSTLY = 1.5
-"""What mending a stage costs that is worth looking for another one [s]."""
+"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
+SHOWN = 5e-4
+"""Costs that are shown as more than nothing [s]."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
+
+
+ADVICE = (
+    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in which "
+    "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
+)
+"""What a person can do about it."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,7 @@ def quickest_clear(
     if not clear:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
     holding = Holding.of(job)
+    _check_start(problem, holding)
     clearing = Clearing(model, job, holding, timing, problem.seed)
     best = None
     for plans, motion in timed:
@@ -118,6 +128,25 @@ def quickest_clear(
     if found is not None and not found.cleared.blocked:
         return found
     raise failure or InfeasibleError(_why_blocked(clearing, found))
+
+
+def _check_start(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses a start in which something touches: no motion begins there.
+
+    Raises:
+        InfeasibleError: with the posture, the bodies and what is missing.
+    """
+    job, cell = problem.job, holding.cell
+    if job.start == "free":
+        return
+    position = np.array(job.cell.robot.postures[job.start])
+    held = np.zeros(len(cell.arms), dtype=np.int64)
+    one, other, margin = cell.nearest(position, held)
+    if margin < 0.0:
+        raise InfeasibleError(
+            f"start: in posture '{job.start}' {one} and {other} lack {-margin * 1e3:.1f} mm of "
+            f"clearance; start in another posture, move what is in the way, or allow the pair less"
+        )
 
 
 def _same(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
@@ -169,7 +198,11 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
         # What a cap on the tools' speed costs no search knows.
         known = clearing.job.tool_speed is None
         cost = stage.end - stage.start - plan.duration
-        if known and (plan.detours or plan.waits or plan.path is not None) and cost > COSTLY:
+        if (
+            known
+            and (plan.detours or plan.waits or plan.path is not None)
+            and cost > COSTLY * clearing.holding.pace
+        ):
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
     for k in tried.blocked:
         plan, stage = tried.plans[k], tried.motion.stages[k]
@@ -221,7 +254,7 @@ def _why_blocked(clearing: Clearing, found: Found | None) -> str:
             f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
             f"{when:.2f} s into stage {k + 1}"
         )
-    return head + ":\n  " + "\n  ".join(lines)
+    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}"
 
 
 def clearance_notes(found: Found) -> list[str]:
@@ -236,8 +269,10 @@ def clearance_notes(found: Found) -> list[str]:
             done.append(f"all joints follow a free path in stage {k}")
     if found.replanned:
         done.insert(0, "other postures or platform angles were taken")
-    if not done or found.cost is None:
+    if found.cost is None or (not done and abs(found.cost) < SHOWN):
         return []
+    if not done:
+        done.append("a slower plan was taken that touches nothing")
     return [
         f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) "
         f"this costs {found.cost:.3f} s"

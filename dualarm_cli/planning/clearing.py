@@ -28,9 +28,9 @@ from dualarm_cli.planning.transfers import SPEED_MARGIN
 from dualarm_cli.timing import TimingSolver
 
 DELAY_STEP = 0.02
-"""Delays are multiples of this [s]."""
+"""Delays are multiples of this at full speed [s]."""
 SHORT_DELAY = 0.1
-"""No curve is looked for where a delay of so much serves [s]."""
+"""No curve is looked for where a delay of so much, at full speed, serves [s]."""
 MENDS = 4
 """A stage is mended so many times: one arm after the other, then both."""
 
@@ -159,7 +159,7 @@ class Clearing:
     def _made_apart(self, context: StageContext) -> StagePlan | None:
         """Returns the shortest stage found in which the arms keep clear of each other."""
         delayed = _least_delay(context)
-        if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY:
+        if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY * self.holding.pace:
             return delayed
         tries = [delayed] if delayed is not None else []
 
@@ -212,7 +212,7 @@ def _least_delay(context: StageContext) -> StagePlan | None:
 
 def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
     """Yields delays and arms, those that make the stage shortest first."""
-    shift = max(1, round(DELAY_STEP / context.samples.step))
+    shift = max(1, round(DELAY_STEP / (context.job.speed * context.samples.step)))
     tries = []
     for name, way in context.ways.items():
         others = max((w.end for other, w in context.ways.items() if other != name), default=0)

@@ -29,7 +29,7 @@ FIRST = 50
 LEAST_SPREAD = 0.01
 """Standard deviation below which nothing is to be gained [rad]."""
 MISSING_WEIGHT = 350.0
-"""What a metre of missing clearance costs [s/m]."""
+"""What a metre of missing clearance costs at full speed [s/m]."""
 
 Missing = Callable[[FloatArray], FloatArray]
 """How much clearance curves (c, points, 7) lack, at their points on the average [m], shape (c,); 0 for free ones."""
@@ -66,6 +66,7 @@ def quick_curves(
     least: float,
     missing: Missing,
     samples: int,
+    pace: float,
     seed: int,
 ) -> list[FloatArray]:
     """Returns control points (CONTROLS, 7) of the quickest free curves found, best first; none where none is free.
@@ -80,6 +81,7 @@ def quick_curves(
         least: time below which a curve gains nothing [s].
         missing: how much clearance curves lack.
         samples: points of a curve that are looked at.
+        pace: how much slower than at full speed the joints are.
         seed: of the random curves.
     """
     random = np.random.default_rng(seed)
@@ -95,7 +97,7 @@ def quick_curves(
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(ROUNDS):
-        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples)
+        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples, pace)
         best, worth, lacking = (
             np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
         )
@@ -117,6 +119,7 @@ def _worth(
     least: float,
     missing: Missing,
     samples: int,
+    pace: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
     few = curve(start, controls, goal, TIMED_SAMPLES)
@@ -127,4 +130,4 @@ def _worth(
     lack = missing(points) + beyond.sum(axis=(1, 2))
     # Of equally quick ones the one that moves least.
     travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
-    return time + MISSING_WEIGHT * lack + 1e-3 * travel, lack
+    return time + pace * MISSING_WEIGHT * lack + 1e-3 * travel, lack

@@ -111,11 +111,12 @@ def quickest_curve(
     arm, way = context.model.arms[name], context.ways[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
+    pace = 1.0 / context.job.speed
     least = way.arrival * context.samples.step
     points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
     for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
         missing = _missing(context, name, way, points, with_other)
-        found = quick_curves(start, goal, limits, least, missing, samples, context.seed)
+        found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed)
         timed = []
         for controls in found[:TIMED]:
             detour = Detour(controls, None)

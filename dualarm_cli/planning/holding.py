@@ -28,6 +28,8 @@ class Holding:
     yaws: Mapping[tuple[int, str], FloatArray]
     """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
     there is no part, or it fits nowhere, all of them."""
+    pace: float = 1.0
+    """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
     @classmethod
     def of(cls, job: Job) -> Holding:
@@ -55,7 +57,7 @@ class Holding:
             for arm, (task, stop) in work.items()
         }
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
-        return cls(cell, numbers[:, 0], numbers[:, 1], fitting)
+        return cls(cell, numbers[:, 0], numbers[:, 1], fitting, 1.0 / job.speed)
 
 
 def _fitting(job: Job, stop: Stop, part: str) -> FloatArray:

@@ -75,6 +75,7 @@ def _clearance(
         holding.before,
         holding.after,
         barred,
+        holding.pace,
     )
 
 

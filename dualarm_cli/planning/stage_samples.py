@@ -15,7 +15,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Motion
 
 STEP = 0.004
-"""Time between the instants, but for stages of minutes [s]."""
+"""Time between the instants at full speed, but for stages of minutes [s]."""
 MOST = 20_000
 """Instants of a stage at most."""
 KEPT = 0.0005
@@ -73,7 +73,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         holding: what the arms hold.
     """
     this = motion.stages[number]
-    step = max(STEP, (this.end - this.start) / MOST)
+    step = max(STEP * holding.pace, (this.end - this.start) / MOST)
     count = max(2, int(np.ceil((this.end - this.start) / step - 1e-9)) + 1)
     time = np.minimum(this.start + step * np.arange(count), this.end)
     held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)

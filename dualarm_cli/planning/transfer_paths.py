@@ -44,7 +44,7 @@ def transfer_path(
         held: what each arm holds, shape (arms,).
         seed: of all randomness.
     """
-    limits = job.cell.robot.limits.scaled(job.speed)
+    limits = job.cell.robot.limits
     start, goal, speed = plan.start, plan.arrival, limits.velocity
 
     def margins(rows: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.clearance_proof import ClearanceProof, Windows
+from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
 from dualarm_cli.verification.motion_checks import judge, not_checked
 
 NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
@@ -57,8 +57,11 @@ def check_clearance(
         for contact in (False, True)
     )
     proven = [
-        _proven(model, solids, [pairs[k] for k in some], [windows[k] for k in some], schedule)
-        for some in (kept, lying)
+        _proven(
+            model, solids, [pairs[k] for k in some], [windows[k] for k in some], schedule, precision
+        )
+        # What may lie on something is allowed so little that the proof must not use it up.
+        for some, precision in ((kept, PRECISION), (lying, 0.1 * tol.CONTACT_SLACK))
     ]
     stages = [*proven[0], *(stage for stage in proven[1] if stage.margin < -tol.CLEARANCE_SLACK)]
     stages.sort(key=lambda stage: stage.stage)
@@ -67,7 +70,8 @@ def check_clearance(
     worst = min(stages, key=lambda stage: stage.margin)
     where = (
         f"{worst.bodies[0]} and {worst.bodies[1]} at {worst.time:.4f} s: "
-        f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} is required"
+        f"{_millimetres(worst.clearance)} where {_millimetres(worst.required)} "
+        f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
     return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
 
@@ -78,6 +82,7 @@ def _proven(
     pairs: list[Pair],
     windows: list[Windows],
     schedule: Schedule,
+    precision: float,
 ) -> list[StageClearance]:
     """Returns the least margin of some pairs in every stage in which they count."""
     proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
@@ -86,7 +91,7 @@ def _proven(
     # A stage without length has no stretch of its own; two that start at once are one, the later.
     numbers = np.searchsorted(starts, edges[:-1], side="right") - 1
     stages = []
-    for k, found in enumerate(proof.certify(edges)):
+    for k, found in enumerate(proof.certify(edges, precision)):
         if found.pair < 0:
             continue
         pair = pairs[found.pair]
@@ -96,7 +101,7 @@ def _proven(
                 clearance=found.margin + pair.required,
                 margin=found.margin,
                 required=pair.required,
-                bodies=(solids[pair.first].body, solids[pair.second].body),
+                bodies=(solids[pair.first].label, solids[pair.second].label),
                 time=found.time,
             )
         )

@@ -90,11 +90,12 @@ class ClearanceProof:
         self._levers = levers(model, solids, pairs)
         self._speeds = _interval_speeds(trajectory)[:, self._order]
 
-    def certify(self, edges: FloatArray) -> list[Certified]:
+    def certify(self, edges: FloatArray, precision: float = PRECISION) -> list[Certified]:
         """Returns the proven least margin between each edge and the next; infinite where no pair counts.
 
         Args:
             edges: instants that part the motion [s], rising, shape (s + 1,).
+            precision: how far a certified margin may be below the least one met [m].
         """
         found = [Certified(np.inf, np.inf, -1, 0.0) for _ in edges[:-1]]
         if not len(self._required):
@@ -114,7 +115,7 @@ class ClearanceProof:
             rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
-            settled = (bound >= met[where] - PRECISION) | (end - begin < SHORTEST)
+            settled = (bound >= met[where] - precision) | (end - begin < SHORTEST)
             np.minimum.at(proven, where[settled], bound[settled])
             left = ~settled
             begin, end, pair, where = begin[left], end[left], pair[left], where[left]

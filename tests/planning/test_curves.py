@@ -42,7 +42,7 @@ def lacking(curves):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_best_curve_goes_round_a_ball_and_hardly_farther(seed):
     """Free at its points; bulging by less than twice the radius; other joints hardly moved; within the limits."""
-    found = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, seed)
+    found = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed)
     assert found
     points = curve(START, found[0], GOAL, 33)
     assert lacking(points[None])[0] == 0.0
@@ -55,5 +55,5 @@ def test_the_best_curve_goes_round_a_ball_and_hardly_farther(seed):
 
 def test_there_is_no_curve_where_nothing_is_free():
     """Everything lacks a millimetre."""
-    found = quick_curves(START, GOAL, LIMITS, 0.0, lambda c: np.full(len(c), 1e-3), 9, 0)
+    found = quick_curves(START, GOAL, LIMITS, 0.0, lambda c: np.full(len(c), 1e-3), 9, 1.0, 0)
     assert found == []
