@@ -61,8 +61,9 @@ def _check_one(file: str) -> dict[str, Any]:
 
 
 def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
-    """Returns a diagnostic for every arm whose measured geometry is not of the kind it is called."""
-    from dualarm_cli.errors import Diagnostic, UnsupportedError
+    """Returns what is wrong with the geometry: arms that are not what they are called, meshes that are no solids."""
+    from dualarm_cli.collision.solids import check_meshes
+    from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
     from dualarm_cli.kinematics.cell_model import find_false_srs
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -73,6 +74,11 @@ def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
         messages = find_false_srs(robot)
     except UnsupportedError as error:
         messages = [str(error)]
+    if isinstance(cell, Cell):
+        try:
+            check_meshes(cell)
+        except InputError as error:
+            return error.diagnostics
     return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
 
 

@@ -186,6 +186,21 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     return solids
 
 
+def check_meshes(cell: Cell) -> None:
+    """Makes sure that every mesh of a cell makes a solid.
+
+    Args:
+        cell: the noun.
+
+    Raises:
+        InputError: a mesh that cannot be used.
+    """
+    tools = [shape for tool in cell.tools.values() for shape in tool.shapes]
+    parts = [shape for shapes in cell.parts.values() for shape in shapes]
+    for shape in (*tools, *parts, *(thing.shape for thing in cell.obstacles)):
+        _geometry(shape)
+
+
 def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: Cell) -> list[Pair]:
     """Returns every pair of solids that must keep apart.
 

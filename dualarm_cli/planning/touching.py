@@ -77,7 +77,7 @@ def explain_touching(
         one, other, margin_there = keep.nearest(arm, best.position, place)
         where = ""
         if keep.model.platform.is_turntable:
-            where = f", with the platform at {np.degrees(best.angle):.1f} deg"
+            where = f", with the platform at {np.degrees(best.angle) + 0.0:.0f} deg"
         return (
             f"{NAMES[place]} every posture is too near to something: at best {one} and {other} lack "
             f"{max(0.0, -margin_there) * 1e3:.1f} mm of clearance{where}"

@@ -206,6 +206,25 @@ def test_whatever_is_planned_passes_the_verifier(tasks_folder, changed, method):
     assert least(schedule, job) >= 0.0
 
 
+def test_a_start_that_touches_is_refused_with_its_posture_and_pair(packing):
+    """A ball about the left elbow link where the job starts; the search would look for a way out for a minute."""
+    job = with_obstacle(packing, "sphere", (0.05,), elbow_at_home(packing))
+    with pytest.raises(
+        InfeasibleError, match=r"start: in posture 'home' .*thing.* lack \d+\.\d mm"
+    ):
+        plan_without_bound(job, QUICK)
+
+
+def elbow_at_home(job):
+    """Where the joint between the left arm's links is in the world."""
+    robot = job.cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    home = np.array(robot.postures["home"])
+    pin.forwardKinematics(model, data, home[[robot.joints.index(n) for n in model.names[1:]]])
+    return (job.cell.base * data.oMi[model.getJointId("left_u")]).translation
+
+
 def test_a_part_that_would_reach_into_something_where_it_is_placed_is_infeasible(tasks_folder):
     """A post of 30 mm beside the middle of the place, within the box's 30 mm on either side, whatever its turn."""
     job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
