@@ -20,7 +20,7 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell
 
 BLOCK = 20_000
@@ -170,10 +170,21 @@ class QuickTest:
         if group.rough.any():
             sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
             doubted = group.rough[:, None] & (margins < DOUBTED) & sure
-            for number, row in np.argwhere(doubted).tolist():
-                margins[number, row] = self._margin(group.pairs[number], frames, row)
+            for row in np.flatnonzero(doubted.any(axis=0)).tolist():
+                self._look_closer(group, frames, row, margins[:, row], doubted[:, row])
         least: FloatArray = margins.min(axis=0)
         return least
+
+    def _look_closer(
+        self, group: PairGroup, frames: Frames, row: int, margins: FloatArray, doubted: BoolArray
+    ) -> None:
+        """Puts true margins in the place of doubted ones of one posture, until none left can be the least."""
+        least = margins[~doubted].min(initial=np.inf)
+        for number in np.flatnonzero(doubted)[np.argsort(margins[doubted])].tolist():
+            if margins[number] >= least:
+                break
+            margins[number] = self._margin(group.pairs[number], frames, row)
+            least = min(least, margins[number])
 
     def _margin(self, pair: Pair, frames: Frames, row: int) -> float:
         """Returns distance less required clearance of one pair in one of n postures, by coal [m]."""
