@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.collision.solids import Pair, cell_solids
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
@@ -30,36 +30,54 @@ POSTURES = 20_000
 
 
 def quick_against_coal(name: str, cell: Cell) -> None:
-    """Prints how long one posture takes by the quick test and by coal with its broad phase, all pairs."""
+    """Prints how long one posture takes by the quick test and by coal, with its broad phase and without.
+
+    One arm's own pairs at postures all over its range, as the search filters its nodes, and all pairs at postures about
+    home, as motions are looked at.
+    """
     test = QuickTest(cell)
     limits = cell.robot.limits
     random = np.random.default_rng(0)
-    q = random.uniform(limits.lower, limits.upper, (POSTURES, len(limits.joints)))
-    begin = perf_counter()
-    groups = [test.cross(), *map(test.own, test.arms)]
-    margins = np.minimum.reduce([test.margins(group, q) for group in groups])
-    quick = (perf_counter() - begin) / POSTURES
+    everywhere = random.uniform(limits.lower, limits.upper, (POSTURES, len(limits.joints)))
+    home = np.array(cell.robot.postures["home"])
+    about = home + random.normal(scale=0.1, size=everywhere.shape)
+    arm = test.arms[0]
+    groups = {"one arm": [test.own(arm)], "all": [test.cross(), *map(test.own, test.arms)]}
+    for what, some in groups.items():
+        q = np.clip(everywhere if what == "one arm" else about, limits.lower, limits.upper)
+        times = []
+        for _ in range(2):
+            begin = perf_counter()
+            margins = np.minimum.reduce([test.margins(group, q) for group in some])
+            times.append((perf_counter() - begin) / POSTURES)
+        pairs = list(dict.fromkeys(pair for group in some for pair in group.pairs))
+        plain, broad, wrong = _by_coal(cell, pairs, q[: POSTURES // 4], margins)
+        print(
+            f"{name}, {what}: {len(pairs)} pairs, quick test {min(times) * 1e6:.1f} us a posture, coal "
+            f"{plain / min(times):.1f} times as long, with its broad phase {broad / min(times):.1f} "
+            f"times; {(margins > 0).mean():.0%} called free, of those touching: {wrong}"
+        )
+
+
+def _by_coal(
+    cell: Cell, pairs: list[Pair], q: np.ndarray, margins: np.ndarray
+) -> tuple[float, float, int]:
+    """Returns coal's times [s] without and with its broad phase, and how many touch that are called free."""
     model = pin.buildModelFromXML(cell.robot.urdf)
-    solids = cell_solids(cell, model, [])
-    pairs = pairs_that_must_keep_apart(model, solids, cell)
-    geometry = _geometry(model, solids, pairs)
+    geometry = _geometry(model, cell_solids(cell, model, []), pairs)
     data, results = model.createData(), pin.GeometryData(geometry)
     for k, pair in enumerate(pairs):
         results.collisionRequests[k].security_margin = pair.required
     manager = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, results)
     order = [cell.robot.joints.index(joint) for joint in model.names[1:]]
-    some = q[: POSTURES // 4, order]
+    rows = np.ascontiguousarray(q[:, order])
     times = []
-    for args in ((geometry, results), (manager,)):
+    for args in ((manager,), (geometry, results)):
         begin = perf_counter()
-        touching = [pin.computeCollisions(model, data, *args, row, True) for row in some]
-        times.append((perf_counter() - begin) / len(some))
-    wrong = int((np.array(touching) & (margins[: len(some)] > 1e-6)).sum())
-    print(
-        f"{name}: {len(pairs)} pairs, quick test {quick * 1e6:.1f} us a posture, coal "
-        f"{times[0] / quick:.1f} times as long, with its broad phase {times[1] / quick:.1f} times; "
-        f"called free and touching: {wrong} of {len(some)}"
-    )
+        touching = [pin.computeCollisions(model, data, *args, row, True) for row in rows]
+        times.append((perf_counter() - begin) / len(rows))
+    wrong = int((np.array(touching) & (margins[: len(rows)] > 1e-6)).sum())
+    return times[1], times[0], wrong
 
 
 def _geometry(model: pin.Model, solids: list, pairs: list[Pair]) -> pin.GeometryModel:

@@ -67,6 +67,8 @@ class _Boxes:
     """Their radii and the required clearances [m], shape (p, 1)."""
     ball: FloatArray
     """The same and their half lengths, shape (p, 1)."""
+    both: FloatArray
+    """The same and the radii of the balls around the boxes, shape (p, 1)."""
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,7 @@ def _box_pairs(
         halves.append(half)
     aligned = np.abs(np.array(axes) - np.eye(3)).max() < ALIGNED
     slack = np.array([s for *_, s in found]).reshape(-1, 1)
+    ball = slack + hulls.length[[hull for hull, *_ in found]][:, None]
     return _Boxes(
         joint,
         None if aligned else np.moveaxis(np.array(axes), 0, 2)[..., None],
@@ -223,7 +226,8 @@ def _box_pairs(
         np.array(halves).T[..., None],
         np.array([number[hull] for hull, *_ in found], dtype=np.int64),
         slack,
-        slack + hulls.length[[hull for hull, *_ in found]][:, None],
+        ball,
+        ball + np.linalg.norm(halves, axis=1)[:, None],
     )
 
 
@@ -244,28 +248,40 @@ def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> Floa
 def _box_margins(
     boxes: _Boxes, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
 ) -> FloatArray:
-    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
+    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, h, n) [m].
+
+    By balls around both; nearer ones by the ball around the capsule and the box; the nearest ones exactly.
+    """
     R, p = frame
-    middle = center[:, boxes.hulls]
-    if boxes.joint != WORLD:
-        middle = _along(R.transpose(1, 0, 2)[:, :, None], middle - p[:, None])
-    middle = middle - boxes.p
-    if boxes.axes is not None:
-        middle = _along(boxes.axes, middle)
-    outside = np.maximum(np.abs(middle) - boxes.half, 0.0)
-    margin = np.sqrt(dot(outside, outside)) - boxes.ball
-    near = np.nonzero(margin < ENOUGH)
-    if len(near[0]):
-        pair, row = near
-        to_end = half[:, boxes.hulls[pair], row]
-        if boxes.joint != WORLD:
-            to_end = _along(R.transpose(1, 0, 2)[:, :, row], to_end)
-        if boxes.axes is not None:
-            to_end = _along(boxes.axes[:, :, pair, 0], to_end)
-        middle = middle[:, pair, row]
-        exact = box_distance(middle + to_end, middle - to_end, boxes.half[:, pair, 0])
-        margin[near] = exact - boxes.slack[pair, 0]
+    apart = center[:, boxes.hulls]
+    if boxes.joint == WORLD:
+        apart -= boxes.p
+    else:
+        apart -= p[:, None] + boxes.p[..., 0].T @ R
+    margin = np.sqrt(dot(apart, apart)) - boxes.both
+    pair, row = np.nonzero(margin < ENOUGH)
+    if not len(pair):
+        return margin
+    middle = _seen(boxes, R, pair, row, apart[:, pair, row])
+    sides = boxes.half[:, pair, 0]
+    outside = np.maximum(np.abs(middle) - sides, 0.0)
+    found = np.sqrt(dot(outside, outside)) - boxes.ball[pair, 0]
+    near = np.flatnonzero(found < ENOUGH)
+    if len(near):
+        pairs, rows = pair[near], row[near]
+        to_end = _seen(boxes, R, pairs, rows, half[:, boxes.hulls[pairs], rows])
+        middle = middle[:, near]
+        exact = box_distance(middle + to_end, middle - to_end, sides[:, near])
+        found[near] = exact - boxes.slack[pairs, 0]
+    margin[pair, row] = found
     return margin
+
+
+def _seen(boxes: _Boxes, R: FloatArray, pair: IntArray, row: IntArray, x: FloatArray) -> FloatArray:
+    """Returns vectors (3, m) along the axes of the boxes of some pairs in some postures, shape (3, m)."""
+    if boxes.joint != WORLD:
+        x = _along(R.transpose(1, 0, 2)[:, :, row], x)
+    return x if boxes.axes is None else _along(boxes.axes[:, :, pair, 0], x)
 
 
 def _along(axes: FloatArray, x: FloatArray) -> FloatArray:
