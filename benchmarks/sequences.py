@@ -38,7 +38,9 @@ def times(job: Job, effort: str) -> dict[str, float]:
     for method in ("sequence", *SIMPLER):
         begin = time.perf_counter()
         try:
-            schedule = plan_without_bound(job, PlanSettings(platform=method, effort=effort))
+            schedule = plan_without_bound(
+                job, PlanSettings(platform=method, effort=effort), clear=False
+            )
         except InfeasibleError:
             row[method] = float("inf")
             continue
@@ -106,7 +108,9 @@ def times_that_serve(job: Job, effort: str) -> dict[str, float]:
     row = {}
     for method in ("sequence", *SIMPLER):
         try:
-            schedule = plan_without_bound(job, PlanSettings(platform=method, effort=effort))
+            schedule = plan_without_bound(
+                job, PlanSettings(platform=method, effort=effort), clear=False
+            )
         except UnsupportedError:
             continue
         row[method] = schedule.duration
@@ -115,11 +119,13 @@ def times_that_serve(job: Job, effort: str) -> dict[str, float]:
 
 def growth(stages: list[int], effort: str) -> None:
     """Planning time and memory by number of stages; the default method with the bound."""
-    plan_without_bound(random_job(0, 2, free_yaw=False, lines=True), PlanSettings(effort=effort))
+    plan_without_bound(
+        random_job(0, 2, free_yaw=False, lines=True), PlanSettings(effort=effort), clear=False
+    )
     for count in stages:
         job = repeated(random_job(0, 24, free_yaw=False, lines=True), count)
         begin = time.perf_counter()
-        schedule = plan_without_bound(job, PlanSettings(effort=effort))
+        schedule = plan_without_bound(job, PlanSettings(effort=effort), clear=False)
         middle = time.perf_counter()
         bound = job_bound(job, effort).value
         end = time.perf_counter()

@@ -101,18 +101,19 @@ class Clearing:
 
     def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns a stage that keeps clear, None where nothing that was tried does."""
-        tried = plan
-        for round_ in range(MENDS):
-            context = self._context(tried, k)
-            if not round_ and not all(_mendable(context, a) for a in range(len(context.cell.arms))):
-                return None
+        tried, first = plan, self._context(plan, k)
+        if not all(_mendable(first, a) for a in range(len(first.cell.arms))):
+            return None
+        for _ in range(MENDS):
+            context = first if tried is plan else self._context(tried, k)
             found = self._next(context)
             if found is tried:
                 return tried if tried is plan or self._within_cap(context) else None
             if found is None:
                 break
             tried = found
-        path = self._path(plan, k)
+        # On a path all arrive together: where their lines then meet there is no use in looking for one.
+        path = self._path(plan, k) if _lines_apart(first) else None
         if path is None:
             return None
         samples = self._context(path, k).samples
@@ -199,6 +200,19 @@ def _mendable(context: StageContext, a: int) -> bool:
     return bool(
         (context.cell.own_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
     )
+
+
+def _lines_apart(context: StageContext) -> bool:
+    """Returns whether the arms keep clear of each other if all of them begin their lines at once."""
+    rests = {name: way.q[way.arrival :] for name, way in context.ways.items()}
+    length = max(len(rest) for rest in rests.values())
+    position = np.tile(context.plan.arrival, (length, 1))
+    held = np.empty((length, len(rests)), dtype=np.int64)
+    for a, (name, rest) in enumerate(rests.items()):
+        rows = np.minimum(np.arange(length), len(rest) - 1)
+        position[:, context.model.arms[name].columns] = rest[rows]
+        held[:, a] = context.ways[name].held[context.ways[name].arrival :][rows]
+    return bool((context.cell.cross_margins(position, held) >= 0.0).all())
 
 
 def _least_delay(context: StageContext) -> StagePlan | None:
