@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.collision.solids import Pair, cell_solids
+from dualarm_cli.collision.solids import Pair, cell_solids, geometry_model
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
@@ -64,7 +64,8 @@ def _by_coal(
 ) -> tuple[float, float, int]:
     """Returns coal's times [s] without and with its broad phase, and how many touch that are called free."""
     model = pin.buildModelFromXML(cell.robot.urdf)
-    geometry = _geometry(model, cell_solids(cell, model, []), pairs)
+    places = [(pair.first, pair.second) for pair in pairs]
+    geometry = geometry_model(cell_solids(cell, model, []), places)
     data, results = model.createData(), pin.GeometryData(geometry)
     for k, pair in enumerate(pairs):
         results.collisionRequests[k].security_margin = pair.required
@@ -78,17 +79,6 @@ def _by_coal(
         times.append((perf_counter() - begin) / len(rows))
     wrong = int((np.array(touching) & (margins[: len(rows)] > 1e-6)).sum())
     return times[1], times[0], wrong
-
-
-def _geometry(model: pin.Model, solids: list, pairs: list[Pair]) -> pin.GeometryModel:
-    geometry = pin.GeometryModel()
-    for number, solid in enumerate(solids):
-        geometry.addGeometryObject(
-            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
-        )
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
-    return geometry
 
 
 def plans(name: str, job: Job) -> None:

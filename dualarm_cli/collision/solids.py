@@ -5,7 +5,7 @@ It says what is there and judges nothing, as readers and nouns do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import coal
@@ -184,6 +184,23 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     for obstacle in cell.obstacles:
         solids.append(shape_solid(obstacle.name, WORLD, T_root_world, obstacle.shape))
     return solids
+
+
+def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:
+    """Returns solids as pinocchio's geometry, named by their numbers, with some pairs of them in the order given.
+
+    Args:
+        solids: of a cell.
+        pairs: numbers of two solids each, none of them twice: pinocchio keeps one.
+    """
+    geometry = pin.GeometryModel()
+    for number, solid in enumerate(solids):
+        geometry.addGeometryObject(
+            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
+        )
+    for first, second in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    return geometry
 
 
 def check_meshes(cell: Cell) -> None:

@@ -273,7 +273,13 @@ def clearance_notes(found: Found) -> list[str]:
         return []
     if not done:
         done.append("a slower plan was taken that touches nothing")
-    return [
+    notes = [
         f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) "
         f"this costs {found.cost:.3f} s"
     ]
+    if any(stage.waits or stage.detours or stage.path is not None for stage in found.cleared.plans):
+        notes.append(
+            "sensitivity: transfers that wait or are bent to keep clear count as straight ones there, and what "
+            "they take longer as constant"
+        )
+    return notes

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.solids import WORLD, Pair, Solid
+from dualarm_cli.collision.solids import WORLD, Pair, Solid, geometry_model
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 
@@ -70,15 +70,9 @@ class ClearanceProof:
             trajectory: finite, with rising times; its joints are the model's, in any order.
         """
         self._model, self._data = model, model.createData()
-        self._geometry = pin.GeometryModel()
-        for number, solid in enumerate(solids):
-            self._geometry.addGeometryObject(
-                pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
-            )
         # A pair may count twice, with another requirement at another time; pinocchio knows it once.
         places = {(pair.first, pair.second): None for pair in pairs}
-        for first, second in places:
-            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
+        self._geometry = geometry_model(solids, places)
         number_of = {place: number for number, place in enumerate(places)}
         self._place = np.array([number_of[pair.first, pair.second] for pair in pairs])
         self._distances = pin.GeometryData(self._geometry)

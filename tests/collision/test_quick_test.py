@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that_must_keep_apart
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle, Shape
@@ -21,13 +21,7 @@ def margins_by_coal(cell, positions, carried=()):
     model = pin.buildModelFromXML(robot.urdf)
     solids = cell_solids(cell, model, carried)
     pairs = pairs_that_must_keep_apart(model, solids, cell)
-    geometry = pin.GeometryModel()
-    for number, solid in enumerate(solids):
-        geometry.addGeometryObject(
-            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
-        )
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
     data, distances = model.createData(), pin.GeometryData(geometry)
     order = [robot.joints.index(name) for name in model.names[1:]]
     required = np.array([pair.required for pair in pairs])

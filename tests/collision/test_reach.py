@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.reach import can_meet
-from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that_must_keep_apart
 from dualarm_cli.loading.tasks import load_job
 
 
@@ -23,13 +23,7 @@ def test_pairs_that_cannot_meet_keep_apart_at_three_thousand_random_postures(tas
         if not can_meet(model, solids[pair.first], solids[pair.second], pair)
     ]
     assert pairs
-    geometry = pin.GeometryModel()
-    for number, solid in enumerate(solids):
-        geometry.addGeometryObject(
-            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
-        )
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
     data, distances = model.createData(), pin.GeometryData(geometry)
     required = np.array([pair.required for pair in pairs])
     limits = cell.robot.limits

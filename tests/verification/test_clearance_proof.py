@@ -12,6 +12,7 @@ from dualarm_cli.collision.solids import (
     Pair,
     Solid,
     cell_solids,
+    geometry_model,
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.loading.tasks import load_job
@@ -108,13 +109,7 @@ def scanned(model, solids, pairs, trajectory, samples):
     A first scan of 400 instants with all pairs says which can be the nearest at all: no pair comes nearer than half a
     step's way, at 12 m/s or less, below what it has there.
     """
-    geometry = pin.GeometryModel()
-    for number, solid in enumerate(solids):
-        geometry.addGeometryObject(
-            pin.GeometryObject(str(number), solid.joint, solid.pose, solid.geometry)
-        )
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
     data, distances = model.createData(), pin.GeometryData(geometry)
     order = [trajectory.joints.index(name) for name in model.names[1:]]
     end = trajectory.time[-1]
