@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, TypeVar
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray
+
+T = TypeVar("T", bound=np.floating[Any])
 
 TINY = 1e-18
 """Squared lengths below this are points [m²]."""
@@ -12,9 +17,9 @@ PARALLEL = 1e-12
 """Squared sine of the angle between segments below which they are taken as parallel."""
 
 
-def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def dot(a: NDArray[T], b: NDArray[T]) -> NDArray[T]:
     """Returns the scalar products of vectors (3, ...), broadcast, shape (...)."""
-    product: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    product: NDArray[T] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product
 
 

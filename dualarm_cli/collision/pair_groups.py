@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from dualarm_cli.collision.distances import box_distance, dot, segment_distance
 from dualarm_cli.collision.hulls import Hulls, box_around, is_rough, keeps_form
@@ -14,9 +15,13 @@ from dualarm_cli.collision.solids import WORLD, Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
-Frames = Mapping[int, tuple[FloatArray, FloatArray]]
+Singles = NDArray[np.float32]
+"""Most pairs in most postures are far apart, and half the bytes take half the time; near ones are told exactly."""
+Frames = Mapping[int, tuple[Singles, Singles]]
 """Rotations (3, 3, n) and translations (3, n) by joint."""
 
+ROUNDED = 4e-6
+"""What margins are less by, for the rounding of places in single precision, about 1e-6 at two metres [m]."""
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
 ALIGNED = 1e-12
@@ -24,15 +29,41 @@ ALIGNED = 1e-12
 
 
 @dataclass(frozen=True)
-class _Capsules:
-    """Capsules that move with joints, joint by joint."""
+class Capsules:
+    """Round hulls of s solids, those that move with one joint one after the other."""
 
-    joints: tuple[tuple[int, int, int], ...]
-    """Joint, first capsule and the one after the last."""
-    center: FloatArray
-    """Middle of each in its joint's frame [m], shape (h, 3)."""
-    half: FloatArray
-    """From there to one end [m], shape (h, 3)."""
+    number: IntArray
+    """Number of each solid's capsule, shape (s,)."""
+    spans: Mapping[int, tuple[int, int]]
+    """First capsule of each joint and the one after its last."""
+    center: Singles
+    """Middle of each in its joint's frame [m], shape (s, 3)."""
+    half: Singles
+    """From there to one end [m], shape (s, 3)."""
+
+    @classmethod
+    def of(cls, solids: Sequence[Solid], hulls: Hulls) -> Capsules:
+        """Puts hulls in the order of their joints."""
+        joint = np.array([solid.joint for solid in solids], dtype=np.int64)
+        order = np.argsort(joint, kind="stable")
+        number = np.empty_like(order)
+        number[order] = np.arange(len(order))
+        values, first, count = np.unique(joint[order], return_index=True, return_counts=True)
+        spans = {
+            int(j): (int(low), int(low + n)) for j, low, n in zip(values, first, count, strict=True)
+        }
+        center, half = (x[order].astype(np.float32) for x in (hulls.center, hulls.half))
+        return cls(number, spans, center, half)
+
+    def placed(self, frames: Frames, joints: Iterable[int], n: int) -> tuple[Singles, Singles]:
+        """Returns middles and half vectors in n postures [m], shape (3, s, n) each; of the given joints alone."""
+        center, half = np.empty((2, 3, len(self.center), n), dtype=np.float32)
+        for joint in joints:
+            low, high = self.spans.get(joint, (0, 0))
+            R, p = frames[joint]
+            center[:, low:high] = p[:, None] + self.center[low:high] @ R
+            half[:, low:high] = self.half[low:high] @ R
+        return center, half
 
 
 @dataclass(frozen=True)
@@ -45,7 +76,7 @@ class _Rounds:
     """Capsules on the other side, shape (p,)."""
     slack: FloatArray
     """Both radii and the required clearance [m], shape (p, 1)."""
-    ball: FloatArray
+    ball: Singles
     """The same and both half lengths, shape (p, 1)."""
 
 
@@ -55,19 +86,19 @@ class _Boxes:
 
     joint: int
     """The joint that they move with."""
-    axes: FloatArray | None
+    axes: Singles | None
     """Axes of each pair's box in the joint's frame, shape (3 axes, 3, p, 1); None where all are along that frame's."""
-    p: FloatArray
+    p: Singles
     """Its centre there [m], shape (3, p, 1)."""
-    half: FloatArray
+    half: Singles
     """Half sides [m], shape (3, p, 1)."""
     hulls: IntArray
     """The capsules, shape (p,)."""
     slack: FloatArray
     """Their radii and the required clearances [m], shape (p, 1)."""
-    ball: FloatArray
+    ball: Singles
     """The same and their half lengths, shape (p, 1)."""
-    both: FloatArray
+    both: Singles
     """The same and the radii of the balls around the boxes, shape (p, 1)."""
 
 
@@ -77,9 +108,9 @@ class _Planes:
 
     hulls: IntArray
     """The capsules, shape (p,)."""
-    normal: FloatArray
+    normal: Singles
     """Outward unit normals, shape (3, p, 1)."""
-    slack: FloatArray
+    slack: Singles
     """Where the planes are along them, the capsules' radii and the required clearances [m], shape (p, 1)."""
 
 
@@ -89,7 +120,6 @@ class PairGroup:
 
     joints: frozenset[int]
     """Joints whose frames are needed."""
-    hulls: _Capsules
     rounds: _Rounds
     boxes: tuple[_Boxes, ...]
     planes: _Planes
@@ -100,72 +130,68 @@ class PairGroup:
 
 
 def pair_group(
-    solids: Sequence[Solid], hulls: Hulls, tree: JointTree, pairs: Sequence[Pair]
+    solids: Sequence[Solid],
+    hulls: Hulls,
+    capsules: Capsules,
+    tree: JointTree,
+    pairs: Sequence[Pair],
 ) -> PairGroup:
     """Returns pairs of solids as arrays.
 
     Args:
         solids: of the cell.
         hulls: around them.
+        capsules: the same in the order that counts.
         tree: of the robot.
         pairs: of the solids.
     """
     rounds: list[tuple[int, int, float]] = []
-    boxes: dict[int, list[tuple[int, int, float]]] = {}
+    boxes: dict[tuple[int, bool], list[tuple[int, int, float]]] = {}
     planes: list[tuple[int, FloatArray, float]] = []
     kinds: list[list[Pair]] = [[], []]
-    boxed: dict[int, list[Pair]] = {}
+    boxed: dict[tuple[int, bool], list[Pair]] = {}
     for pair in pairs:
         one, other = pair.first, pair.second
         # The one that is kept as it is: what stands, or else a box.
         if keeps_form(solids[one]) and not keeps_form(solids[other]):
             one, other = other, one
         solid = solids[other]
-        slack = float(hulls.radius[one]) + pair.required
+        slack = float(hulls.radius[one]) + pair.required + ROUNDED
         if isinstance(solid.geometry, coal.Halfspace):
             normal = solid.pose.rotation @ np.asarray(solid.geometry.n).ravel()
             offset = float(solid.geometry.d + normal @ solid.pose.translation)
             planes.append((one, normal, offset + slack))
             kinds[1].append(pair)
         elif keeps_form(solid):
-            boxes.setdefault(solid.joint, []).append((one, other, slack))
-            boxed.setdefault(solid.joint, []).append(pair)
+            kind = solid.joint, _is_aligned(solid, tree)
+            boxes.setdefault(kind, []).append((one, other, slack))
+            boxed.setdefault(kind, []).append(pair)
         else:
             kinds[0].append(pair)
             rounds.append((one, other, slack + float(hulls.radius[other])))
     used = {hull for one, other, _ in rounds for hull in (one, other)}
     used |= {hull for found in boxes.values() for hull, *_ in found}
     used |= {hull for hull, *_ in planes}
-    order = sorted(used, key=lambda hull: (solids[hull].joint, hull))
-    number = {hull: k for k, hull in enumerate(order)}
-    joints = [solids[hull].joint for hull in order]
-    spans = []
-    for joint in dict.fromkeys(joints):
-        low = joints.index(joint)
-        spans.append((joint, low, low + joints.count(joint)))
+    joints = {solids[hull].joint for hull in used} | {joint for joint, _ in boxes}
+    number = capsules.number
     ordered = (*kinds[0], *kinds[1], *(pair for some in boxed.values() for pair in some))
     radii = np.array([s for *_, s in rounds]).reshape(-1, 1)
     lengths = [hulls.length[a] + hulls.length[b] for a, b, _ in rounds]
     return PairGroup(
-        frozenset({*joints, *boxes}),
-        _Capsules(
-            tuple(spans),
-            hulls.center[order].reshape(-1, 3),
-            hulls.half[order].reshape(-1, 3),
-        ),
+        frozenset(joints),
         _Rounds(
             np.array([number[a] for a, _, _ in rounds], dtype=np.int64),
             np.array([number[b] for _, b, _ in rounds], dtype=np.int64),
             radii,
-            radii + np.array(lengths).reshape(-1, 1),
+            (radii + np.array(lengths).reshape(-1, 1)).astype(np.float32),
         ),
         tuple(
-            _box_pairs(solids, hulls, tree, joint, found, number) for joint, found in boxes.items()
+            _box_pairs(solids, hulls, tree, *kind, found, number) for kind, found in boxes.items()
         ),
         _Planes(
             np.array([number[hull] for hull, *_ in planes], dtype=np.int64),
-            np.array([normal for _, normal, _ in planes]).reshape(-1, 3).T[..., None],
-            np.array([s for *_, s in planes]).reshape(-1, 1),
+            np.array([n for _, n, _ in planes], dtype=np.float32).reshape(-1, 3).T[..., None],
+            np.array([s for *_, s in planes], dtype=np.float32).reshape(-1, 1),
         ),
         ordered,
         np.array(
@@ -174,29 +200,35 @@ def pair_group(
     )
 
 
-def pair_margins(group: PairGroup, frames: Frames, n: int) -> FloatArray:
-    """Returns the margins of all q pairs of a group's hulls [m], shape (q, n).
+def pair_margins(group: PairGroup, frames: Frames, center: Singles, half: Singles) -> Singles:
+    """Returns the margins of all q pairs of a group's hulls [m], shape (q, n), in n postures.
 
     Args:
         group: the pairs.
-        frames: of the group's joints in n postures.
-        n: how many postures.
+        frames: of the group's joints.
+        center: middles of the capsules [m], shape (3, s, n).
+        half: from there to one end [m], shape (3, s, n).
     """
-    hulls, planes = group.hulls, group.planes
-    center, half = np.empty((2, 3, len(hulls.center), n))
-    for joint, low, high in hulls.joints:
-        R, p = frames[joint]
-        center[:, low:high] = p[:, None] + hulls.center[low:high] @ R
-        half[:, low:high] = hulls.half[low:high] @ R
-    height = dot(planes.normal, center[:, planes.hulls])
-    height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
-    return np.concatenate(
-        [
-            _round_margins(group.rounds, center, half),
-            height - planes.slack,
-            *(_box_margins(box, frames[box.joint], center, half) for box in group.boxes),
-        ]
-    )
+    planes = group.planes
+    margins = np.empty((len(group.pairs), center.shape[2]), dtype=np.float32)
+    rounds, flats = len(group.rounds.first), len(planes.hulls)
+    margins[:rounds] = _round_margins(group.rounds, center, half)
+    if flats:
+        height = dot(planes.normal, center[:, planes.hulls])
+        height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
+        margins[rounds : rounds + flats] = height - planes.slack
+    first = rounds + flats
+    for boxes in group.boxes:
+        last = first + len(boxes.hulls)
+        margins[first:last] = _box_margins(boxes, frames[boxes.joint], center, half)
+        first = last
+    return margins
+
+
+def _is_aligned(solid: Solid, tree: JointTree) -> bool:
+    """Returns whether a box's axes are along those of its joint's frame."""
+    axes = tree.R_joint_own[solid.joint].T @ solid.pose.rotation
+    return bool(np.abs(axes - np.eye(3)).max() < ALIGNED)
 
 
 def _box_pairs(
@@ -204,8 +236,9 @@ def _box_pairs(
     hulls: Hulls,
     tree: JointTree,
     joint: int,
+    aligned: bool,
     found: Sequence[tuple[int, int, float]],
-    number: Mapping[int, int],
+    number: IntArray,
 ) -> _Boxes:
     """Returns pairs of boxes that move with one joint; found are capsule, box and slack."""
     own = tree.R_joint_own[joint].T
@@ -216,74 +249,90 @@ def _box_pairs(
         axes.append((own @ solid.pose.rotation).T)
         centers.append(own @ np.asarray(solid.pose.act(center)))
         halves.append(half)
-    aligned = np.abs(np.array(axes) - np.eye(3)).max() < ALIGNED
     slack = np.array([s for *_, s in found]).reshape(-1, 1)
     ball = slack + hulls.length[[hull for hull, *_ in found]][:, None]
     return _Boxes(
         joint,
-        None if aligned else np.moveaxis(np.array(axes), 0, 2)[..., None],
-        np.array(centers).T[..., None],
-        np.array(halves).T[..., None],
+        None if aligned else np.moveaxis(np.array(axes, dtype=np.float32), 0, 2)[..., None],
+        np.array(centers, dtype=np.float32).T[..., None],
+        np.array(halves, dtype=np.float32).T[..., None],
         np.array([number[hull] for hull, *_ in found], dtype=np.int64),
         slack,
-        ball,
-        ball + np.linalg.norm(halves, axis=1)[:, None],
+        ball.astype(np.float32),
+        (ball + np.linalg.norm(halves, axis=1)[:, None]).astype(np.float32),
     )
 
 
-def _round_margins(pairs: _Rounds, center: FloatArray, half: FloatArray) -> FloatArray:
-    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, h, n) [m]."""
-    apart = center[:, pairs.first] - center[:, pairs.second]
-    margin = np.sqrt(dot(apart, apart)) - pairs.ball
+def _round_margins(pairs: _Rounds, center: Singles, half: Singles) -> Singles:
+    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, s, n) [m]."""
+    apart = center[:, pairs.first]
+    apart -= center[:, pairs.second]
+    margin = np.sqrt(dot(apart, apart))
+    margin -= pairs.ball
     near = np.nonzero(margin < ENOUGH)
     if len(near[0]):
         ends = []
         for hulls in (pairs.first, pairs.second):
-            middle, to_end = center[:, hulls[near[0]], near[1]], half[:, hulls[near[0]], near[1]]
+            at = slice(None), hulls[near[0]], near[1]
+            middle, to_end = center[at].astype(np.float64), half[at].astype(np.float64)
             ends += [middle + to_end, middle - to_end]
         margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
     return margin
 
 
 def _box_margins(
-    boxes: _Boxes, frame: tuple[FloatArray, FloatArray], center: FloatArray, half: FloatArray
-) -> FloatArray:
-    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, h, n) [m].
+    boxes: _Boxes, frame: tuple[Singles, Singles], center: Singles, half: Singles
+) -> Singles:
+    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, s, n) [m].
 
-    By balls around both; nearer ones by the ball around the capsule and the box; the nearest ones exactly.
+    By balls around both, nearer ones by the ball around the capsule and the box, and the nearest ones exactly. Where
+    boxes stand along the axes of the root link the second step is as quick as the first.
     """
     R, p = frame
     apart = center[:, boxes.hulls]
-    if boxes.joint == WORLD:
-        apart -= boxes.p
-    else:
+    if boxes.joint != WORLD:
         apart -= p[:, None] + boxes.p[..., 0].T @ R
-    margin = np.sqrt(dot(apart, apart)) - boxes.both
+        margin = np.sqrt(dot(apart, apart)) - boxes.both
+        pair, row = np.nonzero(margin < ENOUGH)
+        middle = _seen(boxes, R, pair, row, apart[:, pair, row])
+        margin[pair, row] = _from_balls(middle, boxes.half[:, pair, 0], boxes.ball[pair, 0])
+    elif boxes.axes is not None:
+        apart -= boxes.p
+        apart = _along(boxes.axes, apart)
+        margin = _from_balls(apart, boxes.half, boxes.ball)
+    else:
+        apart -= boxes.p
+        margin = _from_balls(apart, boxes.half, boxes.ball)
     pair, row = np.nonzero(margin < ENOUGH)
     if not len(pair):
         return margin
-    middle = _seen(boxes, R, pair, row, apart[:, pair, row])
-    sides = boxes.half[:, pair, 0]
-    outside = np.maximum(np.abs(middle) - sides, 0.0)
-    found = np.sqrt(dot(outside, outside)) - boxes.ball[pair, 0]
-    near = np.flatnonzero(found < ENOUGH)
-    if len(near):
-        pairs, rows = pair[near], row[near]
-        to_end = _seen(boxes, R, pairs, rows, half[:, boxes.hulls[pairs], rows])
-        middle = middle[:, near]
-        exact = box_distance(middle + to_end, middle - to_end, sides[:, near])
-        found[near] = exact - boxes.slack[pairs, 0]
-    margin[pair, row] = found
+    middle, to_end = apart[:, pair, row], half[:, boxes.hulls[pair], row]
+    if boxes.joint != WORLD:
+        middle = _seen(boxes, R, pair, row, middle)
+    to_end = _seen(boxes, R, pair, row, to_end)
+    middle, to_end = middle.astype(np.float64), to_end.astype(np.float64)
+    exact = box_distance(middle + to_end, middle - to_end, boxes.half[:, pair, 0])
+    margin[pair, row] = exact - boxes.slack[pair, 0]
     return margin
 
 
-def _seen(boxes: _Boxes, R: FloatArray, pair: IntArray, row: IntArray, x: FloatArray) -> FloatArray:
+def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
+    """Returns how far balls about middles (3, ...) are from boxes about the origin at least [m], shape (...)."""
+    outside = np.abs(middle)
+    outside -= half
+    np.maximum(outside, 0.0, out=outside)
+    found: Singles = np.sqrt(dot(outside, outside))
+    found -= ball
+    return found
+
+
+def _seen(boxes: _Boxes, R: Singles, pair: IntArray, row: IntArray, x: Singles) -> Singles:
     """Returns vectors (3, m) along the axes of the boxes of some pairs in some postures, shape (3, m)."""
     if boxes.joint != WORLD:
         x = _along(R.transpose(1, 0, 2)[:, :, row], x)
     return x if boxes.axes is None else _along(boxes.axes[:, :, pair, 0], x)
 
 
-def _along(axes: FloatArray, x: FloatArray) -> FloatArray:
+def _along(axes: Singles, x: Singles) -> Singles:
     """Returns components of vectors (3, ...) along three axes each, of shape (3 axes, 3, ...), broadcast."""
     return np.stack([dot(axis, x) for axis in axes])

@@ -10,7 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.hulls import Hulls
-from dualarm_cli.collision.pair_groups import ENOUGH, Frames, PairGroup, pair_group, pair_margins
+from dualarm_cli.collision.pair_groups import (
+    ENOUGH,
+    ROUNDED,
+    Capsules,
+    PairGroup,
+    Singles,
+    pair_group,
+    pair_margins,
+)
 from dualarm_cli.collision.reach import can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
@@ -23,10 +31,10 @@ from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell
 
-BLOCK = 20_000
+BLOCK = 100_000
 """Pairs in postures that are tested at a time: their arrays stay in the cache."""
-LEAST_ROWS = 128
-"""Postures that are tested at a time at least."""
+LEAST_ROWS, MOST_ROWS = 128, 1024
+"""Postures that are tested at a time at least and at most."""
 OVERLAP = 3e-4
 """How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
 DOUBTED = 0.004
@@ -55,7 +63,9 @@ class QuickTest:
             for pair in pairs_that_must_keep_apart(model, self._solids, cell)
             if can_meet(model, self._solids[pair.first], self._solids[pair.second], pair, ENOUGH)
         ]
+        self._single = self._tree.single()
         self._hulls = Hulls.of(self._solids, self._tree)
+        self._capsules = Capsules.of(self._solids, self._hulls)
         members = {arm.name: set(arm.joints) for arm in robot.arms}
         self.arms = tuple(members)
         """Names of the arms."""
@@ -129,11 +139,21 @@ class QuickTest:
             group: of this test.
             position: all joints of the robot [rad], shape (n, columns).
         """
-        least = np.full(len(position), np.inf)
-        if group.pairs:
-            rows = max(LEAST_ROWS, BLOCK // len(group.pairs))
+        return self.margins_of([group], position)[0]
+
+    def margins_of(self, groups: Sequence[PairGroup], position: FloatArray) -> FloatArray:
+        """Returns the margins of g groups [m], shape (g, n); quicker than one group after the other.
+
+        Args:
+            groups: of this test.
+            position: all joints of the robot [rad], shape (n, columns).
+        """
+        least = np.full((len(groups), len(position)), np.inf)
+        pairs = max((len(group.pairs) for group in groups), default=0)
+        if pairs:
+            rows = min(max(LEAST_ROWS, BLOCK // pairs), MOST_ROWS)
             for k in range(0, len(position), rows):
-                least[k : k + rows] = self._block(group, position[k : k + rows])
+                self._block(groups, position[k : k + rows], least[:, k : k + rows])
         return least
 
     def nearest(self, position: FloatArray, pairs: Sequence[Pair]) -> tuple[str, str, float]:
@@ -164,29 +184,40 @@ class QuickTest:
         solids = (self._solids[pair.first], self._solids[pair.second])
         return any(s.carrier for s in solids) and any(s.joint == WORLD for s in solids)
 
-    def _block(self, group: PairGroup, position: FloatArray) -> FloatArray:
-        frames = self._tree.frames(position, group.joints)
-        margins = pair_margins(group, frames, len(position))
-        if group.rough.any():
-            sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
-            doubted = group.rough[:, None] & (margins < DOUBTED) & sure
-            for row in np.flatnonzero(doubted.any(axis=0)).tolist():
-                self._look_closer(group, frames, row, margins[:, row], doubted[:, row])
-        least: FloatArray = margins.min(axis=0)
-        return least
-
-    def _look_closer(
-        self, group: PairGroup, frames: Frames, row: int, margins: FloatArray, doubted: BoolArray
+    def _block(
+        self, groups: Sequence[PairGroup], position: FloatArray, least: FloatArray
     ) -> None:
-        """Puts true margins in the place of doubted ones of one posture, until none left can be the least."""
-        least = margins[~doubted].min(initial=np.inf)
-        for number in np.flatnonzero(doubted)[np.argsort(margins[doubted])].tolist():
-            if margins[number] >= least:
-                break
-            margins[number] = self._margin(group.pairs[number], frames, row)
-            least = min(least, margins[number])
+        """Puts margins of g groups at n postures into `least`, shape (g, n)."""
+        joints = frozenset().union(*(group.joints for group in groups))
+        frames = self._single.frames(position.astype(np.float32), joints)
+        center, half = self._capsules.placed(frames, joints, len(position))
+        for k, group in enumerate(groups):
+            if not group.pairs:
+                continue
+            margins = pair_margins(group, frames, center, half)
+            if group.rough.any():
+                self._look_closer(group, position, margins)
+            least[k] = margins.min(axis=0)
 
-    def _margin(self, pair: Pair, frames: Frames, row: int) -> float:
+    def _look_closer(self, group: PairGroup, position: FloatArray, margins: Singles) -> None:
+        """Puts true margins in the place of doubted ones (q, n) at n postures, where all else keeps clear."""
+        sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
+        doubted = group.rough[:, None] & (margins < DOUBTED) & sure
+        rows = np.flatnonzero(doubted.any(axis=0))
+        frames = self._tree.frames(position[rows], group.joints)
+        for k, row in enumerate(rows.tolist()):
+            least = margins[~doubted[:, row], row].min(initial=np.inf)
+            numbers = np.flatnonzero(doubted[:, row])
+            # Until none that is left can be the least.
+            for number in numbers[np.argsort(margins[numbers, row])].tolist():
+                if margins[number, row] >= least:
+                    break
+                margins[number, row] = self._margin(group.pairs[number], frames, k) - ROUNDED
+                least = min(least, margins[number, row])
+
+    def _margin(
+        self, pair: Pair, frames: Mapping[int, tuple[FloatArray, FloatArray]], row: int
+    ) -> float:
         """Returns distance less required clearance of one pair in one of n postures, by coal [m]."""
         places = []
         for number in (pair.first, pair.second):
@@ -205,7 +236,7 @@ class QuickTest:
         return float(result.min_distance) - pair.required
 
     def _grouped(self, pairs: Sequence[Pair]) -> PairGroup:
-        return pair_group(self._solids, self._hulls, self._tree, pairs)
+        return pair_group(self._solids, self._hulls, self._capsules, self._tree, pairs)
 
 
 def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set[str]:

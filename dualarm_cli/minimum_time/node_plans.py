@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.node_paths import NodePath
-from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes
+from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
 from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -53,7 +53,8 @@ def plans_on_nodes(
     tables: tuple[StopTable, ...],
     mesh: Mesh,
     plans: int,
-    near: Decisions | None = None,
+    near: Evaluated | None = None,
+    loose: BoolArray | None = None,
 ) -> NodePlans:
     """Returns the beam's plans on a grid of nodes, and the grid's bound.
 
@@ -63,28 +64,24 @@ def plans_on_nodes(
         mesh: how finely nodes are set.
         plans: how many plans at most.
         near: a plan around which the platform angles lie, if the mesh has them around one.
+        loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
+            by default.
     """
     if mesh.around and near is not None:
-        angles = angles_near(problem, near, mesh)
+        angles = angles_near(problem, near.decisions, mesh)
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
+
+    def nodes(a: int, k: int) -> Nodes:
+        if near is not None and loose is not None and not loose[k]:
+            return _own_node(problem, a, k, angles[k], near)
+        grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
+        return _free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
+
     arms = []
     for a, work in enumerate(problem.arms):
-        nodes = (
-            None
-            if stop is None
-            else _free_nodes(
-                problem,
-                a,
-                k,
-                angles[k],
-                grid_nodes(
-                    problem, a, tables[a], k, Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
-                ),
-            )
-            for k, stop in enumerate(work.stops)
-        )
-        layers = arm_layers(problem, a, angles, nodes)
+        found = (None if stop is None else nodes(a, k) for k, stop in enumerate(work.stops))
+        layers = arm_layers(problem, a, angles, found)
         if any(layer is not None and not len(layer.work) for layer in layers.layers):
             return NodePlans([], None)
         arms.append(layers)
@@ -101,6 +98,23 @@ def plans_on_nodes(
             return NodePlans(possible, bound)
         arms = [_without(arm, a, *found[0]) for a, arm in enumerate(arms)]
     return NodePlans([], bound)
+
+
+def _own_node(
+    problem: SequenceProblem, a: int, k: int, angles: FloatArray, plan: Evaluated
+) -> Nodes:
+    """Returns the one node of a stop that a plan takes."""
+    work, found, row = problem.arms[a], plan.arms[a], np.array([k])
+    stop = work.stops[k]
+    assert stop is not None  # callers ask for active stages only
+    return Nodes(
+        np.array([np.argmin(np.abs(angles - plan.decisions.angle[k]))]),
+        plan.decisions.arms[a].take(row),
+        found.q_approach[row],
+        found.q_retract[row],
+        found.work[row],
+        stop.free_yaw and yaw_turns_last_joint(work),
+    )
 
 
 def _free_nodes(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.node_plans import Mesh, plans_on_nodes
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
@@ -96,6 +97,8 @@ EFFORTS = {
 """By name."""
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
 """The grid around a plan that nearly does."""
+BESIDE = 1
+"""So many stages to either side of one that does not keep clear are looked at with it."""
 LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 1.06
@@ -145,7 +148,7 @@ def search(
         return None
     best = _combined(problem, tables, pool, how, seed)
     for _ in range(how.local_rounds):
-        around = plans_on_nodes(problem, tables, how.local, how.plans, best.decisions).plans
+        around = plans_on_nodes(problem, tables, how.local, how.plans, best).plans
         before = best.total
         best = _combined(problem, tables, [best, *(plan for _, plan in around)], how, seed)
         if best.total > (1.0 - LITTLE) * before:
@@ -159,8 +162,8 @@ def search_near(
 ) -> Evaluated | None:
     """Returns a fast plan about one that is fast but does not keep clear, None where a stop has no node near it.
 
-    One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
-    again.
+    One grid around the plan at the stages that do not keep clear and those beside them; what the beam finds there is
+    polished, combined with the plan stage by stage, and polished again.
 
     Args:
         problem: the sequence, with clearance.
@@ -171,11 +174,28 @@ def search_near(
     how = EFFORTS[effort].for_stages(problem.stages)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
-    around = [plan for _, plan in plans_on_nodes(problem, tables, NEAR, how.plans, near).plans]
+    loose = _loose(problem, start)
+    found = plans_on_nodes(problem, tables, NEAR, how.plans, start, loose)
+    around = [plan for _, plan in found.plans]
     if not around:
         return None
     best = _combined(problem, tables, [*around, start], how, seed)
     return polish(problem, tables, best, how.rounds, how.random_steps, seed)
+
+
+def _loose(problem: SequenceProblem, plan: Evaluated) -> BoolArray:
+    """Returns the stages to look at anew for a plan to keep clear, shape (n,): with moves that do, those before them."""
+    clear = plan_clearance(problem, plan)
+    n = problem.stages
+    moves = ~clear.moves | (clear.waits > 0.0)
+    touched = ~clear.stops | moves[:n]
+    touched[:-1] |= moves[1:n]
+    touched[-1] |= moves[n]
+    loose = touched.copy()
+    for k in range(1, BESIDE + 1):
+        loose[k:] |= touched[:-k]
+        loose[:-k] |= touched[k:]
+    return loose
 
 
 def _combined(

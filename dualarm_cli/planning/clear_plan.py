@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +12,8 @@ from dualarm_cli.minimum_time.clearance import Barred
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.motion import Motion, realise
-from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.motion import KnownLines, Motion, realise
+from dualarm_cli.planning.stage_plan import StagePlan, same_postures
 from dualarm_cli.planning.stage_samples import MOVES, StageSamples, alone_clear, stage_samples
 from dualarm_cli.timing import TimingSolver
 
@@ -86,13 +86,14 @@ def quickest_clear(
     model, job = problem.model, problem.job
     blind = solve(problem)
     progress("timing the motion")
-    timed = _timed(problem, blind, timing)
+    lines: KnownLines = {}
+    timed = _timed(problem, blind, timing, lines)
     reference = timed[0][1].trajectory.duration
     if not clear:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
     holding = Holding.of(job)
     _check_start(problem, holding)
-    clearing = Clearing(model, job, holding, timing, problem.seed)
+    clearing = Clearing(model, job, holding, timing, problem.seed, lines)
     best = None
     for plans, motion in timed:
         if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:
@@ -117,12 +118,12 @@ def quickest_clear(
         except InfeasibleError as error:
             failure = error
             break
-        tried = _cleared(clearing, _timed(problem, decided, timing))
+        tried = _cleared(clearing, _timed(problem, decided, timing, lines))
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
         barred = (*asked.barred, *_bars(clearing, tried))
         # Only a method over the whole sequence does something else with what is known now.
-        if len(barred) == len(asked.barred) or _same(decided.stages, asked.blind):
+        if len(barred) == len(asked.barred) or same_postures(decided.stages, asked.blind):
             break
         asked = replace(asked, barred=barred, blind=tuple(decided.stages))
     if found is not None and not found.cleared.blocked:
@@ -149,20 +150,14 @@ def _check_start(problem: MethodProblem, holding: Holding) -> None:
         )
 
 
-def _same(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
-    """Returns whether two plans take the same postures in all stages."""
-    return len(one) == len(other) and all(
-        np.array_equal(a.arrival, b.arrival) and np.array_equal(a.end, b.end)
-        for a, b in zip(one, other, strict=True)
-    )
-
-
 def _timed(
-    problem: MethodProblem, decided: Decided, timing: TimingSolver
+    problem: MethodProblem, decided: Decided, timing: TimingSolver, lines: KnownLines
 ) -> list[tuple[list[StagePlan], Motion]]:
     """Returns a method's plans with their motions, quickest first."""
     plans = [decided.stages, *decided.alternatives]
-    timed = [(stages, realise(problem.model, problem.job, stages, timing)) for stages in plans]
+    timed = [
+        (stages, realise(problem.model, problem.job, stages, timing, lines)) for stages in plans
+    ]
     return sorted(timed, key=lambda one: one[1].trajectory.duration)
 
 

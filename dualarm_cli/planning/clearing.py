@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import StageContext, quickest_curve, quickest_stopover
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import Motion, realise
+from dualarm_cli.planning.motion import KnownLines, Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
     KEPT,
@@ -22,6 +22,7 @@ from dualarm_cli.planning.stage_samples import (
     combined,
     keeps_clear,
     stage_samples,
+    which_keep_clear,
 )
 from dualarm_cli.planning.transfer_paths import transfer_path
 from dualarm_cli.planning.transfers import SPEED_MARGIN
@@ -61,14 +62,18 @@ class Clearing:
     """How transfers and curves are timed."""
     seed: int
     """Of what is tried at random."""
+    lines: KnownLines = field(default_factory=dict)
+    """Lines that are timed already: mended stages keep theirs."""
+
+    def timed(self, plans: list[StagePlan]) -> Motion:
+        """Returns the motion of some stages."""
+        return realise(self.model, self.job, plans, self.timing, self.lines)
 
     def touching(self, motion: Motion) -> list[int]:
         """Returns the stages of a motion that do not keep clear."""
-        return [
-            k
-            for k in range(len(motion.stages))
-            if not keeps_clear(self.holding.cell, stage_samples(motion, k, k, self.holding))
-        ]
+        stages = [stage_samples(motion, k, k, self.holding) for k in range(len(motion.stages))]
+        touching: list[int] = np.flatnonzero(~which_keep_clear(self.holding.cell, stages)).tolist()
+        return touching
 
     def cleared(
         self,
@@ -97,7 +102,7 @@ class Clearing:
                 found[k] = mended
         if len(blocked) == len(touching):
             return Cleared(found, motion, tuple(blocked))
-        return Cleared(found, realise(self.model, self.job, found, self.timing), tuple(blocked))
+        return Cleared(found, self.timed(found), tuple(blocked))
 
     def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns a stage that keeps clear, None where nothing that was tried does."""
@@ -131,7 +136,7 @@ class Clearing:
         return all(float(np.linalg.norm(way, axis=1).max()) <= allowed for way in ways)
 
     def _context(self, plan: StagePlan, k: int) -> StageContext:
-        motion = realise(self.model, self.job, [plan], self.timing)
+        motion = self.timed([plan])
         samples = stage_samples(motion, 0, k, self.holding)
         ways = arm_ways(self.model, motion, 0, samples)
         return StageContext(
@@ -175,9 +180,7 @@ class Clearing:
             tries += [one for one in stopovers if one is not None]
         if not tries:
             return None
-        lengths = [
-            realise(self.model, self.job, [one], self.timing).trajectory.duration for one in tries
-        ]
+        lengths = [self.timed([one]).trajectory.duration for one in tries]
         return tries[int(np.argmin(lengths))]
 
     def _path(self, plan: StagePlan, k: int) -> StagePlan | None:

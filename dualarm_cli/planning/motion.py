@@ -42,18 +42,30 @@ class Motion:
     """In time order."""
 
 
+KnownLines = dict[tuple[int, str], tuple[ArmStop, Trajectory]]
+"""Lines that are timed already, by identity of their stop and by which of its lines they are; with the stop itself, so
+that no other one takes its identity."""
+
+
 @dataclass
 class _Recorder:
     """Pieces of motion per joint group, and what they mean, while stages are added."""
 
     pieces: dict[str, list[Trajectory]]
     segments: dict[str, list[Segment]]
+    lines: KnownLines
     events: list[Event] = field(default_factory=list)
     stages: list[Stage] = field(default_factory=list)
     clock: float = 0.0
 
 
-def realise(model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSolver) -> Motion:
+def realise(
+    model: CellModel,
+    job: Job,
+    plans: list[StagePlan],
+    timing: TimingSolver,
+    lines: KnownLines | None = None,
+) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
     Args:
@@ -61,12 +73,17 @@ def realise(model: CellModel, job: Job, plans: list[StagePlan], timing: TimingSo
         job: what is to be done.
         plans: its stages in order.
         timing: how transfers and lines are timed.
+        lines: those of the same stops that are timed already; others are added.
     """
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
     columns = {PLATFORM: model.platform_columns} if robot.platform else {}
     columns |= {name: arm.columns for name, arm in model.arms.items()}
-    record = _Recorder({name: [] for name in columns}, {name: [] for name in model.arms})
+    record = _Recorder(
+        {name: [] for name in columns},
+        {name: [] for name in model.arms},
+        {} if lines is None else lines,
+    )
     for plan in plans:
         transfers = transfers_within_tool_speed(
             model, plan, columns, limits, timing, job.tool_speed
@@ -244,6 +261,15 @@ def _add_stop(
     arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
     own = limits.select(arm.arm.joints)
 
+    def line(which: str) -> Trajectory:
+        key = (id(arm_stop), which)
+        if key not in record.lines:
+            record.lines[key] = (
+                arm_stop,
+                solve_line(arm_stop, which, own, job.tool_speed, timing),
+            )
+        return record.lines[key][1]
+
     def add(piece: Trajectory, kind: SegmentKind) -> None:
         nonlocal clock
         pieces.append(piece)
@@ -251,12 +277,12 @@ def _add_stop(
         clock += piece.duration
 
     if stop.approach > 0:
-        add(solve_line(arm_stop, "approach", own, job.tool_speed, timing), "approach")
+        add(line("approach"), "approach")
     record.events.append(_event(model, plan, arm_stop, clock))
     if stop.dwell.total > 0:
         add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
     if stop.retract > 0:
-        add(solve_line(arm_stop, "retract", own, job.tool_speed, timing), "retract")
+        add(line("retract"), "retract")
     return clock
 
 

@@ -16,13 +16,17 @@ from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.sequence_plans import decisions_of, stage_plans
 from dualarm_cli.planning.sequence_problem import sequence_problem
-from dualarm_cli.planning.stages import StagePlan, choose_stages_with
+from dualarm_cli.planning.stage_plan import StagePlan, same_postures
+from dualarm_cli.planning.stages import choose_stages_with
 
 ALIKE = 0.08
 """A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
-lines are a few percent off, and a third of a cycle is lines."""
+lines are a few percent off, and a third of a cycle is lines. In longer sequences what is wrong with single lines
+evens out."""
 REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
+LONG = 24
+"""Both shares shrink with the square root of the number of stages beyond this one."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
 SHORT = range(2, 5)
@@ -79,7 +83,7 @@ def _starts(
     for name, plan in rough.items():
         if isinstance(plan, InfeasibleError):
             failure = failure or plan
-        else:
+        elif not any(same_postures(plan, other) for other in starts.values()):
             starts[name] = plan
     return starts, failure
 
@@ -114,16 +118,17 @@ def _rivals(
     total = found.best.total
     few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
     capped = problem.job.tool_speed is not None
-    worth = dict.fromkeys(starts, np.inf if capped else REFINED)
+    even = min(1.0, np.sqrt(LONG / len(problem.job.stages())))
+    worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
     if MINIMUM_TIME in worth:
-        worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES
+        worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even
     near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
     refined = choose_stages_with(
         problem.model, problem.job, near, problem.redundancy, holding=problem.holding
     )
     plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
     # What a cap on the tools' speed costs is not known before a plan is timed exactly.
-    return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE) * total)
+    return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE * even) * total)
 
 
 def _length(plan: list[StagePlan]) -> float:

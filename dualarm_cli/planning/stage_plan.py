@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Stop, Task
@@ -58,3 +60,16 @@ class StagePlan:
     """What an arm passes by on its transfer, to keep clear of the cell or the other arm; by arm."""
     path: FloatArray | None = None
     """All joints along the transfer's path [rad], shape (m, n), where all of them move along one together."""
+
+
+def same_postures(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
+    """Returns whether two plans take the same postures in all stages."""
+    return len(one) == len(other) and all(
+        np.array_equal(a.arrival, b.arrival)
+        and np.array_equal(a.end, b.end)
+        and all(
+            np.array_equal(stop.posture.q_target, b.stops[arm].posture.q_target)
+            for arm, stop in a.stops.items()
+        )
+        for a, b in zip(one, other, strict=True)
+    )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.planning.holding import Holding
@@ -21,7 +21,8 @@ MOST = 20_000
 KEPT = 0.0005
 """What is asked for beyond the required clearance, for what is between the instants [m]."""
 NEAR = 0.008
-"""Between two instants of which one has less than this to spare it is looked at more closely [m]."""
+"""Between two instants of which one has less than this to spare it is looked at more closely [m]; times their number
+where instants have been left out between the two."""
 COARSE = 8
 """Every so many instants are looked at first."""
 BETWEEN = 8
@@ -32,6 +33,9 @@ LINES = ("approach", "dwell", "retract")
 """Segments on which a part may touch what stands still."""
 MOVES = ("transfer", "return")
 """Segments that lead to where a line begins."""
+
+Margins = Callable[[FloatArray, IntArray], FloatArray]
+"""Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
 
 
 @dataclass(frozen=True)
@@ -175,47 +179,79 @@ def combined(
 
 def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:
     """Returns whether everything keeps clear of everything in a stage."""
-    arms = range(len(cell.arms))
-    return apart(cell, samples) and all(alone_clear(cell, samples, a) for a in arms)
+    return bool(which_keep_clear(cell, [samples])[0])
+
+
+def which_keep_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
+    """Returns in which of s stages everything keeps clear of everything, shape (s,)."""
+    kept = np.ones(len(stages), dtype=np.bool_)
+    kinds = [_cross(cell), *(_own(cell, a) for a in range(len(cell.arms)))]
+    for margins in kinds:
+        left = np.flatnonzero(kept)
+        kept[left] = _kept([stages[k] for k in left], margins)
+    return kept
 
 
 def apart(cell: CellClearance, samples: StageSamples) -> bool:
     """Returns whether the arms keep clear of each other."""
-
-    def margins(some: StageSamples) -> FloatArray:
-        return cell.cross_margins(some.position, some.held)
-
-    return _all_kept(samples, margins)
+    return bool(_kept([samples], _cross(cell))[0])
 
 
 def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
     """Returns whether one arm keeps clear of itself and of all that is not the other arm."""
-
-    def margins(some: StageSamples) -> FloatArray:
-        return cell.own_margins(a, some.position, some.held[:, a], ground=True)
-
-    return _all_kept(samples, margins)
+    return bool(_kept([samples], _own(cell, a))[0])
 
 
-def _all_kept(samples: StageSamples, margins: Callable[[StageSamples], FloatArray]) -> bool:
-    """Returns whether all margins are kept, at some instants, then at all of them, and between those."""
-    some = StageSamples(samples.position[::COARSE], samples.held[::COARSE])
-    if not (margins(some) >= KEPT).all():
-        return False
-    found = margins(samples)
-    if not (found >= KEPT).all():
-        return False
-    return bool((margins(_between(samples, found)) >= KEPT).all())
+def _cross(cell: CellClearance) -> Margins:
+    return cell.cross_margins
 
 
-def _between(samples: StageSamples, margin: FloatArray) -> StageSamples:
-    """Returns more instants where it is tight; between two of them joints are taken to go straight."""
+def _own(cell: CellClearance, a: int) -> Margins:
+    def margins(position: FloatArray, held: IntArray) -> FloatArray:
+        return cell.own_margins(a, position, held[:, a], ground=True)
+
+    return margins
+
+
+def _kept(stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
+    """Returns in which of s stages all margins are kept, shape (s,).
+
+    At every COARSE-th instant first, then at all of them about those that have little to spare, or between which what
+    is held changes, and then between these.
+    """
+    kept = np.ones(len(stages), dtype=np.bool_)
+    if not len(stages):
+        return kept
+    position = np.concatenate([stage.position for stage in stages])
+    held = np.concatenate([stage.held for stage in stages])
+    length = np.array([len(stage.position) for stage in stages])
+    last = np.cumsum(length) - 1
+    stage = np.repeat(np.arange(len(stages)), length)
+    within = np.arange(len(position)) - (last - length + 1)[stage]
+
+    def looked_at(rows: IntArray, q: FloatArray, numbers: IntArray) -> FloatArray:
+        found = margins(q, numbers)
+        kept[stage[rows[found < KEPT]]] = False
+        return found
+
+    rows = np.flatnonzero((within % COARSE == 0) | (within == length[stage] - 1))
+    margin = np.full(len(position), np.inf)
+    margin[rows] = looked_at(rows, position[rows], held[rows])
+    first, second = rows[:-1], rows[1:]
+    close = np.minimum(margin[first], margin[second]) < NEAR * (second - first)
+    close |= (held[first] != held[second]).any(axis=1)
+    close &= (stage[first] == stage[second]) & kept[stage[first]]
+    steps = (first[close, None] + np.arange(1, COARSE)).ravel()
+    rows = steps[steps < np.repeat(second[close], COARSE - 1)]
+    margin[rows] = looked_at(rows, position[rows], held[rows])
     tight = np.flatnonzero(np.minimum(margin[:-1], margin[1:]) < NEAR)
+    tight = tight[(stage[tight] == stage[tight + 1]) & kept[stage[tight]]]
+    # Between two instants joints are taken to go straight.
     share = ((np.arange(BETWEEN) + 1.0) / (BETWEEN + 1.0))[None, :, None]
-    start, end = samples.position[tight, None], samples.position[tight + 1, None]
-    position = (start + share * (end - start)).reshape(-1, samples.position.shape[1])
-    held = np.repeat(samples.held[tight], BETWEEN, axis=0)
-    return replace(samples, position=position, held=held)
+    way = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
+    rows = np.repeat(tight, BETWEEN)
+    looked_at(rows, way.reshape(-1, position.shape[1]), held[rows])
+    return kept
 
 
 def last_motion(position: FloatArray) -> int:
