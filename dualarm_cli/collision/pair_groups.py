@@ -9,6 +9,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from dualarm_cli.collision.box_pairs import BoxPairs
 from dualarm_cli.collision.distances import box_distance, dot, segment_distance
 from dualarm_cli.collision.hulls import Hulls, box_around, is_rough, keeps_form
 from dualarm_cli.collision.solids import WORLD, Pair, Solid
@@ -127,6 +128,8 @@ class PairGroup:
     """The pairs in the order of rounds, planes and boxes, q of them."""
     rough: BoolArray
     """Whether a hull of the pair is wider than the solid, shape (q,)."""
+    both_boxes: BoxPairs
+    """Those of the rough ones that are two boxes."""
 
 
 def pair_group(
@@ -197,6 +200,7 @@ def pair_group(
         np.array(
             [is_rough(solids[pair.first], solids[pair.second]) for pair in ordered], dtype=np.bool_
         ),
+        BoxPairs.of(solids, tree, ordered),
     )
 
 
@@ -310,8 +314,8 @@ def _box_margins(
     if boxes.joint != WORLD:
         middle = _seen(boxes, R, pair, row, middle)
     to_end = _seen(boxes, R, pair, row, to_end)
-    middle, to_end = middle.astype(np.float64), to_end.astype(np.float64)
-    exact = box_distance(middle + to_end, middle - to_end, boxes.half[:, pair, 0])
+    ends = [(middle + sign * to_end).astype(np.float64) for sign in (1.0, -1.0)]
+    exact = box_distance(ends[0], ends[1], boxes.half[:, pair, 0].astype(np.float64))
     margin[pair, row] = exact - boxes.slack[pair, 0]
     return margin
 

@@ -14,6 +14,7 @@ from dualarm_cli.collision.pair_groups import (
     ENOUGH,
     ROUNDED,
     Capsules,
+    Frames,
     PairGroup,
     Singles,
     pair_group,
@@ -37,6 +38,8 @@ LEAST_ROWS, MOST_ROWS = 128, 1024
 """Postures that are tested at a time at least and at most."""
 OVERLAP = 3e-4
 """How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
+OVERLAPS = 1e-3
+"""Boxes that no axis shows to overlap by less are looked at by coal [m]."""
 DOUBTED = 0.004
 """Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
 
@@ -184,9 +187,7 @@ class QuickTest:
         solids = (self._solids[pair.first], self._solids[pair.second])
         return any(s.carrier for s in solids) and any(s.joint == WORLD for s in solids)
 
-    def _block(
-        self, groups: Sequence[PairGroup], position: FloatArray, least: FloatArray
-    ) -> None:
+    def _block(self, groups: Sequence[PairGroup], position: FloatArray, least: FloatArray) -> None:
         """Puts margins of g groups at n postures into `least`, shape (g, n)."""
         joints = frozenset().union(*(group.joints for group in groups))
         frames = self._single.frames(position.astype(np.float32), joints)
@@ -196,13 +197,28 @@ class QuickTest:
                 continue
             margins = pair_margins(group, frames, center, half)
             if group.rough.any():
-                self._look_closer(group, position, margins)
+                self._look_closer(group, frames, position, margins)
             least[k] = margins.min(axis=0)
 
-    def _look_closer(self, group: PairGroup, position: FloatArray, margins: Singles) -> None:
+    def _look_closer(
+        self, group: PairGroup, frames: Frames, position: FloatArray, margins: Singles
+    ) -> None:
         """Puts true margins in the place of doubted ones (q, n) at n postures, where all else keeps clear."""
         sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
         doubted = group.rough[:, None] & (margins < DOUBTED) & sure
+        boxes = group.both_boxes
+        which, row = np.nonzero(doubted[boxes.number])
+        if len(which):
+            pair, gap = boxes.number[which], boxes.gaps(which, frames, row)
+            own = (gap - boxes.required[which] - ROUNDED).astype(np.float32)
+            margins[pair, row] = np.maximum(margins[pair, row], own)
+            # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
+            doubted[pair, row] = (margins[pair, row] < 0.0) & (gap > -OVERLAPS)
+        self._ask_coal(group, position, margins, doubted)
+
+    def _ask_coal(
+        self, group: PairGroup, position: FloatArray, margins: Singles, doubted: BoolArray
+    ) -> None:
         rows = np.flatnonzero(doubted.any(axis=0))
         frames = self._tree.frames(position[rows], group.joints)
         for k, row in enumerate(rows.tolist()):

@@ -29,9 +29,9 @@ class JointTree:
     """Column of each joint's position; -1 of joint 0."""
     R_joint_own: FloatArray
     """Rotation of the frame that is used here in pinocchio's of the same joint, shape (j, 3, 3)."""
-    R_parent_own: FloatArray
+    R_parent_own: NDArray[np.floating[Any]]
     """Rotation before each joint's motion, between frames that are used here, shape (j, 3, 3)."""
-    p_parent_own: FloatArray
+    p_parent_own: NDArray[np.floating[Any]]
     """Translation before each joint's motion [m], shape (j, 3)."""
     slides: tuple[bool, ...]
     """Whether a joint slides along its axis."""

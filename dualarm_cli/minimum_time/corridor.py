@@ -114,14 +114,7 @@ def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:
     """Returns the decisions that take each stage from the plan it names."""
     result = plans[0]
     for m in np.unique(picked):
-        rows = np.nonzero(picked == m)[0]
-        angle = np.array(result.angle)
-        angle[rows] = plans[m].angle[rows]
-        arms = tuple(
-            mine.put(rows, other.take(rows))
-            for mine, other in zip(result.arms, plans[m].arms, strict=True)
-        )
-        result = Decisions(angle, arms)
+        result = result.put(np.nonzero(picked == m)[0], plans[m])
     return result
 
 

@@ -87,6 +87,8 @@ def _solve(
         # The stage after a window starts from it; the last window has the return.
         past = end + 1
         inner = np.concatenate(inner_of[first:end])
+        if not len(inner):
+            continue
         times = _time_columns(n, len(problem.arms), first, past)
         columns = np.concatenate([inner, v + times])
         local[columns] = np.arange(len(columns))
@@ -116,9 +118,10 @@ def _bounds(
     lower, upper = -radius, radius.copy()
     if problem.turns:
         low, high = problem.platform_range
-        room = best.decisions.angle
-        lower[variables.angle] = np.maximum(lower[variables.angle], low - room)
-        upper[variables.angle] = np.minimum(upper[variables.angle], high - room)
+        free = variables.angle >= 0
+        columns, here = variables.angle[free], best.decisions.angle[free]
+        lower[columns] = np.maximum(lower[columns], low - here)
+        upper[columns] = np.minimum(upper[columns], high - here)
     return lower, upper
 
 

@@ -37,6 +37,10 @@ class Mesh:
     around: int = 0
     """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
 
+    def thinned(self, share: float) -> Mesh:
+        """Returns the mesh with a share of its nodes."""
+        return replace(self, most_nodes=round(share * self.most_nodes))
+
 
 @dataclass(frozen=True)
 class NodePlans:
@@ -80,8 +84,8 @@ def plans_on_nodes(
 
     arms = []
     for a, work in enumerate(problem.arms):
-        found = (None if stop is None else nodes(a, k) for k, stop in enumerate(work.stops))
-        layers = arm_layers(problem, a, angles, found)
+        of_stages = (None if stop is None else nodes(a, k) for k, stop in enumerate(work.stops))
+        layers = arm_layers(problem, a, angles, of_stages)
         if any(layer is not None and not len(layer.work) for layer in layers.layers):
             return NodePlans([], None)
         arms.append(layers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.minimum_time.corridor import best_combination
 from dualarm_cli.minimum_time.linear_steps import linear_step
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
@@ -32,6 +32,7 @@ def polish(
     rounds: int,
     random_steps: int,
     seed: int,
+    loose: BoolArray | None = None,
 ) -> Evaluated:
     """Returns a plan that is nowhere slower than the start, after some rounds.
 
@@ -44,8 +45,9 @@ def polish(
         rounds: how many rounds at most.
         random_steps: how many random steps are offered besides.
         seed: of the random steps.
+        loose: stages in which something may change, shape (n,); all by default.
     """
-    variables = Variables.of(problem)
+    variables = Variables.of(problem, loose)
     if not variables.count:
         return start
     random = np.random.default_rng(seed)

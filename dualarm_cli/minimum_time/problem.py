@@ -160,3 +160,10 @@ class Decisions:
     """Platform angle of each stage [rad], shape (n,); where it cannot be turned, zeros."""
     arms: tuple[ArmDecisions, ...]
     """By arm, in the problem's order."""
+
+    def put(self, rows: IntArray, other: Decisions) -> Decisions:
+        """Returns these decisions with some stages as another plan has them."""
+        angle = np.array(self.angle)
+        angle[rows] = other.angle[rows]
+        arms = zip(self.arms, other.arms, strict=True)
+        return Decisions(angle, tuple(mine.put(rows, theirs.take(rows)) for mine, theirs in arms))

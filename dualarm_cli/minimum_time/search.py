@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.minimum_time.corridor import best_combination
+from dualarm_cli.minimum_time.node_paths import kind_of
 from dualarm_cli.minimum_time.node_plans import Mesh, plans_on_nodes
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate
+
+
+def evening(stages: int) -> float:
+    """Returns how much less luck at single stages counts in a sequence that is longer than WHOLE, 1 in others."""
+    return min(1.0, float(np.sqrt(WHOLE / stages)))
 
 
 @dataclass(frozen=True)
@@ -39,8 +46,15 @@ class Effort:
     """Plans of every grid that are polished: different in branches, targets or yaws."""
 
     def for_stages(self, stages: int) -> Effort:
-        """Returns more of all for short sequences, where it takes little time."""
+        """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
         more = min(MOST, max(1, WHOLE // stages))
+        if stages > WHOLE:
+            share = max(LEAST_NODES, evening(stages))
+            return replace(
+                self,
+                meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
+                local=self.local.thinned(share),
+            )
         return replace(
             self,
             meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
@@ -54,6 +68,8 @@ class Effort:
 
 WHOLE = 24
 """Sequences of so many stages or more take as long as they are."""
+LEAST_NODES = 0.7
+"""Share of a grid's nodes that is left of it in the longest sequences."""
 FEW = 4
 """So many times more rounds and further grids."""
 MOST = 4
@@ -101,8 +117,12 @@ BESIDE = 1
 """So many stages to either side of one that does not keep clear are looked at with it."""
 LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
-PROMISING = 1.06
-"""A plan that is slower than the best one by more than this factor is not polished."""
+PROMISING = 0.06
+"""A plan that is slower than the best one by more than this share is not polished."""
+POLISHED = 3
+"""So many plans of a long sequence are polished before they are combined."""
+AT_ONCE = 2
+"""Grids that are worked on at the same time; each takes up to a gigabyte for a thousand stages."""
 
 
 @dataclass(frozen=True)
@@ -136,13 +156,13 @@ def search(
     how = EFFORTS[effort].for_stages(problem.stages)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     pool = [evaluate(problem, tables, start) for start in starts]
-    bound, total = None, None
-    for k, mesh in enumerate(how.meshes):
-        found = plans_on_nodes(problem, tables, mesh, how.plans)
-        if k == 0:
-            bound = found.bound
-            total = found.plans[0][0].total if found.plans else None
-        pool += [plan for _, plan in found.plans]
+    with ThreadPoolExecutor(AT_ONCE) as threads:
+        made = list(
+            threads.map(lambda mesh: plans_on_nodes(problem, tables, mesh, how.plans), how.meshes)
+        )
+    bound = made[0].bound
+    total = made[0].plans[0][0].total if made[0].plans else None
+    pool += [plan for found in made for _, plan in found.plans]
     pool = _different([plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
@@ -158,41 +178,54 @@ def search(
 
 
 def search_near(
-    problem: SequenceProblem, near: Decisions, effort: str, seed: int
+    problem: SequenceProblem,
+    near: Decisions,
+    touching: Sequence[int],
+    effort: str,
+    seed: int,
 ) -> Evaluated | None:
     """Returns a fast plan about one that is fast but does not keep clear, None where a stop has no node near it.
 
     One grid around the plan at the stages that do not keep clear and those beside them; what the beam finds there is
-    polished, combined with the plan stage by stage, and polished again.
+    polished, combined with the plan stage by stage, and polished again. All other stages stay as they are.
 
     Args:
         problem: the sequence, with clearance.
         near: the plan.
+        touching: numbers of stages, and of stages in all for the return, that are known not to keep clear.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
     """
     how = EFFORTS[effort].for_stages(problem.stages)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
-    loose = _loose(problem, start)
+    loose = _loose(problem, start, touching)
+    if problem.stages <= WHOLE:
+        loose[:] = True
     found = plans_on_nodes(problem, tables, NEAR, how.plans, start, loose)
-    around = [plan for _, plan in found.plans]
+    # Nodes are in single precision; what is not looked at stays as it was to the last bit.
+    around = [plan.decisions.put(np.flatnonzero(~loose), near) for _, plan in found.plans]
     if not around:
         return None
-    best = _combined(problem, tables, [*around, start], how, seed)
-    return polish(problem, tables, best, how.rounds, how.random_steps, seed)
+    pool = [*(evaluate(problem, tables, plan) for plan in around), start]
+    best = _combined(problem, tables, pool, how, seed, loose)
+    return polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
 
 
-def _loose(problem: SequenceProblem, plan: Evaluated) -> BoolArray:
-    """Returns the stages to look at anew for a plan to keep clear, shape (n,): with moves that do, those before them."""
-    clear = plan_clearance(problem, plan)
-    n = problem.stages
+def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -> BoolArray:
+    """Returns the stages to look at anew for a plan to keep clear, shape (n,): with moves that do, those before them.
+
+    Args:
+        problem: the sequence, with clearance.
+        plan: a plan for it.
+        touching: numbers of stages that are known not to keep clear, of moves as of stops.
+    """
+    clear, n = plan_clearance(problem, plan), problem.stages
     moves = ~clear.moves | (clear.waits > 0.0)
-    touched = ~clear.stops | moves[:n]
-    touched[:-1] |= moves[1:n]
-    touched[-1] |= moves[n]
+    moves[list(touching)] = True
+    touched = ~clear.stops | moves[:n] | moves[1:]
     loose = touched.copy()
-    for k in range(1, BESIDE + 1):
+    for k in range(1, min(BESIDE, n - 1) + 1):
         loose[k:] |= touched[:-k]
         loose[:-k] |= touched[k:]
     return loose
@@ -204,15 +237,15 @@ def _combined(
     pool: list[Evaluated],
     how: Effort,
     seed: int,
+    loose: BoolArray | None = None,
 ) -> Evaluated:
     """Returns the best combination of several plans after a little polishing; never slower than any of them."""
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
-    tried = [
-        polish(problem, tables, plan, how.trial_rounds, 0, seed)
-        for plan, own in zip(pool, worth, strict=True)
-        if own <= PROMISING * least
-    ]
+    promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
+    if problem.stages > WHOLE:
+        promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
+    tried = [polish(problem, tables, pool[k], how.trial_rounds, 0, seed, loose) for k in promising]
     tried.sort(key=lambda plan: _worth(problem, plan))
     others = [plan.decisions for plan in (*tried[1:], *pool)]
     return best_combination(problem, tables, tried[0], others)
@@ -224,5 +257,8 @@ def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
 
 
 def _different(pool: list[Evaluated]) -> list[Evaluated]:
-    """Returns plans of different length; equal to a nanosecond is the same plan."""
-    return list({round(plan.total, 9): plan for plan in reversed(pool)}.values())
+    """Returns the best plan of every kind: those with the same branches, targets and yaws are polished into one."""
+    best: dict[bytes, Evaluated] = {}
+    for plan in sorted(pool, key=lambda plan: plan.total):
+        best.setdefault(kind_of(plan.decisions), plan)
+    return list(best.values())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.minimum_time.postures import Postures, postures
 from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -29,12 +29,17 @@ class Variables:
     """How many there are."""
 
     @classmethod
-    def of(cls, problem: SequenceProblem) -> Variables:
-        """Numbers a problem's variables stage by stage."""
+    def of(cls, problem: SequenceProblem, loose: BoolArray | None = None) -> Variables:
+        """Numbers a problem's variables stage by stage.
+
+        Args:
+            problem: the sequence.
+            loose: stages in which something may change, shape (n,); all by default.
+        """
         n, count = problem.stages, 0
         angle = np.full(n, -1, dtype=np.int64)
         arms = [np.full((n, len(FIELDS)), -1, dtype=np.int64) for _ in problem.arms]
-        for k in range(n):
+        for k in range(n) if loose is None else np.flatnonzero(loose).tolist():
             if problem.turns:
                 angle[k], count = count, count + 1
             for rows, work in zip(arms, problem.arms, strict=True):

@@ -98,7 +98,7 @@ def quickest_clear(
     for plans, motion in timed:
         if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:
             break
-        touching = clearing.touching(motion)
+        touching = clearing.touching(plans, motion)
         if not touching:
             best = Cleared(plans, motion, ())
         elif len(touching) <= max(1, FEW * len(plans)):
@@ -109,8 +109,15 @@ def quickest_clear(
         if cost <= NEGLIGIBLE * reference:
             return Found(blind, best, reference, replanned=False)
     found = Found(blind, best, reference, replanned=False) if best is not None else None
-    asked = replace(problem, holding=holding, blind=tuple(timed[0][0]))
+    blind_plan = timed[0]
+    asked = replace(
+        problem,
+        holding=holding,
+        blind=tuple(blind_plan[0]),
+        touching=tuple(clearing.touching(*blind_plan)),
+    )
     failure: InfeasibleError | None = None
+    before: list[StagePlan] | None = None
     for _ in range(ROUNDS):
         progress("deciding again, keeping clear")
         try:
@@ -121,11 +128,17 @@ def quickest_clear(
         tried = _cleared(clearing, _timed(problem, decided, timing, lines))
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
-        barred = (*asked.barred, *_bars(clearing, tried))
+        bars = _bars(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
-        if len(barred) == len(asked.barred) or same_postures(decided.stages, asked.blind):
+        if not bars or (before is not None and same_postures(decided.stages, before)):
             break
-        asked = replace(asked, barred=barred, blind=tuple(decided.stages))
+        before = decided.stages
+        asked = replace(
+            asked,
+            barred=(*asked.barred, *bars),
+            blind=tuple(before),
+            touching=tuple(bar.stage for bar in bars),
+        )
     if found is not None and not found.cleared.blocked:
         return found
     raise failure or InfeasibleError(_why_blocked(clearing, found))
@@ -172,7 +185,7 @@ def _cleared(clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]) ->
             and motion.trajectory.duration >= best.motion.trajectory.duration
         ):
             break
-        best = _better(best, clearing.cleared(plans, motion, clearing.touching(motion)))
+        best = _better(best, clearing.cleared(plans, motion, clearing.touching(plans, motion)))
     assert best is not None  # a method always has a plan of its own
     return best
 

@@ -64,16 +64,21 @@ class Clearing:
     """Of what is tried at random."""
     lines: KnownLines = field(default_factory=dict)
     """Lines that are timed already: mended stages keep theirs."""
+    seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
+    """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of some stages."""
         return realise(self.model, self.job, plans, self.timing, self.lines)
 
-    def touching(self, motion: Motion) -> list[int]:
-        """Returns the stages of a motion that do not keep clear."""
-        stages = [stage_samples(motion, k, k, self.holding) for k in range(len(motion.stages))]
-        touching: list[int] = np.flatnonzero(~which_keep_clear(self.holding.cell, stages)).tolist()
-        return touching
+    def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
+        """Returns the stages of a motion of unmended plans that do not keep clear."""
+        keys = [_stage_key(k, plan) for k, plan in enumerate(plans)]
+        news = [k for k, key in enumerate(keys) if key not in self.seen]
+        stages = [stage_samples(motion, k, k, self.holding) for k in news]
+        for k, clear in zip(news, which_keep_clear(self.holding.cell, stages), strict=True):
+            self.seen[keys[k]] = bool(clear)
+        return [k for k, key in enumerate(keys) if not self.seen[key]]
 
     def cleared(
         self,
@@ -191,6 +196,18 @@ class Clearing:
         held = self.holding.before[k] if k <= last else self.holding.after[last]
         path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)
         return None if path is None else replace(plan, path=path, waits={}, detours={})
+
+
+def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:
+    """Returns all that the motion of an unmended stage depends on, its number first."""
+    postures = [plan.start, plan.arrival, plan.end]
+    for stop in plan.stops.values():
+        made = stop.posture
+        postures += [
+            made.q_target,
+            np.array([made.psi_target, made.psi_approach, made.psi_retract]),
+        ]
+    return (k, *(posture.tobytes() for posture in postures))
 
 
 def _mendable(context: StageContext, a: int) -> bool:

@@ -30,7 +30,9 @@ class MethodProblem:
     barred: tuple[Barred, ...] = ()
     """Stages that turned out not to keep clear; only methods over the whole sequence avoid them."""
     blind: tuple[StagePlan, ...] = ()
-    """The method's own plan for the same job where nothing had to keep clear, if there is one."""
+    """The method's own plan for the same job that does not keep clear, if there is one."""
+    touching: tuple[int, ...] = ()
+    """Its stages that do not, or only at a cost; the number of stages stands for the return."""
 
     @property
     def turns_for_both(self) -> bool:

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.model.job import Job, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
 from dualarm_cli.model.trajectory import Trajectory
@@ -42,9 +42,8 @@ class Motion:
     """In time order."""
 
 
-KnownLines = dict[tuple[int, str], tuple[ArmStop, Trajectory]]
-"""Lines that are timed already, by identity of their stop and by which of its lines they are; with the stop itself, so
-that no other one takes its identity."""
+KnownLines = dict[tuple[str | int | bytes, ...], tuple[Stop, Trajectory]]
+"""Lines that are timed already, by all that they depend on; with their stop, lest another one takes its identity."""
 
 
 @dataclass
@@ -262,12 +261,10 @@ def _add_stop(
     own = limits.select(arm.arm.joints)
 
     def line(which: str) -> Trajectory:
-        key = (id(arm_stop), which)
+        key = (which, *_line_key(model, plan, arm_stop))
         if key not in record.lines:
-            record.lines[key] = (
-                arm_stop,
-                solve_line(arm_stop, which, own, job.tool_speed, timing),
-            )
+            timed = solve_line(arm_stop, which, own, job.tool_speed, timing)
+            record.lines[key] = arm_stop.stop, timed
         return record.lines[key][1]
 
     def add(piece: Trajectory, kind: SegmentKind) -> None:
@@ -284,6 +281,19 @@ def _add_stop(
     if stop.retract > 0:
         add(line("retract"), "retract")
     return clock
+
+
+def _line_key(
+    model: CellModel, plan: StagePlan, arm_stop: ArmStop
+) -> tuple[str | int | bytes, ...]:
+    """Returns all that the lines of a stop depend on: its target, where the platform is then, and how it is made."""
+    made, seen = arm_stop.posture, arm_stop.problem
+    numbers = (
+        plan.arrival[model.platform_columns],
+        seen.start,
+        [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
+    )
+    return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()
 
 
 def _segment(

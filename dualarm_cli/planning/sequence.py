@@ -7,7 +7,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
-from dualarm_cli.minimum_time.search import Found, search, search_near
+from dualarm_cli.minimum_time.search import Found, evening, search, search_near
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.peers.grid import local_search
 from dualarm_cli.peers.ipopt import nonlinear_program
@@ -25,8 +25,6 @@ lines are a few percent off, and a third of a cycle is lines. In longer sequence
 evens out."""
 REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
-LONG = 24
-"""Both shares shrink with the square root of the number of stages beyond this one."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
 SHORT = range(2, 5)
@@ -50,7 +48,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if problem.blind:
         # Simpler methods, which take long with clearance, are then only the last resort.
         blind = decisions_of(numbers, model, list(problem.blind))
-        near = search_near(numbers, blind, problem.effort, problem.seed)
+        near = search_near(numbers, blind, problem.touching, problem.effort, problem.seed)
         if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
             return Decided(stage_plans(model, job, numbers, near.decisions, "sequence"))
     starts, failure = _starts(problem)
@@ -118,7 +116,7 @@ def _rivals(
     total = found.best.total
     few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
     capped = problem.job.tool_speed is not None
-    even = min(1.0, np.sqrt(LONG / len(problem.job.stages())))
+    even = evening(len(problem.job.stages()))
     worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
     if MINIMUM_TIME in worth:
         worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even

@@ -187,7 +187,7 @@ def which_keep_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> Boo
     kept = np.ones(len(stages), dtype=np.bool_)
     kinds = [_cross(cell), *(_own(cell, a) for a in range(len(cell.arms)))]
     for margins in kinds:
-        left = np.flatnonzero(kept)
+        left = np.flatnonzero(kept).tolist()
         kept[left] = _kept([stages[k] for k in left], margins)
     return kept
 
