@@ -105,8 +105,9 @@ class ClearanceProof:
         met_pair, met_time = np.full(len(found), -1), np.zeros(len(found))
         _lower(met, met_pair, met_time, where, at_low, pair, begin)
         _lower(met, met_pair, met_time, where, at_high, pair, end)
+        # All pairs have their first intervals in common, and speeds in them.
+        rate = (self._fastest(times[:-1], times[1:]) @ self._levers.T)[low, pair]
         while len(pair):
-            rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
             bound = 0.5 * (at_low + at_high - rate * (end - begin))
             bound = np.where(rate == 0.0, np.minimum(at_low, at_high), bound)
             settled = (bound >= met[where] - precision) | (end - begin < SHORTEST)
@@ -121,6 +122,7 @@ class ClearanceProof:
             at_low = np.concatenate([at_low, between])
             at_high = np.concatenate([between, at_high])
             pair, where = np.tile(pair, 2), np.tile(where, 2)
+            rate = (self._fastest(begin, end) * self._levers[pair]).sum(axis=1)
         return [
             Certified(
                 float(proven[k]) - NUMERICAL, float(met[k]), int(met_pair[k]), float(met_time[k])
@@ -197,13 +199,16 @@ def _lower(
     time: FloatArray,
 ) -> None:
     """Lowers what was met in each stretch to the least of some margins; the earliest of equal ones counts."""
-    if not len(value):
+    least = np.full(len(met), np.inf)
+    np.minimum.at(least, where, value)
+    rows = np.flatnonzero((value == least[where]) & (value < met[where]))
+    if not len(rows):
         return
-    order = np.lexsort((pair, time, value, where))
+    value, pair, time, where = value[rows], pair[rows], time[rows], where[rows]
+    order = np.lexsort((pair, time, where))
     firsts = order[np.concatenate([[True], np.diff(where[order]) > 0])]
-    better = firsts[value[firsts] < met[where[firsts]]]
-    k = where[better]
-    met[k], met_pair[k], met_time[k] = value[better], pair[better], time[better]
+    k = where[firsts]
+    met[k], met_pair[k], met_time[k] = value[firsts], pair[firsts], time[firsts]
 
 
 def _interval_speeds(trajectory: Trajectory) -> FloatArray:
