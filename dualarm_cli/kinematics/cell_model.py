@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,11 +95,23 @@ class CellModel:
             arm: name of the arm.
             position: all joints of the robot [rad], shape (..., n).
         """
-        model = self.arms[arm]
+        found: FloatArray = self.tool_positions([arm], position)[0]
+        return found
+
+    def tool_positions(self, arms: Sequence[str], position: FloatArray) -> FloatArray:
+        """Returns several arms' tool centre points in the world [m], shape (a, ..., 3).
+
+        Args:
+            arms: names of a arms.
+            position: all joints of the robot [rad], shape (..., n).
+        """
         R_world, p_world = self.carried_frame(position)
-        R, p = model.kinematics.forward(position[..., model.columns])
-        tip = p + R @ model.T_flange_tcp.translation
-        return p_world + (R_world @ tip[..., None])[..., 0]
+        found = []
+        for model in (self.arms[arm] for arm in arms):
+            R, p = model.kinematics.forward(position[..., model.columns])
+            tip = p + R @ model.T_flange_tcp.translation
+            found.append(p_world + (R_world @ tip[..., None])[..., 0])
+        return np.array(found)
 
     def tool_pose(self, arm: str, position: FloatArray) -> pin.SE3:
         """Returns the tool centre point's pose in the world at one configuration (n,)."""

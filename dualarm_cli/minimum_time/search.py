@@ -183,11 +183,14 @@ def search_near(
     touching: Sequence[int],
     effort: str,
     seed: int,
+    *,
+    local: bool,
 ) -> Evaluated | None:
     """Returns a fast plan about one that is fast but does not keep clear, None where a stop has no node near it.
 
-    One grid around the plan at the stages that do not keep clear and those beside them; what the beam finds there is
-    polished, combined with the plan stage by stage, and polished again. All other stages stay as they are.
+    One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
+    again. In sequences longer than WHOLE, and where that is asked for, only the stages that do not keep clear and
+    those beside them are looked at; all others stay as they are.
 
     Args:
         problem: the sequence, with clearance.
@@ -195,12 +198,13 @@ def search_near(
         touching: numbers of stages, and of stages in all for the return, that are known not to keep clear.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
+        local: whether all else stays as it is.
     """
     how = EFFORTS[effort].for_stages(problem.stages)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
     loose = _loose(problem, start, touching)
-    if problem.stages <= WHOLE:
+    if problem.stages <= WHOLE and not local:
         loose[:] = True
     found = plans_on_nodes(problem, tables, NEAR, how.plans, start, loose)
     # Nodes are in single precision; what is not looked at stays as it was to the last bit.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -77,4 +78,15 @@ class Trajectory:
             q + dt * (v + dt * (a / 2 + dt * jerk / 6)),
             v + dt * (a + dt * jerk / 2),
             a + dt * jerk,
+        )
+
+    def select(self, joints: Sequence[str]) -> Trajectory:
+        """Returns the motion of some of the joints, in the order given."""
+        index = [self.joints.index(joint) for joint in joints]
+        return Trajectory(
+            tuple(joints),
+            self.time,
+            self.position[:, index],
+            self.velocity[:, index],
+            self.acceleration[:, index],
         )

@@ -12,7 +12,7 @@ from dualarm_cli.minimum_time.clearance import Barred
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.motion import KnownLines, Motion, realise
+from dualarm_cli.planning.motion import Known, Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan, same_postures
 from dualarm_cli.planning.stage_samples import MOVES, StageSamples, alone_clear, stage_samples
 from dualarm_cli.timing import TimingSolver
@@ -86,14 +86,14 @@ def quickest_clear(
     model, job = problem.model, problem.job
     blind = solve(problem)
     progress("timing the motion")
-    lines: KnownLines = {}
-    timed = _timed(problem, blind, timing, lines)
+    known = Known()
+    timed = _timed(problem, blind, timing, known)
     reference = timed[0][1].trajectory.duration
     if not clear:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
     holding = Holding.of(job)
     _check_start(problem, holding)
-    clearing = Clearing(model, job, holding, timing, problem.seed, lines)
+    clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
         if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:
@@ -125,7 +125,7 @@ def quickest_clear(
         except InfeasibleError as error:
             failure = error
             break
-        tried = _cleared(clearing, _timed(problem, decided, timing, lines))
+        tried = _cleared(clearing, _timed(problem, decided, timing, known))
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
         bars = _bars(clearing, tried)
@@ -164,12 +164,12 @@ def _check_start(problem: MethodProblem, holding: Holding) -> None:
 
 
 def _timed(
-    problem: MethodProblem, decided: Decided, timing: TimingSolver, lines: KnownLines
+    problem: MethodProblem, decided: Decided, timing: TimingSolver, known: Known
 ) -> list[tuple[list[StagePlan], Motion]]:
     """Returns a method's plans with their motions, quickest first."""
     plans = [decided.stages, *decided.alternatives]
     timed = [
-        (stages, realise(problem.model, problem.job, stages, timing, lines)) for stages in plans
+        (stages, realise(problem.model, problem.job, stages, timing, known)) for stages in plans
     ]
     return sorted(timed, key=lambda one: one[1].trajectory.duration)
 
@@ -202,15 +202,15 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
     """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
     found = []
     everything = tuple(range(len(clearing.job.cell.robot.joints)))
+    # With a cap on the tools' speed all takes longer than the search thinks.
+    thought = sum(plan.duration for plan in tried.plans) / clearing.holding.pace
+    slow = max(clearing.holding.pace, tried.motion.trajectory.duration / thought)
     for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
-        # What a cap on the tools' speed costs no search knows.
-        known = clearing.job.tool_speed is None
-        cost = stage.end - stage.start - plan.duration
-        if (
-            known
-            and (plan.detours or plan.waits or plan.path is not None)
-            and cost > COSTLY * clearing.holding.pace
-        ):
+        if not plan.detours and not plan.waits and plan.path is None:
+            continue
+        straight = clearing.timed([replace(plan, detours={}, waits={}, path=None)])
+        cost = stage.end - stage.start - straight.trajectory.duration
+        if cost > COSTLY * slow:
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
     for k in tried.blocked:
         plan, stage = tried.plans[k], tried.motion.stages[k]

@@ -11,7 +11,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import StageContext, quickest_curve, quickest_stopover
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import KnownLines, Motion, realise
+from dualarm_cli.planning.motion import Known, Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
     KEPT,
@@ -25,7 +25,7 @@ from dualarm_cli.planning.stage_samples import (
     which_keep_clear,
 )
 from dualarm_cli.planning.transfer_paths import transfer_path
-from dualarm_cli.planning.transfers import SPEED_MARGIN
+from dualarm_cli.planning.transfers import largest_tool_speed
 from dualarm_cli.timing import TimingSolver
 
 DELAY_STEP = 0.02
@@ -62,14 +62,14 @@ class Clearing:
     """How transfers and curves are timed."""
     seed: int
     """Of what is tried at random."""
-    lines: KnownLines = field(default_factory=dict)
-    """Lines that are timed already: mended stages keep theirs."""
+    known: Known = field(default_factory=Known)
+    """What is timed already: mended stages keep their lines."""
     seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
     """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of some stages."""
-        return realise(self.model, self.job, plans, self.timing, self.lines)
+        return realise(self.model, self.job, plans, self.timing, self.known)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion of unmended plans that do not keep clear."""
@@ -118,7 +118,7 @@ class Clearing:
             context = first if tried is plan else self._context(tried, k)
             found = self._next(context)
             if found is tried:
-                return tried if tried is plan or self._within_cap(context) else None
+                return tried if tried is plan or self._within_cap(tried) else None
             if found is None:
                 break
             tried = found
@@ -129,23 +129,32 @@ class Clearing:
         samples = self._context(path, k).samples
         return path if keeps_clear(self.holding.cell, samples) else None
 
-    def _within_cap(self, context: StageContext) -> bool:
+    def _within_cap(self, plan: StagePlan) -> bool:
         """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
         if self.job.tool_speed is None:
             return True
-        allowed = (1.0 - SPEED_MARGIN) * self.job.tool_speed * context.samples.step
-        ways = [
-            np.diff(self.model.tool_position(name, context.samples.position), axis=0)
-            for name in self.model.arms
-        ]
-        return all(float(np.linalg.norm(way, axis=1).max()) <= allowed for way in ways)
+        whole = self.timed([plan]).trajectory
+        fastest = largest_tool_speed(
+            self.model, list(self.model.arms), lambda time: whole.at(time)[0], whole.duration
+        )
+        return fastest <= self.job.tool_speed
 
     def _context(self, plan: StagePlan, k: int) -> StageContext:
         motion = self.timed([plan])
         samples = stage_samples(motion, 0, k, self.holding)
         ways = arm_ways(self.model, motion, 0, samples)
+        joints = self.job.cell.robot.platform
+        platform = motion.trajectory.select(joints) if joints else None
         return StageContext(
-            self.model, self.job, self.holding.cell, plan, samples, ways, self.timing, self.seed
+            self.model,
+            self.job,
+            self.holding.cell,
+            plan,
+            samples,
+            ways,
+            platform,
+            self.timing,
+            self.seed,
         )
 
     def _next(self, context: StageContext) -> StagePlan | None:
@@ -190,8 +199,6 @@ class Clearing:
 
     def _path(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns the stage with all joints along one path found by random trees, None where none was found."""
-        if self.job.tool_speed is not None:
-            return None
         last = len(self.holding.before) - 1
         held = self.holding.before[k] if k <= last else self.holding.after[last]
         path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)

@@ -33,6 +33,8 @@ MISSING_WEIGHT = 350.0
 
 Missing = Callable[[FloatArray], FloatArray]
 """How much clearance curves (c, points, 7) lack, at their points on the average [m], shape (c,); 0 for free ones."""
+ToolTimes = Callable[[FloatArray], FloatArray]
+"""How long the tool needs along curves (c, points, 7) at least [s], shape (c,)."""
 
 
 def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int) -> FloatArray:
@@ -68,6 +70,7 @@ def quick_curves(
     samples: int,
     pace: float,
     seed: int,
+    tool: ToolTimes | None = None,
 ) -> list[FloatArray]:
     """Returns control points (CONTROLS, 7) of the quickest free curves found, best first; none where none is free.
 
@@ -83,6 +86,7 @@ def quick_curves(
         samples: points of a curve that are looked at.
         pace: how much slower than at full speed the joints are.
         seed: of the random curves.
+        tool: how long the tool needs along them; None where its speed has no cap.
     """
     random = np.random.default_rng(seed)
     share = np.linspace(0.0, 1.0, CONTROLS + 2)[1:-1, None]
@@ -97,7 +101,7 @@ def quick_curves(
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(ROUNDS):
-        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples, pace)
+        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples, pace, tool)
         best, worth, lacking = (
             np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
         )
@@ -120,12 +124,15 @@ def _worth(
     missing: Missing,
     samples: int,
     pace: float,
+    tool: ToolTimes | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
     few = curve(start, controls, goal, TIMED_SAMPLES)
     share = np.linspace(0.0, 1.0, TIMED_SAMPLES)
     time = np.maximum(estimate_line_durations(few, share, limits), least)
     points = curve(start, controls, goal, samples)
+    if tool is not None:
+        time = np.maximum(time, tool(points))
     beyond = np.maximum(points - limits.upper, 0.0) + np.maximum(limits.lower - points, 0.0)
     lack = missing(points) + beyond.sum(axis=(1, 2))
     # Of equally quick ones the one that moves least.

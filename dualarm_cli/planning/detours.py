@@ -9,10 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.planning.curves import Missing, curve, quick_curves
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.curves import Missing, ToolTimes, curve, quick_curves
 from dualarm_cli.planning.motion import detour_pieces
 from dualarm_cli.planning.stage_plan import Detour, StagePlan
 from dualarm_cli.planning.stage_samples import (
@@ -22,6 +24,7 @@ from dualarm_cli.planning.stage_samples import (
     apart,
     combined,
 )
+from dualarm_cli.planning.transfers import PLATFORM
 from dualarm_cli.timing import TimingSolver
 
 SPREADS = (0.2, 0.4, 0.7, 1.1)
@@ -62,6 +65,8 @@ class StageContext:
     """Its motion."""
     ways: dict[str, ArmWay]
     """What each arm does in it."""
+    platform: Trajectory | None
+    """What the platform does in it; None where there is none."""
     timing: TimingSolver
     """How transfers and curves are timed."""
     seed: int
@@ -71,9 +76,18 @@ class StageContext:
         """Returns an arm's way by a posture."""
         limits = self.job.cell.robot.limits.scaled(self.job.speed)
         columns = {arm: self.model.arms[arm].columns for arm in self.model.arms}
+        if self.platform is not None:
+            columns[PLATFORM] = self.model.platform_columns
         plan = replace(self.plan, detours={name: detour})
         pieces = detour_pieces(
-            self.model, plan, name, columns, limits, self.timing, self.job.tool_speed
+            self.model,
+            plan,
+            name,
+            columns,
+            limits,
+            self.timing,
+            self.job.tool_speed,
+            self.platform,
         )
         base = self.ways[name]
         rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
@@ -105,9 +119,6 @@ def quickest_curve(
         clear: whether a stage with another way of the arm keeps clear.
         with_other: whether the other arm counts while curves are looked for.
     """
-    if context.job.tool_speed is not None:
-        # How fast the tool gets along a curve is not known before; straight ways keep the cap.
-        return _quickest_stop(context, name, clear, with_other)
     arm, way = context.model.arms[name], context.ways[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
@@ -116,11 +127,16 @@ def quickest_curve(
     points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
     for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
         missing = _missing(context, name, way, points, with_other)
-        found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed)
+        tool = _tool_times(context, name, way, points)
+        found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed, tool)
         timed = []
         for controls in found[:TIMED]:
             detour = Detour(controls, None)
-            timed.append(context.way_by(name, detour))
+            try:
+                timed.append(context.way_by(name, detour))
+            except InfeasibleError:
+                # With the platform's motion the tool is too fast at any speed of the arm.
+                continue
             stage = combined(context.model, context.samples, {**context.ways, name: timed[-1]}, {})
             if clear(stage):
                 return replace(context.plan, detours={**context.plan.detours, name: detour})
@@ -128,6 +144,8 @@ def quickest_curve(
             break
         # What the others do while the arm is where is known better now.
         way, points = timed[0], curve(start, found[0], goal, later)
+    if context.job.tool_speed is not None:
+        return _quickest_stop(context, name, clear, with_other)
     return None
 
 
@@ -238,15 +256,11 @@ def _missing(
         points: of that curve [rad], shape (s, 7).
         with_other: whether the other arm counts.
     """
-    stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
-    moving = way.q[: way.arrival + 1]
-    far = np.abs(moving[None] - points[:, None]).max(axis=2)
-    instants = np.maximum.accumulate(np.argmin(far, axis=1))
-    columns, a = context.model.arms[name].columns, context.cell.arms.index(name)
+    stage, instants = _meanwhile(context, name, way, points)
+    a = context.cell.arms.index(name)
 
     def missing(curves: FloatArray) -> FloatArray:
-        rows = np.tile(stage.position[instants], (len(curves), 1))
-        rows[:, columns] = curves.reshape(-1, 7)
+        rows = _beside(context, name, stage.position[instants], curves)
         held = np.tile(stage.held[instants], (len(curves), 1))
         margin = context.cell.own_margins(a, rows, held[:, a])
         if with_other:
@@ -256,6 +270,45 @@ def _missing(
         return lack[:, 1:-1].mean(axis=1)
 
     return missing
+
+
+def _tool_times(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray
+) -> ToolTimes | None:
+    """Returns how long an arm's tool needs at least along curves under its cap; None without one.
+
+    Arguments as of `_missing`.
+    """
+    cap = context.job.tool_speed
+    if cap is None:
+        return None
+    stage, instants = _meanwhile(context, name, way, points)
+
+    def times(curves: FloatArray) -> FloatArray:
+        rows = _beside(context, name, stage.position[instants], curves)
+        tip = context.model.tool_position(name, rows).reshape(*curves.shape[:2], 3)
+        length: FloatArray = np.linalg.norm(np.diff(tip, axis=1), axis=2).sum(axis=1)
+        return length / cap
+
+    return times
+
+
+def _meanwhile(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray
+) -> tuple[StageSamples, IntArray]:
+    """Returns a stage with another way of an arm, and about when in it the arm is at points (s, 7) of its curve."""
+    stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
+    moving = way.q[: way.arrival + 1]
+    far = np.abs(moving[None] - points[:, None]).max(axis=2)
+    instants: IntArray = np.maximum.accumulate(np.argmin(far, axis=1))
+    return stage, instants
+
+
+def _beside(context: StageContext, name: str, others: FloatArray, curves: FloatArray) -> FloatArray:
+    """Returns all joints with an arm on curves (c, s, 7) and all others at (s, columns), shape (c s, columns) [rad]."""
+    rows = np.tile(others, (len(curves), 1))
+    rows[:, context.model.arms[name].columns] = curves.reshape(-1, 7)
+    return rows
 
 
 def _asides(context: StageContext, name: str) -> list[FloatArray]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, PoseTarget, Stop
@@ -17,7 +18,13 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.curves import curve
 from dualarm_cli.planning.lines import solve_line
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
-from dualarm_cli.planning.transfers import PLATFORM, Transfers, transfers_within_tool_speed
+from dualarm_cli.planning.transfers import (
+    PLATFORM,
+    Transfers,
+    largest_tool_speed,
+    slowed,
+    transfers_within_tool_speed,
+)
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold, merge
 from dualarm_cli.timing.problem import LineProblem
@@ -42,8 +49,18 @@ class Motion:
     """In time order."""
 
 
-KnownLines = dict[tuple[str | int | bytes, ...], tuple[Stop, Trajectory]]
-"""Lines that are timed already, by all that they depend on; with their stop, lest another one takes its identity."""
+Key = tuple[str | int | bytes, ...]
+"""All that something depends on."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What has been timed already in one job, so that it is not timed again where other stages are mended."""
+
+    lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
+    """Lines, with their stop, lest another one takes its identity."""
+    transfers: dict[Key, Transfers] = field(default_factory=dict)
+    """Straight transfers of stages."""
 
 
 @dataclass
@@ -52,7 +69,7 @@ class _Recorder:
 
     pieces: dict[str, list[Trajectory]]
     segments: dict[str, list[Segment]]
-    lines: KnownLines
+    known: Known
     events: list[Event] = field(default_factory=list)
     stages: list[Stage] = field(default_factory=list)
     clock: float = 0.0
@@ -63,7 +80,7 @@ def realise(
     job: Job,
     plans: list[StagePlan],
     timing: TimingSolver,
-    lines: KnownLines | None = None,
+    known: Known | None = None,
 ) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
@@ -72,7 +89,7 @@ def realise(
         job: what is to be done.
         plans: its stages in order.
         timing: how transfers and lines are timed.
-        lines: those of the same stops that are timed already; others are added.
+        known: what is timed already; what is new is added.
     """
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
@@ -81,12 +98,15 @@ def realise(
     record = _Recorder(
         {name: [] for name in columns},
         {name: [] for name in model.arms},
-        {} if lines is None else lines,
+        Known() if known is None else known,
     )
     for plan in plans:
-        transfers = transfers_within_tool_speed(
-            model, plan, columns, limits, timing, job.tool_speed
-        )
+        key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
+        if key not in record.known.transfers:
+            record.known.transfers[key] = transfers_within_tool_speed(
+                model, plan, columns, limits, timing, job.tool_speed
+            )
+        transfers = record.known.transfers[key]
         _add_stage(record, model, job, plan, transfers, columns, limits, timing)
     for name, index in columns.items():
         if not record.pieces[name]:
@@ -115,7 +135,10 @@ def _add_stage(
 ) -> None:
     """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
     begin, ends = record.clock, {}
-    together = path_pieces(plan, columns, limits, timing) if plan.path is not None else {}
+    together = {}
+    if plan.path is not None:
+        together = path_pieces(model, plan, columns, limits, timing, job.tool_speed)
+    platform = transfers.motion.get(PLATFORM)
     for name, index in columns.items():
         ends[name] = wait = plan.waits.get(name, 0.0)
         if wait > 0:
@@ -126,7 +149,9 @@ def _add_stage(
             record.pieces[name].append(together[name])
             ends[name] += together[name].duration
         elif name in plan.detours:
-            pieces = detour_pieces(model, plan, name, columns, limits, timing, job.tool_speed)
+            pieces = detour_pieces(
+                model, plan, name, columns, limits, timing, job.tool_speed, platform
+            )
             record.pieces[name] += pieces
             ends[name] += sum(piece.duration for piece in pieces)
             # Its line begins when the platform is there as well.
@@ -163,6 +188,7 @@ def detour_pieces(
     limits: JointLimits,
     timing: TimingSolver,
     cap: float | None,
+    platform: Trajectory | None,
 ) -> list[Trajectory]:
     """Returns an arm's way by a posture: there, a pause, and on; or in one curve that does not stop there.
 
@@ -174,12 +200,25 @@ def detour_pieces(
         limits: what the joints may do.
         timing: how transfers are timed.
         cap: largest speed of any tool centre point in the world [m/s], or None.
+        platform: what the platform does meanwhile; None where it stands.
+
+    Raises:
+        InfeasibleError: the tool exceeds its cap however slowly the arm goes, since the platform moves it.
     """
     detour, index = plan.detours[name], columns[name]
     joints = tuple(limits.joints[i] for i in index)
     if detour.pause is None:
         points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
-        return [_along(joints, points, limits, timing)]
+        late = plan.waits.get(name, 0.0)
+
+        def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
+            q = np.tile(plan.start, (len(time), 1))
+            if platform is not None:
+                q[:, columns[PLATFORM]] = platform.at(time + late)[0]
+            q[:, index] = piece.at(time)[0]
+            return q
+
+        return [_along(model, [name], joints, points, limits, timing, cap, position_at)]
     between = np.array(plan.start)
     between[index] = detour.points[0]
     goal = np.array(plan.start)
@@ -195,32 +234,72 @@ def detour_pieces(
 
 
 def path_pieces(
+    model: CellModel,
     plan: StagePlan,
     columns: Mapping[str, list[int]],
     limits: JointLimits,
     timing: TimingSolver,
+    cap: float | None,
 ) -> dict[str, Trajectory]:
-    """Returns the motion of every joint group along a stage's common path."""
+    """Returns the motion of every joint group along a stage's common path; arguments as of `detour_pieces`."""
     assert plan.path is not None  # asked for only where there is one
-    whole = _along(limits.joints, plan.path, limits, timing)
+
+    def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
+        q: FloatArray = piece.at(time)[0]
+        return q
+
+    arms = list(model.arms)
+    whole = _along(model, arms, limits.joints, plan.path, limits, timing, cap, position_at)
     return {
-        name: Trajectory(
-            tuple(limits.joints[i] for i in index),
-            whole.time,
-            whole.position[:, index],
-            whole.velocity[:, index],
-            whole.acceleration[:, index],
-        )
-        for name, index in columns.items()
+        name: whole.select([limits.joints[i] for i in index]) for name, index in columns.items()
     }
 
 
 def _along(
-    joints: tuple[str, ...], points: FloatArray, limits: JointLimits, timing: TimingSolver
+    model: CellModel,
+    arms: Sequence[str],
+    joints: tuple[str, ...],
+    points: FloatArray,
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+    position_at: Callable[[Trajectory, FloatArray], FloatArray],
 ) -> Trajectory:
-    """Returns the quickest motion along points of a curve [rad], shape (m, n)."""
-    share = np.linspace(0.0, 1.0, len(points))
-    return timing.line(LineProblem(joints, points, share, limits.select(joints), None, CURVE_KNOTS))
+    """Returns the quickest motion along points of a curve [rad], shape (m, n), in which no tool exceeds its cap.
+
+    Args:
+        model: the cell.
+        arms: those whose tools count.
+        joints: that move along the curve.
+        points: of the curve.
+        limits: what the joints may do.
+        timing: how curves are timed.
+        cap: largest speed of those tool centre points in the world [m/s], or None.
+        position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
+
+    Raises:
+        InfeasibleError: a tool exceeds its cap at any speed along the curve.
+    """
+    share, own = np.linspace(0.0, 1.0, len(points)), limits.select(joints)
+
+    def made(factor: float) -> Trajectory:
+        slower = replace(own, velocity=own.velocity * factor)
+        return timing.line(LineProblem(joints, points, share, slower, None, CURVE_KNOTS))
+
+    if cap is None:
+        return made(1.0)
+
+    def speed(piece: Trajectory) -> float:
+        return largest_tool_speed(
+            model, arms, lambda time: position_at(piece, time), piece.duration
+        )
+
+    found = slowed(made, speed, cap)
+    if found is None:
+        raise InfeasibleError(
+            f"limits: tool_speed: along a detour a tool exceeds {cap:g} m/s at any speed of its arm"
+        )
+    return found
 
 
 def _stage(
@@ -262,10 +341,10 @@ def _add_stop(
 
     def line(which: str) -> Trajectory:
         key = (which, *_line_key(model, plan, arm_stop))
-        if key not in record.lines:
+        if key not in record.known.lines:
             timed = solve_line(arm_stop, which, own, job.tool_speed, timing)
-            record.lines[key] = arm_stop.stop, timed
-        return record.lines[key][1]
+            record.known.lines[key] = arm_stop.stop, timed
+        return record.known.lines[key][1]
 
     def add(piece: Trajectory, kind: SegmentKind) -> None:
         nonlocal clock
@@ -283,9 +362,7 @@ def _add_stop(
     return clock
 
 
-def _line_key(
-    model: CellModel, plan: StagePlan, arm_stop: ArmStop
-) -> tuple[str | int | bytes, ...]:
+def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:
     """Returns all that the lines of a stop depend on: its target, where the platform is then, and how it is made."""
     made, seen = arm_stop.posture, arm_stop.problem
     numbers = (

@@ -48,7 +48,15 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if problem.blind:
         # Simpler methods, which take long with clearance, are then only the last resort.
         blind = decisions_of(numbers, model, list(problem.blind))
-        near = search_near(numbers, blind, problem.touching, problem.effort, problem.seed)
+        # The search knows no cap on the tools' speed: under one, what is good is left as it is.
+        near = search_near(
+            numbers,
+            blind,
+            problem.touching,
+            problem.effort,
+            problem.seed,
+            local=job.tool_speed is not None,
+        )
         if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
             return Decided(stage_plans(model, job, numbers, near.decisions, "sequence"))
     starts, failure = _starts(problem)

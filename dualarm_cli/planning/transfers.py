@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,8 +27,14 @@ SPEED_STEP = 1e-5
 """Half-width of the central difference that measures them [s]."""
 SPEED_MARGIN = 1e-3
 """Share of the tool-speed cap kept free for what lies between the instants."""
-SPEED_BISECTIONS = 12
-"""Halvings of the range of velocity factors: the factor is known to 1/4096."""
+COARSE, FAST = 4, 0.9
+"""Every so many instants are looked at first, and all about those with more than this share of the largest speed."""
+SPEED_TRIES, SURE = 36, 5
+"""Velocity factors that are tried at most, and those by which it should be clear where this leads."""
+CLOSE = 5e-4
+"""A motion whose fastest tool is slower than the cap by no more than this share is as good as any."""
+SLOWEST = 4096
+"""No joint is slowed to less than this part of its speed."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +114,8 @@ def transfers_within_tool_speed(
 ) -> Transfers:
     """Returns the transfers, slowed until no tool exceeds the cap on its speed.
 
-    All joint velocity limits are lowered by one factor, found by bisection; accelerations and jerks stay,
-    so that the tools reach the cap as fast as before.
+    All joint velocity limits are lowered by one factor; accelerations and jerks stay, so that the tools reach the cap
+    as fast as before.
 
     Args:
         model: the cell.
@@ -121,48 +128,89 @@ def transfers_within_tool_speed(
     transfers = time_transfers(plan, columns, limits, timing)
     if cap is None or not transfers.motion:
         return transfers
-    allowed = cap * (1.0 - SPEED_MARGIN)
-    if _largest_tool_speed(model, plan, columns, transfers) <= allowed:
-        return transfers
-    low, high = 0.0, 1.0
-    best = None
-    for _ in range(SPEED_BISECTIONS):
-        # Until something fits, the lower end is unknown: go down by factors rather than halves.
-        factor = (low + high) / 2 if best is not None else high / 2
-        slower = time_transfers(
+
+    def slower(factor: float) -> Transfers:
+        if factor == 1.0:
+            return transfers
+        return time_transfers(
             plan, columns, replace(limits, velocity=limits.velocity * factor), timing
         )
-        if _largest_tool_speed(model, plan, columns, slower) <= allowed:
-            best, low = slower, factor
-        else:
-            high = factor
+
+    def speed(tried: Transfers) -> float:
+        length = max(t.duration for t in tried.motion.values())
+        return largest_tool_speed(
+            model, list(model.arms), lambda time: _positions(plan, columns, tried, time), length
+        )
+
+    best = slowed(slower, speed, cap)
     if best is None:
         raise InfeasibleError(
-            f"limits: tool_speed: {cap:g} m/s is slower than 1/{2**SPEED_BISECTIONS} of the joints' "
-            "speed; allow more"
+            f"limits: tool_speed: {cap:g} m/s is slower than a {SLOWEST}th of the joints' speed; allow more"
         )
-    return replace(best, capped=True)
+    return best if best is transfers else replace(best, capped=True)
 
 
-def _largest_tool_speed(
+T = TypeVar("T")
+
+
+def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) -> T | None:
+    """Returns the fastest motion found in which no tool exceeds a cap on its speed; None for none.
+
+    Where velocity limits decide, speed is proportional to them: so the next factor is told by the speed of the last
+    one. Where they do not decide, and that leads nowhere soon, every other one halves what is left.
+
+    Args:
+        make: the motion with all velocity limits times a factor; that with 1 is tried first.
+        speed: the largest speed of a tool in a motion [m/s].
+        cap: what is allowed [m/s]; SPEED_MARGIN of it is kept free.
+    """
+    allowed = cap * (1.0 - SPEED_MARGIN)
+    best, low, high, factor = None, 0.0, 1.0, 1.0
+    for k in range(SPEED_TRIES):
+        tried = make(factor)
+        fastest = speed(tried)
+        if fastest <= allowed:
+            best, low = tried, factor
+            if factor == 1.0 or fastest >= (1.0 - CLOSE) * allowed:
+                return best
+        else:
+            high = factor
+        factor *= (1.0 - 0.5 * CLOSE) * allowed / fastest if fastest > 0.0 else 1.0
+        if not low < factor < high or (k >= SURE and k % 2):
+            factor = 0.5 * (low + high)
+        if factor < 1.0 / SLOWEST or high - low < 0.1 * CLOSE * high:
+            break
+    return best
+
+
+def largest_tool_speed(
     model: CellModel,
-    plan: StagePlan,
-    columns: Mapping[str, list[int]],
-    transfers: Transfers,
+    arms: Sequence[str],
+    position_at: Callable[[FloatArray], FloatArray],
+    length: float,
 ) -> float:
-    """Returns the largest speed of any tool centre point during the transfers [m/s]."""
-    length = max(t.duration for t in transfers.motion.values())
-    time = np.arange(0.0, length + SPEED_SAMPLE, SPEED_SAMPLE)
-    before, after = time - SPEED_STEP, time + SPEED_STEP
-    fastest = 0.0
-    for name in model.arms:
-        ends = [
-            model.tool_position(name, _positions(plan, columns, transfers, t))
-            for t in (before, after)
-        ]
-        speed = np.linalg.norm(ends[1] - ends[0], axis=-1) / (2 * SPEED_STEP)
-        fastest = max(fastest, float(speed.max()))
-    return fastest
+    """Returns the largest speed of some arms' tool centre points [m/s], at instants SPEED_SAMPLE apart.
+
+    Args:
+        model: the cell.
+        arms: their names.
+        position_at: all joints (m, n) [rad] at instants (m,) [s].
+        length: of the motion [s].
+    """
+
+    def speeds(time: FloatArray) -> FloatArray:
+        both = position_at(np.concatenate([time - SPEED_STEP, time + SPEED_STEP]))
+        tip = model.tool_positions(arms, both)
+        way = tip[:, len(time) :] - tip[:, : len(time)]
+        largest: FloatArray = np.linalg.norm(way, axis=-1).max(axis=0)
+        return largest / (2.0 * SPEED_STEP)
+
+    coarse = np.arange(0.0, length + SPEED_SAMPLE, COARSE * SPEED_SAMPLE)
+    found = speeds(coarse)
+    near = coarse[found >= FAST * found.max()]
+    steps = SPEED_SAMPLE * np.delete(np.arange(-COARSE + 1, COARSE), COARSE - 1)
+    between = np.unique((near[:, None] + steps).round(9))
+    return max(float(found.max()), float(speeds(between).max(initial=0.0)))
 
 
 def _positions(

@@ -57,3 +57,18 @@ def test_there_is_no_curve_where_nothing_is_free():
     """Everything lacks a millimetre."""
     found = quick_curves(START, GOAL, LIMITS, 0.0, lambda c: np.full(len(c), 1e-3), 9, 1.0, 0)
     assert found == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_under_a_cap_the_curve_is_short_for_the_tool(seed):
+    """Joints b and c carry the tool together with a: where it is slow, less is bulged than where it is not."""
+
+    def tool(curves):
+        way = np.diff(curves[..., :3], axis=1) * np.array([0.1, 1.0, 1.0])
+        return np.linalg.norm(way, axis=-1).sum(axis=1) / 0.05
+
+    free = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed)[0]
+    capped = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed, tool)[0]
+    times = [float(tool(curve(START, one, GOAL, 33)[None])[0]) for one in (free, capped)]
+    assert times[1] < times[0]
+    assert lacking(curve(START, capped, GOAL, 33)[None])[0] == 0.0

@@ -256,3 +256,14 @@ def test_a_part_is_turned_where_only_one_of_its_turns_fits(tasks_folder):
     event = next(e for e in schedule.events if e.arm == "left" and e.action == "place")
     across = abs(float(event.pose.rotation[:, 1] @ target.rotation[:, 1]))
     assert across < 1e-6
+
+
+def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder):
+    """Shelves with 0.5 m/s: curves about them, timed so that no tool is faster; a quarter longer at most."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:4], tool_speed=0.5)
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    assert any("detour" in note for note in schedule.notes)
+    blind = plan_without_bound(job, QUICK, clear=False)
+    assert schedule.duration < 1.25 * blind.duration

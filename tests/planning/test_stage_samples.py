@@ -8,7 +8,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.planning.clearing import Clearing
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import realise
+from dualarm_cli.planning.motion import Known, realise
 from dualarm_cli.planning.stage_samples import KEPT, stage_samples, which_keep_clear
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -43,13 +43,13 @@ def test_lines_that_are_timed_already_are_the_same_lines(tasks_folder):
     """A plan realised twice with one memory is the plan realised without; other postures get lines of their own."""
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
-    lines = {}
+    known = Known()
     one = choose_stages(model, job, "fixed", "arm_angle", refine=False)
     other = choose_stages(model, job, "exact", "arm_angle")
     for plans in (one, other, one):
-        known = realise(model, job, plans, timing, lines)
+        again = realise(model, job, plans, timing, known)
         anew = realise(model, job, plans, timing)
-        np.testing.assert_array_equal(known.trajectory.position, anew.trajectory.position)
-        np.testing.assert_array_equal(known.trajectory.time, anew.trajectory.time)
+        np.testing.assert_array_equal(again.trajectory.position, anew.trajectory.position)
+        np.testing.assert_array_equal(again.trajectory.time, anew.trajectory.time)
     stops = sum(len(plan.stops) for plan in one)
-    assert 2 * stops < len(lines) <= 4 * stops
+    assert 2 * stops < len(known.lines) <= 4 * stops
