@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.clearance import SequenceClearance
 from dualarm_cli.minimum_time.node_paths import NodePath, Step, closing_times, kind_of, path_to
 from dualarm_cli.minimum_time.potentials import (
     ArmLayers,
@@ -16,6 +17,7 @@ from dualarm_cli.minimum_time.potentials import (
     start_coordinates,
 )
 from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.step_clearance import step_waits
 from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 WAYS = 4
@@ -63,7 +65,7 @@ def beam_search(
     states = _first(problem, arms)
     steps: list[Step] = []
     for k in range(problem.stages):
-        found = _extend(problem, arms, angles.shape[1], states, k, width, per_angle)
+        found = _extend(problem, arms, angles[k], states, k, width, per_angle)
         if found is None:
             return []
         step, states = found
@@ -95,13 +97,17 @@ def _first(problem: SequenceProblem, arms: tuple[ArmLayers, ...]) -> _States:
 def _extend(
     problem: SequenceProblem,
     arms: tuple[ArmLayers, ...],
-    f: int,
+    angles: FloatArray,
     states: _States,
     k: int,
     width: int,
     per_angle: int,
 ) -> tuple[Step, _States] | None:
-    """Returns the best states after stage k, None where no pair of nodes fits together; f platform angles each."""
+    """Returns the best states after stage k, None where no pair of nodes fits together.
+
+    Where something has to keep clear, the best steps count as long as that takes, about.
+    """
+    f = len(angles)
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]
     b = len(states.spent)
     # By arm: cost (b, f, w), what is left after (b, f, w), node (b, f, w).
@@ -132,12 +138,54 @@ def _extend(
     node = np.full((len(arms), len(some)), -1, dtype=np.int64)
     for a, rows in zip(working, chosen, strict=True):
         node[a] = rows.ravel()[some]
+    lasts = spent.ravel()[some]
+    if problem.clearance is not None:
+        waits = _waits(problem, problem.clearance, arms, states, Step(parent, node, angle), angles, k)
+        order = np.argsort(key[some] + waits, kind="stable")
+        order = order[np.isfinite(waits[order])]
+        if not len(order):
+            return None
+        parent, angle, node = parent[order], angle[order], node[:, order]
+        lasts = (lasts + waits.astype(np.float32))[order]
     same = np.where(node >= 0, node, states.node[:, parent] + 1_000_000)
     _, first = np.unique(same, axis=1, return_index=True)
     kept = np.sort(first)[:width]
-    some, parent, angle, node = some[kept], parent[kept], angle[kept], node[:, kept]
-    step = Step(parent, node, angle)
-    return step, _moved(problem, arms, states, step, spent.ravel()[some], k)
+    step = Step(parent[kept], node[:, kept], angle[kept])
+    return step, _moved(problem, arms, states, step, lasts[kept], k)
+
+
+def _waits(
+    problem: SequenceProblem,
+    test: SequenceClearance,
+    arms: tuple[ArmLayers, ...],
+    states: _States,
+    step: Step,
+    angles: FloatArray,
+    k: int,
+) -> FloatArray:
+    """Returns about what steps into stage k cost for clearance [s], shape (b,)."""
+    starts, arrivals, targets, ends = [], [], [], []
+    for a, arm in enumerate(arms):
+        layer, node = arm.layers[k], step.node[a]
+        before = arm.table.joints(rows_of(states.joints[a], step.parent))
+        starts.append(before)
+        if layer is None:
+            arrivals.append(before)
+            targets.append(before)
+            ends.append(before)
+        else:
+            arrivals.append(arm.table.joints(rows_of(layer.approach, node)))
+            targets.append(layer.decisions.near[node].astype(np.float64))
+            ends.append(arm.table.joints(rows_of(layer.retract, node)))
+    turned = angles[step.angle_index]
+    here = starts[0][:, 7] if problem.turns else turned
+    at = [
+        test.positions(angle, [q[:, :7] for q in joints])
+        for angle, joints in ((here, starts), (turned, arrivals), (turned, targets), (turned, ends))
+    ]
+    if k == 0 and problem.free_start:
+        at[0] = at[1]
+    return step_waits(test, k, *at)
 
 
 def _options(

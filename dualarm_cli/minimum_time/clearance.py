@@ -100,14 +100,23 @@ class SequenceClearance:
         way = start[:, None] + share[:, None] * (end - start)[:, None]
         return way.reshape(-1, start.shape[1])
 
-    def known_costs(self, start: FloatArray, arrival: FloatArray) -> FloatArray:
-        """Returns what moves like barred ones cost [s], for all joints before and after them (n + 1, columns) [rad]."""
+    def known_costs(self, stage: int, start: FloatArray, arrival: FloatArray) -> FloatArray:
+        """Returns what moves into a stage like barred ones cost [s], shape (n,).
+
+        Args:
+            stage: its number, or the number of stages for the return.
+            start: all joints before them [rad], shape (n, columns).
+            arrival: all joints after them [rad], shape (n, columns).
+        """
         found = np.zeros(len(start))
         for bar in self.barred:
-            k, columns = bar.stage, list(bar.columns)
-            near = ALIKE if bar.start is None else LIKE
-            if k >= len(start) or np.abs(arrival[k] - bar.arrival)[columns].max() > near:
+            if bar.stage != stage:
                 continue
-            if bar.start is None or np.abs(start[k] - bar.start)[columns].max() <= near:
-                found[k] = max(found[k], bar.cost)
+            columns = list(bar.columns)
+            like = np.abs(arrival - bar.arrival)[:, columns].max(axis=1) <= (
+                ALIKE if bar.start is None else LIKE
+            )
+            if bar.start is not None:
+                like &= np.abs(start - bar.start)[:, columns].max(axis=1) <= LIKE
+            found[like] = np.maximum(found[like], bar.cost)
         return found

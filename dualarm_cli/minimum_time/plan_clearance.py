@@ -81,12 +81,26 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     both = (cross[:stops] >= SLACK).reshape(STOPS, n)
     lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = (cross[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
-    known = test.known_costs(starts, ends)
-    waits = np.where(apart, 0.0, MEETING) + np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
-    waits = np.maximum(test.pace * waits, np.where(np.isfinite(known), known, 0.0))
+    known = np.concatenate(
+        [test.known_costs(k, starts[k, None], ends[k, None]) for k in range(n + 1)]
+    )
+    waits = move_waits(test.pace, lacks, apart)
+    waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)
     stops_clear = np.asarray(alone.all(axis=0) & both[-1])
     return PlanClearance(stops_clear, np.isfinite(known), waits)
+
+
+def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
+    """Returns about what n straight moves cost for clearance [s], shape (n,).
+
+    Args:
+        pace: how much slower than at full speed everything moves.
+        lacks: what an arm lacks of clearance by itself, at most [m], shape (n,).
+        apart: where the arms keep clear of each other, shape (n,).
+    """
+    detours = np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
+    return pace * (detours + np.where(apart, 0.0, MEETING))
 
 
 def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:

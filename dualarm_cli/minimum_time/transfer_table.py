@@ -88,6 +88,10 @@ class TransferTable:
         half = STEPS // 2
         return np.ascontiguousarray(np.clip(steps, -half, half).astype(np.int16))
 
+    def joints(self, coordinates: Coordinates) -> FloatArray:
+        """Returns joints (n, c) [rad] from steps (c, n), to half a step."""
+        return coordinates.T / self.scale + self.middle
+
     def box(self, low: FloatArray, high: FloatArray) -> tuple[Coordinates, Coordinates]:
         """Returns boxes of joints in steps, rounded outward, coordinate first, shape (c, n) each.
 

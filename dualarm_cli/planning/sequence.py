@@ -45,6 +45,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     """
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
+    nearby: list[list[StagePlan]] = []
     if problem.blind:
         # Simpler methods, which take long with clearance, are then only the last resort.
         blind = decisions_of(numbers, model, list(problem.blind))
@@ -58,17 +59,21 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             local=job.tool_speed is not None,
         )
         if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
-            return Decided(stage_plans(model, job, numbers, near.decisions, "sequence"))
+            nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
+        if nearby and problem.effort != "thorough":
+            return Decided(nearby[0])
     starts, failure = _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
+    if found is None and nearby:
+        return Decided(nearby[0])
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
     alternatives = _rivals(problem, starts, found)
-    return Decided(stages, _grid_gap(found), alternatives)
+    return Decided(stages, _grid_gap(found), (*nearby, *alternatives))
 
 
 def _starts(
