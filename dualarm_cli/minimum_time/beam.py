@@ -22,6 +22,9 @@ from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
+MORE, LIKE = 8, 2
+"""So many times more are sorted where something has to keep clear, of which but so many of a kind are looked at first:
+else all the best ones touch the same thing."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,9 @@ def _extend(
     possible = np.nonzero(np.isfinite(key))[0]
     if not len(possible):
         return None
-    some = possible[np.argsort(key[possible], kind="stable")[: WAYS * len(arms) * width]]
+    count = WAYS * len(arms) * width
+    looked_at = count if problem.clearance is None else MORE * count
+    some = possible[np.argsort(key[possible], kind="stable")[:looked_at]]
     parent = some // (key.size // b)
     angle = (some // (key.size // (b * f))) % f
     node = np.full((len(arms), len(some)), -1, dtype=np.int64)
@@ -140,18 +145,43 @@ def _extend(
         node[a] = rows.ravel()[some]
     lasts = spent.ravel()[some]
     if problem.clearance is not None:
-        waits = _waits(problem, problem.clearance, arms, states, Step(parent, node, angle), angles, k)
-        order = np.argsort(key[some] + waits, kind="stable")
-        order = order[np.isfinite(waits[order])]
+        rows = _varied(_kinds(arms, node, angle, k), LIKE, count)
+        step = Step(parent[rows], node[:, rows], angle[rows])
+        waits = _waits(problem, problem.clearance, arms, states, step, angles, k)
+        worth = key[some[rows]] + waits
+        order = np.argsort(worth, kind="stable")
+        order = order[np.isfinite(worth[order])]
         if not len(order):
             return None
-        parent, angle, node = parent[order], angle[order], node[:, order]
-        lasts = (lasts + waits.astype(np.float32))[order]
+        lasts = (lasts[rows] + waits.astype(np.float32))[order]
+        rows = rows[order]
+        parent, angle, node = parent[rows], angle[rows], node[:, rows]
     same = np.where(node >= 0, node, states.node[:, parent] + 1_000_000)
     _, first = np.unique(same, axis=1, return_index=True)
     kept = np.sort(first)[:width]
     step = Step(parent[kept], node[:, kept], angle[kept])
     return step, _moved(problem, arms, states, step, lasts[kept], k)
+
+
+def _kinds(arms: tuple[ArmLayers, ...], node: IntArray, angle: IntArray, k: int) -> IntArray:
+    """Returns numbers of what pairs of nodes have in common: platform angle, branches and yaws, shape (b,)."""
+    columns = [angle.astype(np.float64)]
+    for arm, own in zip(arms, node, strict=True):
+        layer = arm.layers[k]
+        if layer is not None:
+            columns += [layer.decisions.branch[own], layer.decisions.yaw[own]]
+    kinds: IntArray = np.unique(np.round(columns, 5), axis=1, return_inverse=True)[1]
+    return kinds
+
+
+def _varied(kinds: IntArray, most: int, count: int) -> IntArray:
+    """Returns so many of b rows, best first as they are: first no more than `most` of every kind, then the others."""
+    order = np.argsort(kinds, kind="stable")
+    first = np.searchsorted(kinds[order], kinds)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    early = rank - first < most
+    return np.concatenate([np.flatnonzero(early), np.flatnonzero(~early)])[:count]
 
 
 def _waits(

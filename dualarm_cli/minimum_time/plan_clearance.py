@@ -80,7 +80,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     alone = (own[:stops] >= SLACK).reshape(STOPS, n)
     both = (cross[:stops] >= SLACK).reshape(STOPS, n)
     lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
-    apart = (cross[stops:] >= 0.0).reshape(n + 1, SAMPLES).all(axis=1)
+    apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
     known = np.concatenate(
         [test.known_costs(k, starts[k, None], ends[k, None]) for k in range(n + 1)]
     )

@@ -4,115 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.minimum_time.corridor import best_combination
+from dualarm_cli.minimum_time.efforts import EFFORTS, WHOLE, Effort
 from dualarm_cli.minimum_time.node_paths import kind_of
-from dualarm_cli.minimum_time.node_plans import Mesh, plans_on_nodes
+from dualarm_cli.minimum_time.node_plans import plans_on_nodes
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate
 
-
-def evening(stages: int) -> float:
-    """Returns how much less luck at single stages counts in a sequence that is longer than WHOLE, 1 in others."""
-    return min(1.0, float(np.sqrt(WHOLE / stages)))
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How hard the search tries."""
-
-    meshes: tuple[Mesh, ...]
-    """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
-    trial_rounds: int
-    """Rounds of polishing of every plan before they are combined."""
-    rounds: int
-    """Rounds of polishing of the combination."""
-    random_steps: int
-    """Random steps that are offered in each round."""
-    for_few: tuple[Mesh, ...]
-    """Further grids for short sequences."""
-    local: Mesh
-    """The grid around the best plan so far."""
-    local_rounds: int = 1
-    """How often there is such a grid, at most."""
-    plans: int = 1
-    """Plans of every grid that are polished: different in branches, targets or yaws."""
-
-    def for_stages(self, stages: int) -> Effort:
-        """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
-        more = min(MOST, max(1, WHOLE // stages))
-        if stages > WHOLE:
-            share = max(LEAST_NODES, evening(stages))
-            return replace(
-                self,
-                meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
-                local=self.local.thinned(share),
-            )
-        return replace(
-            self,
-            meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
-            trial_rounds=self.trial_rounds * min(more, 2),
-            rounds=self.rounds * more,
-            random_steps=self.random_steps * more,
-            local_rounds=self.local_rounds * more,
-            plans=self.plans * more,
-        )
-
-
-WHOLE = 24
-"""Sequences of so many stages or more take as long as they are."""
-LEAST_NODES = 0.7
-"""Share of a grid's nodes that is left of it in the longest sequences."""
-FEW = 4
-"""So many times more rounds and further grids."""
-MOST = 4
-"""The shortest ones get so many times more rounds and plans."""
-
-LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
-FINE = Mesh(np.radians(2.0), 48, 4000, 200, 8, around=2)
-EFFORTS = {
-    "quick": Effort((Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, 0),
-    "normal": Effort(
-        (
-            Mesh(np.radians(12.0), 14, 1500, 40),
-            Mesh(np.radians(15.0), 12, 1500, 20),
-        ),
-        4,
-        6,
-        4,
-        (
-            Mesh(np.radians(8.0), 22, 3000, 200, 8),
-            Mesh(np.radians(10.0), 18, 3000, 100, 8),
-        ),
-        LOCAL,
-    ),
-    "thorough": Effort(
-        (
-            Mesh(np.radians(8.0), 22, 3000, 200, 8),
-            Mesh(np.radians(6.0), 30, 5000, 100, 8),
-            Mesh(np.radians(10.0), 18, 3000, 100, 8),
-            Mesh(np.radians(12.0), 16, 3000, 100, 8),
-            Mesh(np.radians(15.0), 12, 3000, 100, 8),
-            Mesh(np.radians(18.0), 14, 3000, 100, 8),
-        ),
-        12,
-        60,
-        24,
-        (),
-        FINE,
-        6,
-    ),
-}
-"""By name."""
-NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that nearly does."""
 BESIDE = 1
 """So many stages to either side of one that does not keep clear are looked at with it."""
 LITTLE = 2e-3
@@ -206,7 +112,7 @@ def search_near(
     loose = _loose(problem, start, touching)
     if problem.stages <= WHOLE and not local:
         loose[:] = True
-    found = plans_on_nodes(problem, tables, NEAR, how.plans, start, loose)
+    found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
     # Nodes are in single precision; what is not looked at stays as it was to the last bit.
     around = [plan.decisions.put(np.flatnonzero(~loose), near) for _, plan in found.plans]
     if not around:

@@ -39,7 +39,7 @@ def step_waits(
     for a in range(len(before)):
         own = test.cell.own_margins(a, way, np.full(len(way), before[a]))
         lacks = np.maximum(lacks, -own)
-    apart = (cross[: len(way)] >= 0.0).reshape(n, SAMPLES).all(axis=1)
+    apart = np.all((cross[: len(way)] >= 0.0).reshape(n, SAMPLES), axis=1)
     stops = (cross[len(way) :] >= SLACK).reshape(3, n)
     waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
     waits = np.maximum(waits, test.known_costs(stage, start, arrival))

@@ -21,8 +21,8 @@ NEGLIGIBLE = 0.005
 """Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
 FEW = 0.34
 """Share of stages; a blind plan with more that do not keep clear is not mended."""
-COSTLY = {"quick": 1.5, "normal": 1.5, "thorough": 0.2}
-"""What mending a stage costs that is worth looking for another one, at full speed, by effort [s]."""
+COSTLY = 1.5
+"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
 SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
 ROUNDS = 3
@@ -128,7 +128,7 @@ def quickest_clear(
         tried = _cleared(clearing, _timed(problem, decided, timing, known))
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
-        bars = _bars(clearing, tried, COSTLY[problem.effort])
+        bars = _bars(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
         if not bars or (before is not None and same_postures(decided.stages, before)):
             break
@@ -198,14 +198,8 @@ def _badness(found: Cleared) -> tuple[int, float]:
     return len(found.blocked), found.motion.trajectory.duration
 
 
-def _bars(clearing: Clearing, tried: Cleared, costly: float) -> list[Barred]:
-    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost.
-
-    Args:
-        clearing: what the plan was mended with.
-        tried: the plan.
-        costly: what a mended stage costs at least to be named, at full speed [s].
-    """
+def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
+    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
     found = []
     everything = tuple(range(len(clearing.job.cell.robot.joints)))
     # With a cap on the tools' speed all takes longer than the search thinks.
@@ -216,7 +210,7 @@ def _bars(clearing: Clearing, tried: Cleared, costly: float) -> list[Barred]:
             continue
         straight = clearing.timed([replace(plan, detours={}, waits={}, path=None)])
         cost = stage.end - stage.start - straight.trajectory.duration
-        if cost > costly * slow:
+        if cost > COSTLY * slow:
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
     for k in tried.blocked:
         plan, stage = tried.plans[k], tried.motion.stages[k]

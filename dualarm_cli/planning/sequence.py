@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.minimum_time.efforts import evening
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
-from dualarm_cli.minimum_time.search import Found, evening, search, search_near
+from dualarm_cli.minimum_time.search import Found, search, search_near
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.peers.grid import local_search
 from dualarm_cli.peers.ipopt import nonlinear_program
