@@ -58,3 +58,12 @@ def test_unbounded_joints_have_a_table_too() -> None:
     table = TransferTable.of([law], np.array([-np.inf]), np.array([np.inf]))
     x, y = (table.coordinates(np.array([[q]])) for q in (-6.0, 6.0))
     assert table.times(x, y)[0, 0] == pytest.approx(law.duration(np.array([12.0])), rel=1e-3)
+
+
+def test_joints_come_back_from_their_steps():
+    """To half a step, which is the widest range over 64,000, wherever they are within it."""
+    low, high = np.array([-3.0, -1.0]), np.array([3.0, 2.0])
+    table = TransferTable.of([RestToRest(*(np.full(2, x) for x in (2.0, 10.0, 100.0)))], low, high)
+    q = np.random.default_rng(0).uniform(low, high, (100, 2))
+    back = table.joints(table.coordinates(q))
+    assert np.abs(back - q).max() <= 6.0 / 64_000 + 1e-12
