@@ -54,7 +54,14 @@ def _mesh(value: object) -> object:
 
 
 def _half_space(value: object) -> object:
-    return True if value == {} else value
+    if value == {}:
+        return True
+    if value is not True:
+        raise refuse(
+            "a half_space is everything below the plane z = 0 of its own pose; allowed: "
+            "`half_space: true`, with `xyz` and `rpy` beside it for where the plane is"
+        )
+    return value
 
 
 class ShapeSection(FramedPose):
