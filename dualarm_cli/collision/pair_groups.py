@@ -25,8 +25,8 @@ ROUNDED = 4e-6
 """What margins are less by, for the rounding of places in single precision, about 1e-6 at two metres [m]."""
 ENOUGH = 0.01
 """Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
-ALIGNED = 1e-12
-"""Boxes whose axes are off those of their joint's frame by no more are along it."""
+ALIKE = 9
+"""Digits to which the axes of boxes are the same: places are then the same to a nanometre."""
 
 
 @dataclass(frozen=True)
@@ -83,24 +83,24 @@ class _Rounds:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Pairs of a capsule and a box; all boxes move with one joint, or all of them stand."""
+    """Pairs of a capsule and a box; all boxes move with one joint, or all of them stand, and all have the same axes."""
 
     joint: int
     """The joint that they move with."""
     axes: Singles | None
-    """Axes of each pair's box in the joint's frame, shape (3 axes, 3, p, 1); None where all are along that frame's."""
+    """Their axes in the joint's frame, one a row, shape (3, 3); None where they are that frame's."""
     p: Singles
-    """Its centre there [m], shape (3, p, 1)."""
+    """Their centres along these axes [m], shape (3, p, 1)."""
     half: Singles
     """Half sides [m], shape (3, p, 1)."""
     hulls: IntArray
-    """The capsules, shape (p,)."""
+    """The capsules, shape (h,)."""
+    hull: IntArray
+    """Which of them belongs to each pair, shape (p,)."""
     slack: FloatArray
     """Their radii and the required clearances [m], shape (p, 1)."""
     ball: Singles
     """The same and their half lengths, shape (p, 1)."""
-    both: Singles
-    """The same and the radii of the balls around the boxes, shape (p, 1)."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,10 @@ def pair_group(
         pairs: of the solids.
     """
     rounds: list[tuple[int, int, float]] = []
-    boxes: dict[tuple[int, bool], list[tuple[int, int, float]]] = {}
+    boxes: dict[tuple[int, bytes], list[tuple[int, int, float]]] = {}
     planes: list[tuple[int, FloatArray, float]] = []
     kinds: list[list[Pair]] = [[], []]
-    boxed: dict[tuple[int, bool], list[Pair]] = {}
+    boxed: dict[tuple[int, bytes], list[Pair]] = {}
     for pair in pairs:
         one, other = pair.first, pair.second
         # The one that is kept as it is: what stands, or else a box.
@@ -166,7 +166,7 @@ def pair_group(
             planes.append((one, normal, offset + slack))
             kinds[1].append(pair)
         elif keeps_form(solid):
-            kind = solid.joint, _is_aligned(solid, tree)
+            kind = solid.joint, (np.round(_axes(solid, tree), ALIKE) + 0.0).tobytes()
             boxes.setdefault(kind, []).append((one, other, slack))
             boxed.setdefault(kind, []).append(pair)
         else:
@@ -189,7 +189,8 @@ def pair_group(
             (radii + np.array(lengths).reshape(-1, 1)).astype(np.float32),
         ),
         tuple(
-            _box_pairs(solids, hulls, tree, *kind, found, number) for kind, found in boxes.items()
+            _box_pairs(solids, hulls, tree, joint, found, number)
+            for (joint, _), found in boxes.items()
         ),
         _Planes(
             np.array([number[hull] for hull, *_ in planes], dtype=np.int64),
@@ -223,16 +224,16 @@ def pair_margins(group: PairGroup, frames: Frames, center: Singles, half: Single
         margins[rounds : rounds + flats] = height - planes.slack
     first = rounds + flats
     for boxes in group.boxes:
-        last = first + len(boxes.hulls)
+        last = first + len(boxes.hull)
         margins[first:last] = _box_margins(boxes, frames[boxes.joint], center, half)
         first = last
     return margins
 
 
-def _is_aligned(solid: Solid, tree: JointTree) -> bool:
-    """Returns whether a box's axes are along those of its joint's frame."""
-    axes = tree.R_joint_own[solid.joint].T @ solid.pose.rotation
-    return bool(np.abs(axes - np.eye(3)).max() < ALIGNED)
+def _axes(solid: Solid, tree: JointTree) -> FloatArray:
+    """Returns a box's axes in its joint's frame, one a row, shape (3, 3)."""
+    axes: FloatArray = (tree.R_joint_own[solid.joint].T @ solid.pose.rotation).T
+    return axes
 
 
 def _box_pairs(
@@ -240,30 +241,31 @@ def _box_pairs(
     hulls: Hulls,
     tree: JointTree,
     joint: int,
-    aligned: bool,
     found: Sequence[tuple[int, int, float]],
     number: IntArray,
 ) -> _Boxes:
-    """Returns pairs of boxes that move with one joint; found are capsule, box and slack."""
+    """Returns pairs of boxes of the same axes that move with one joint; found are capsule, box and slack."""
     own = tree.R_joint_own[joint].T
-    axes, centers, halves = [], [], []
+    axes = _axes(solids[found[0][1]], tree)
+    centers, halves = [], []
     for _, box, _ in found:
         solid = solids[box]
         center, half = box_around(solid.geometry)
-        axes.append((own @ solid.pose.rotation).T)
-        centers.append(own @ np.asarray(solid.pose.act(center)))
+        centers.append(axes @ own @ np.asarray(solid.pose.act(center)))
         halves.append(half)
     slack = np.array([s for *_, s in found]).reshape(-1, 1)
     ball = slack + hulls.length[[hull for hull, *_ in found]][:, None]
+    used, hull = np.unique(number[[hull for hull, *_ in found]], return_inverse=True)
+    straight = np.array_equal(np.round(axes, ALIKE), np.eye(3))
     return _Boxes(
         joint,
-        None if aligned else np.moveaxis(np.array(axes, dtype=np.float32), 0, 2)[..., None],
+        None if straight else axes.astype(np.float32),
         np.array(centers, dtype=np.float32).T[..., None],
         np.array(halves, dtype=np.float32).T[..., None],
-        np.array([number[hull] for hull, *_ in found], dtype=np.int64),
+        used,
+        hull,
         slack,
         ball.astype(np.float32),
-        (ball + np.linalg.norm(halves, axis=1)[:, None]).astype(np.float32),
     )
 
 
@@ -289,31 +291,20 @@ def _box_margins(
 ) -> Singles:
     """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, s, n) [m].
 
-    By balls around both, nearer ones by the ball around the capsule and the box, and the nearest ones exactly. Where
-    boxes stand along the axes of the root link the second step is as quick as the first.
+    By the balls around the capsules, along the axes that the boxes have in common; the nearest ones exactly.
     """
     R, p = frame
-    apart = center[:, boxes.hulls]
+    middle = center[:, boxes.hulls]
     if boxes.joint != WORLD:
-        apart -= p[:, None] + boxes.p[..., 0].T @ R
-        margin = np.sqrt(dot(apart, apart)) - boxes.both
-        pair, row = np.nonzero(margin < ENOUGH)
-        middle = _seen(boxes, R, pair, row, apart[:, pair, row])
-        margin[pair, row] = _from_balls(middle, boxes.half[:, pair, 0], boxes.ball[pair, 0])
-    elif boxes.axes is not None:
-        apart -= boxes.p
-        apart = _along(boxes.axes, apart)
-        margin = _from_balls(apart, boxes.half, boxes.ball)
-    else:
-        apart -= boxes.p
-        margin = _from_balls(apart, boxes.half, boxes.ball)
+        middle -= p[:, None]
+    apart = _seen(boxes, R, middle)[:, boxes.hull]
+    apart -= boxes.p
+    margin = _from_balls(apart, boxes.half, boxes.ball)
     pair, row = np.nonzero(margin < ENOUGH)
     if not len(pair):
         return margin
-    middle, to_end = apart[:, pair, row], half[:, boxes.hulls[pair], row]
-    if boxes.joint != WORLD:
-        middle = _seen(boxes, R, pair, row, middle)
-    to_end = _seen(boxes, R, pair, row, to_end)
+    middle = apart[:, pair, row]
+    to_end = _seen(boxes, R[:, :, row], half[:, boxes.hulls[boxes.hull[pair]], row])
     ends = [(middle + sign * to_end).astype(np.float64) for sign in (1.0, -1.0)]
     exact = box_distance(ends[0], ends[1], boxes.half[:, pair, 0].astype(np.float64))
     margin[pair, row] = exact - boxes.slack[pair, 0]
@@ -330,13 +321,11 @@ def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
     return found
 
 
-def _seen(boxes: _Boxes, R: Singles, pair: IntArray, row: IntArray, x: Singles) -> Singles:
-    """Returns vectors (3, m) along the axes of the boxes of some pairs in some postures, shape (3, m)."""
+def _seen(boxes: _Boxes, R: Singles, x: Singles) -> Singles:
+    """Returns vectors (3, ..., n) along the axes of boxes, shape (3, ..., n), for rotations (3, 3, n) of their joint."""
     if boxes.joint != WORLD:
-        x = _along(R.transpose(1, 0, 2)[:, :, row], x)
-    return x if boxes.axes is None else _along(boxes.axes[:, :, pair, 0], x)
-
-
-def _along(axes: Singles, x: Singles) -> Singles:
-    """Returns components of vectors (3, ...) along three axes each, of shape (3 axes, 3, ...), broadcast."""
-    return np.stack([dot(axis, x) for axis in axes])
+        x = np.stack([dot(R[:, k], x) for k in range(3)])
+    if boxes.axes is None:
+        return x
+    found: Singles = (boxes.axes @ x.reshape(3, -1)).reshape(x.shape)
+    return found
