@@ -322,7 +322,7 @@ def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
 
 
 def _seen(boxes: _Boxes, R: Singles, x: Singles) -> Singles:
-    """Returns vectors (3, ..., n) along the axes of boxes, shape (3, ..., n), for rotations (3, 3, n) of their joint."""
+    """Returns vectors (3, ..., n) along the axes of boxes, of that shape, for rotations (3, 3, n) of their joint."""
     if boxes.joint != WORLD:
         x = np.stack([dot(R[:, k], x) for k in range(3)])
     if boxes.axes is None:
