@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.collision.box_pairs import BoxPairs
-from dualarm_cli.collision.distances import box_distance, dot, segment_distance
 from dualarm_cli.collision.hulls import Hulls, box_around, is_rough, keeps_form
-from dualarm_cli.collision.solids import WORLD, Pair, Solid
+from dualarm_cli.collision.solids import Pair, Solid
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
@@ -23,8 +22,6 @@ Frames = Mapping[int, tuple[Singles, Singles]]
 
 ROUNDED = 4e-6
 """What margins are less by, for the rounding of places in single precision, about 1e-6 at two metres [m]."""
-ENOUGH = 0.01
-"""Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
 ALIKE = 9
 """Digits to which the axes of boxes are the same: places are then the same to a nanometre."""
 
@@ -68,7 +65,7 @@ class Capsules:
 
 
 @dataclass(frozen=True)
-class _Rounds:
+class Rounds:
     """Pairs of capsules."""
 
     first: IntArray
@@ -82,7 +79,7 @@ class _Rounds:
 
 
 @dataclass(frozen=True)
-class _Boxes:
+class Boxes:
     """Pairs of a capsule and a box; all boxes move with one joint, or all of them stand, and all have the same axes."""
 
     joint: int
@@ -104,7 +101,7 @@ class _Boxes:
 
 
 @dataclass(frozen=True)
-class _Planes:
+class Planes:
     """Pairs of a capsule and a half-space that stands in the root link's frame."""
 
     hulls: IntArray
@@ -121,9 +118,9 @@ class PairGroup:
 
     joints: frozenset[int]
     """Joints whose frames are needed."""
-    rounds: _Rounds
-    boxes: tuple[_Boxes, ...]
-    planes: _Planes
+    rounds: Rounds
+    boxes: tuple[Boxes, ...]
+    planes: Planes
     pairs: tuple[Pair, ...]
     """The pairs in the order of rounds, planes and boxes, q of them."""
     rough: BoolArray
@@ -182,7 +179,7 @@ def pair_group(
     lengths = [hulls.length[a] + hulls.length[b] for a, b, _ in rounds]
     return PairGroup(
         frozenset(joints),
-        _Rounds(
+        Rounds(
             np.array([number[a] for a, _, _ in rounds], dtype=np.int64),
             np.array([number[b] for _, b, _ in rounds], dtype=np.int64),
             radii,
@@ -192,7 +189,7 @@ def pair_group(
             _box_pairs(solids, hulls, tree, joint, found, number)
             for (joint, _), found in boxes.items()
         ),
-        _Planes(
+        Planes(
             np.array([number[hull] for hull, *_ in planes], dtype=np.int64),
             np.array([n for _, n, _ in planes], dtype=np.float32).reshape(-1, 3).T[..., None],
             np.array([s for *_, s in planes], dtype=np.float32).reshape(-1, 1),
@@ -203,31 +200,6 @@ def pair_group(
         ),
         BoxPairs.of(solids, tree, ordered),
     )
-
-
-def pair_margins(group: PairGroup, frames: Frames, center: Singles, half: Singles) -> Singles:
-    """Returns the margins of all q pairs of a group's hulls [m], shape (q, n), in n postures.
-
-    Args:
-        group: the pairs.
-        frames: of the group's joints.
-        center: middles of the capsules [m], shape (3, s, n).
-        half: from there to one end [m], shape (3, s, n).
-    """
-    planes = group.planes
-    margins = np.empty((len(group.pairs), center.shape[2]), dtype=np.float32)
-    rounds, flats = len(group.rounds.first), len(planes.hulls)
-    margins[:rounds] = _round_margins(group.rounds, center, half)
-    if flats:
-        height = dot(planes.normal, center[:, planes.hulls])
-        height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
-        margins[rounds : rounds + flats] = height - planes.slack
-    first = rounds + flats
-    for boxes in group.boxes:
-        last = first + len(boxes.hull)
-        margins[first:last] = _box_margins(boxes, frames[boxes.joint], center, half)
-        first = last
-    return margins
 
 
 def _axes(solid: Solid, tree: JointTree) -> FloatArray:
@@ -243,7 +215,7 @@ def _box_pairs(
     joint: int,
     found: Sequence[tuple[int, int, float]],
     number: IntArray,
-) -> _Boxes:
+) -> Boxes:
     """Returns pairs of boxes of the same axes that move with one joint; found are capsule, box and slack."""
     own = tree.R_joint_own[joint].T
     axes = _axes(solids[found[0][1]], tree)
@@ -257,7 +229,7 @@ def _box_pairs(
     ball = slack + hulls.length[[hull for hull, *_ in found]][:, None]
     used, hull = np.unique(number[[hull for hull, *_ in found]], return_inverse=True)
     straight = np.array_equal(np.round(axes, ALIKE), np.eye(3))
-    return _Boxes(
+    return Boxes(
         joint,
         None if straight else axes.astype(np.float32),
         np.array(centers, dtype=np.float32).T[..., None],
@@ -267,65 +239,3 @@ def _box_pairs(
         slack,
         ball.astype(np.float32),
     )
-
-
-def _round_margins(pairs: _Rounds, center: Singles, half: Singles) -> Singles:
-    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, s, n) [m]."""
-    apart = center[:, pairs.first]
-    apart -= center[:, pairs.second]
-    margin = np.sqrt(dot(apart, apart))
-    margin -= pairs.ball
-    near = np.nonzero(margin < ENOUGH)
-    if len(near[0]):
-        ends = []
-        for hulls in (pairs.first, pairs.second):
-            at = slice(None), hulls[near[0]], near[1]
-            middle, to_end = center[at].astype(np.float64), half[at].astype(np.float64)
-            ends += [middle + to_end, middle - to_end]
-        margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
-    return margin
-
-
-def _box_margins(
-    boxes: _Boxes, frame: tuple[Singles, Singles], center: Singles, half: Singles
-) -> Singles:
-    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, s, n) [m].
-
-    By the balls around the capsules, along the axes that the boxes have in common; the nearest ones exactly.
-    """
-    R, p = frame
-    middle = center[:, boxes.hulls]
-    if boxes.joint != WORLD:
-        middle -= p[:, None]
-    apart = _seen(boxes, R, middle)[:, boxes.hull]
-    apart -= boxes.p
-    margin = _from_balls(apart, boxes.half, boxes.ball)
-    pair, row = np.nonzero(margin < ENOUGH)
-    if not len(pair):
-        return margin
-    middle = apart[:, pair, row]
-    to_end = _seen(boxes, R[:, :, row], half[:, boxes.hulls[boxes.hull[pair]], row])
-    ends = [(middle + sign * to_end).astype(np.float64) for sign in (1.0, -1.0)]
-    exact = box_distance(ends[0], ends[1], boxes.half[:, pair, 0].astype(np.float64))
-    margin[pair, row] = exact - boxes.slack[pair, 0]
-    return margin
-
-
-def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
-    """Returns how far balls about middles (3, ...) are from boxes about the origin at least [m], shape (...)."""
-    outside = np.abs(middle)
-    outside -= half
-    np.maximum(outside, 0.0, out=outside)
-    found: Singles = np.sqrt(dot(outside, outside))
-    found -= ball
-    return found
-
-
-def _seen(boxes: _Boxes, R: Singles, x: Singles) -> Singles:
-    """Returns vectors (3, ..., n) along the axes of boxes, of that shape, for rotations (3, 3, n) of their joint."""
-    if boxes.joint != WORLD:
-        x = np.stack([dot(R[:, k], x) for k in range(3)])
-    if boxes.axes is None:
-        return x
-    found: Singles = (boxes.axes @ x.reshape(3, -1)).reshape(x.shape)
-    return found

@@ -11,15 +11,14 @@ import pinocchio as pin
 
 from dualarm_cli.collision.hulls import Hulls
 from dualarm_cli.collision.pair_groups import (
-    ENOUGH,
     ROUNDED,
     Capsules,
     Frames,
     PairGroup,
     Singles,
     pair_group,
-    pair_margins,
 )
+from dualarm_cli.collision.pair_margins import ENOUGH, pair_margins
 from dualarm_cli.collision.reach import can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
