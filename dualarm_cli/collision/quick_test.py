@@ -39,6 +39,8 @@ OVERLAP = 3e-4
 """How far a part may reach into what it lies on by rounding [m]; less than the verifier lets pass."""
 OVERLAPS = 1e-3
 """Boxes that no axis shows to overlap by less are looked at by coal [m]."""
+SURE = 5e-4
+"""Margins of boxes that are greater are as good as true ones [m]."""
 DOUBTED = 0.004
 """Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
 
@@ -212,7 +214,7 @@ class QuickTest:
             own = (gap - boxes.required[which] - ROUNDED).astype(np.float32)
             margins[pair, row] = np.maximum(margins[pair, row], own)
             # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
-            doubted[pair, row] = (margins[pair, row] < 0.0) & (gap > -OVERLAPS)
+            doubted[pair, row] = (margins[pair, row] < SURE) & (gap > -OVERLAPS)
         self._ask_coal(group, position, margins, doubted)
 
     def _ask_coal(

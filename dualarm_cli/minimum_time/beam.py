@@ -22,6 +22,8 @@ from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
+IMPOSSIBLE = 1e3
+"""What a step that is not possible counts [s]."""
 MORE, LIKE = 8, 2
 """So many times more are sorted where something has to keep clear, of which but so many of a kind are looked at first:
 else all the best ones touch the same thing."""
@@ -149,10 +151,9 @@ def _extend(
         step = Step(parent[rows], node[:, rows], angle[rows])
         waits = _waits(problem, problem.clearance, arms, states, step, angles, k)
         worth = key[some[rows]] + waits
+        # Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
+        waits = np.minimum(waits, IMPOSSIBLE)
         order = np.argsort(worth, kind="stable")
-        order = order[np.isfinite(worth[order])]
-        if not len(order):
-            return None
         lasts = (lasts[rows] + waits.astype(np.float32))[order]
         rows = rows[order]
         parent, angle, node = parent[rows], angle[rows], node[:, rows]

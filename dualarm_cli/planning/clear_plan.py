@@ -96,7 +96,7 @@ def quickest_clear(
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
-        if best is not None and motion.trajectory.duration >= best.motion.trajectory.duration:
+        if best is not None and best.is_done_within(motion.trajectory.duration):
             break
         touching = clearing.touching(plans, motion)
         if not touching:
@@ -125,7 +125,8 @@ def quickest_clear(
         except InfeasibleError as error:
             failure = error
             break
-        tried = _cleared(clearing, _timed(problem, decided, timing, known))
+        timed = _timed(problem, decided, timing, known)
+        tried = _cleared(clearing, timed)
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
         bars = _bars(clearing, tried)
@@ -137,7 +138,7 @@ def quickest_clear(
             asked,
             barred=(*asked.barred, *bars),
             blind=tuple(before),
-            touching=tuple(bar.stage for bar in bars),
+            touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
         )
     if found is not None and not found.cleared.blocked:
         return found
@@ -163,6 +164,14 @@ def _check_start(problem: MethodProblem, holding: Holding) -> None:
         )
 
 
+def _touching(
+    clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]], plan: list[StagePlan]
+) -> list[int]:
+    """Returns the stages that do not keep clear of one of several timed plans."""
+    [motion] = [motion for stages, motion in timed if stages is plan]
+    return clearing.touching(plan, motion)
+
+
 def _timed(
     problem: MethodProblem, decided: Decided, timing: TimingSolver, known: Known
 ) -> list[tuple[list[StagePlan], Motion]]:
@@ -178,12 +187,7 @@ def _cleared(clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]) ->
     """Returns the best of some plans after mending."""
     best: Cleared | None = None
     for plans, motion in timed:
-        done = best is not None and not best.blocked
-        if (
-            best is not None
-            and done
-            and motion.trajectory.duration >= best.motion.trajectory.duration
-        ):
+        if best is not None and best.is_done_within(motion.trajectory.duration):
             break
         best = _better(best, clearing.cleared(plans, motion, clearing.touching(plans, motion)))
     assert best is not None  # a method always has a plan of its own
@@ -204,7 +208,9 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
     everything = tuple(range(len(clearing.job.cell.robot.joints)))
     # With a cap on the tools' speed all takes longer than the search thinks.
     thought = sum(plan.duration for plan in tried.plans) / clearing.holding.pace
-    slow = max(clearing.holding.pace, tried.motion.trajectory.duration / thought)
+    slow = clearing.holding.pace
+    if thought > 0.0:
+        slow = max(slow, tried.motion.trajectory.duration / thought)
     for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
         if not plan.detours and not plan.waits and plan.path is None:
             continue

@@ -49,6 +49,10 @@ class Cleared:
     blocked: tuple[int, ...]
     """Stages that do not keep clear by anything that was tried."""
 
+    def is_done_within(self, duration: float) -> bool:
+        """Returns whether the whole plan keeps clear and takes no longer than a duration [s]."""
+        return not self.blocked and self.motion.trajectory.duration <= duration
+
 
 @dataclass(frozen=True)
 class Clearing:
@@ -119,9 +123,9 @@ class Clearing:
         for _ in range(MENDS):
             context = first if tried is plan else self._context(tried, k)
             found = self._next(context)
-            if found is tried:
-                return tried if tried is plan or self._within_cap(tried) else None
-            if found is None:
+            if found is tried and (tried is plan or self._within_cap(tried)):
+                return tried
+            if found is None or found is tried:
                 break
             tried = found
         # On a path all arrive together: where their lines then meet there is no use in looking for one.
@@ -194,6 +198,7 @@ class Clearing:
         if not tries and not context.plan.detours:
             stopovers = (quickest_stopover(context, name) for name in free)
             tries += [one for one in stopovers if one is not None]
+        tries = [one for one in tries if self._within_cap(one)]
         if not tries:
             return None
         lengths = [self.timed([one]).trajectory.duration for one in tries]

@@ -239,7 +239,8 @@ def _kept(stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
     margin[rows] = looked_at(rows, position[rows], held[rows])
     first, second = rows[:-1], rows[1:]
     close = np.minimum(margin[first], margin[second]) < NEAR * (second - first)
-    close |= (held[first] != held[second]).any(axis=1)
+    # A part on a line counts only where it reaches into something: how far it is from that says nothing.
+    close |= ((held[first] != held[second]) | (held[first] % 2 == 1)).any(axis=1)
     close &= (stage[first] == stage[second]) & kept[stage[first]]
     steps = (first[close, None] + np.arange(1, COARSE)).ravel()
     rows = steps[steps < np.repeat(second[close], COARSE - 1)]

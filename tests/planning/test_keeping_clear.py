@@ -267,3 +267,50 @@ def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder):
     assert any("detour" in note for note in schedule.notes)
     blind = plan_without_bound(job, QUICK, clear=False)
     assert schedule.duration < 1.25 * blind.duration
+
+
+def two_arms_at(job, gap):
+    """The tasks of two robots with their targets so far apart, at one height between them, tools down."""
+    [a, b] = [next(task for task in job.tasks if task.id == name) for name in "ab"]
+    middle = np.array([0.0, 0.1, a.stops[0].target.pose.translation[2]])
+    moved = []
+    for task, side in ((a, -0.5), (b, 0.5)):
+        pose = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0), middle + side * gap * np.eye(3)[0])
+        target = dataclasses.replace(task.stops[0].target, pose=pose)
+        stop = dataclasses.replace(task.stops[0], target=target)
+        moved.append(dataclasses.replace(task, stops=(stop,)))
+    return dataclasses.replace(
+        job, tasks=tuple(moved), returns=False, start="free", tool_speed=None
+    )
+
+
+def test_arms_whose_targets_are_too_near_are_told_by_what_they_touch(tasks_folder):
+    """Targets 8 cm apart, wrists 10 cm wide: the bodies, what is missing, when, and what helps."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    with pytest.raises(InfeasibleError, match="lack") as caught:
+        plan_without_bound(two_arms_at(job, 0.08), QUICK)
+    text = str(caught.value)
+    assert "left_" in text
+    assert "right_" in text
+    assert "mm of clearance" in text
+    assert "take turns" in text
+
+
+@pytest.mark.parametrize("method", ["sequence", "fixed"])
+def test_a_plan_of_no_length_may_be_the_one_that_keeps_clear(tasks_folder, method):
+    """A free start at the one target, without dwell: of its two configurations one touches the other arm."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    task = next(task for task in job.tasks if task.id == "c")
+    [stop] = task.stops
+    free = [1.5, -0.5, 0.0, -0.5, 0.0, 0.5, 0.0]
+    both = np.array([stop.target.configurations[0], free])
+    still = dataclasses.replace(
+        stop.dwell, **{field.name: 0.0 for field in dataclasses.fields(stop.dwell)}
+    )
+    target = dataclasses.replace(stop.target, configurations=both)
+    task = dataclasses.replace(task, stops=(dataclasses.replace(stop, target=target, dwell=still),))
+    job = dataclasses.replace(job, tasks=(task,), returns=False, start="free")
+    schedule = plan_without_bound(job, dataclasses.replace(QUICK, platform=method))
+    assert schedule.duration == 0.0
+    columns = job.cell.robot.columns(job.cell.robot.arm(task.arm).joints)
+    np.testing.assert_allclose(schedule.trajectory.position[-1, columns], free)

@@ -9,7 +9,13 @@ from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.planning.clearing import Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Known, realise
-from dualarm_cli.planning.stage_samples import KEPT, stage_samples, which_keep_clear
+from dualarm_cli.planning.stage_samples import (
+    KEPT,
+    StageSamples,
+    _kept,
+    stage_samples,
+    which_keep_clear,
+)
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -53,3 +59,18 @@ def test_lines_that_are_timed_already_are_the_same_lines(tasks_folder):
         np.testing.assert_array_equal(again.trajectory.time, anew.trajectory.time)
     stops = sum(len(plan.stops) for plan in one)
     assert 2 * stops < len(known.lines) <= 4 * stops
+
+
+def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():
+    """Margins of what lies count only below zero: five instants of a thousand, between those looked at first."""
+    lies = np.zeros((1000, 2), dtype=np.int64)
+    position = np.arange(1000.0)[:, None]
+
+    def margins(position, held):
+        touching = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
+        return np.where(touching, -0.005, 0.2)
+
+    assert _kept([StageSamples(position, lies)], margins)[0]
+    on_line = lies.copy()
+    on_line[:, 0] = 3
+    assert not _kept([StageSamples(position, on_line)], margins)[0]
