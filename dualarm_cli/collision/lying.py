@@ -1,4 +1,4 @@
-"""Whether a part fits where it is picked or placed, whatever arm holds it."""
+"""How far a part reaches into something where it is picked or placed, whatever arm holds it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ STEPS = 9
 """Places along a line that are looked at, its end included."""
 
 
-def part_fits(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> bool:
-    """Returns whether a part reaches into no obstacle, at a target and along the line on which it is carried there.
+def part_reaches(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> tuple[float, str]:
+    """Returns how far a part reaches into an obstacle at most [m], and which one; none where it is at most OVERLAP.
+
+    At a target and along the line on which it is carried there.
 
     Args:
         cell: with parts and obstacles.
@@ -32,6 +34,7 @@ def part_fits(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> bool
         for thing in cell.obstacles
         if frozenset((part, thing.name)) not in allowed
     ]
+    deepest, into = OVERLAP, ""
     for back in np.linspace(0.0, line, STEPS if line > 0.0 else 1):
         T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
         for shape in cell.parts[part]:
@@ -47,6 +50,6 @@ def part_fits(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> bool
                     coal.DistanceRequest(),
                     coal.DistanceResult(),
                 )
-                if distance < -OVERLAP:
-                    return False
-    return True
+                if -distance > deepest:
+                    deepest, into = -float(distance), thing.body
+    return deepest, into

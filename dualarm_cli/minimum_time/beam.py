@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.clearance import SequenceClearance
-from dualarm_cli.minimum_time.node_paths import NodePath, Step, closing_times, kind_of, path_to
+from dualarm_cli.minimum_time.node_paths import (
+    IMPOSSIBLE,
+    NodePath,
+    Step,
+    closing_times,
+    kind_of,
+    path_to,
+)
 from dualarm_cli.minimum_time.potentials import (
     ArmLayers,
     free_columns,
@@ -22,8 +29,6 @@ from dualarm_cli.minimum_time.transfer_table import Coordinates, rows_of
 
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
-IMPOSSIBLE = 1e3
-"""What a step that is not possible counts [s]."""
 MORE, LIKE = 8, 2
 """So many times more are sorted where something has to keep clear, of which but so many of a kind are looked at first:
 else all the best ones touch the same thing."""

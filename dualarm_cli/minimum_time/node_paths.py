@@ -31,6 +31,10 @@ class Step:
     """Platform angle within the grid's, shape (b,)."""
 
 
+IMPOSSIBLE = 1e6
+"""What a step counts for which something has to touch [s]."""
+
+
 @dataclass(frozen=True)
 class NodePath:
     """A plan on the nodes."""
@@ -40,7 +44,12 @@ class NodePath:
     nodes: IntArray
     """Each arm's node in every stage, -1 where idle, shape (arms, n)."""
     total: float
-    """Its time with the nodes' own line times [s]."""
+    """Its time with the nodes' own line times [s], and about what it costs for clearance."""
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether nothing has to touch at its stops, as far as that is known."""
+        return self.total < IMPOSSIBLE
 
 
 def closing_times(

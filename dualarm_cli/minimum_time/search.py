@@ -41,6 +41,8 @@ class Found:
     """No plan on the grid's nodes is faster, with the nodes' own line times [s]; None without a plan there."""
     grid_total: float | None
     """The best plan found on the nodes, before polishing [s]."""
+    hopeless: bool = False
+    """Whether something has to touch at a stop, on all nodes: the plan only shows what."""
 
 
 def search(
@@ -68,7 +70,10 @@ def search(
         )
     bound = made[0].bound
     total = made[0].plans[0][0].total if made[0].plans else None
-    pool += [plan for found in made for _, plan in found.plans]
+    on_nodes = [one for found in made for one in found.plans]
+    if not pool and on_nodes and not any(path.is_possible for path, _ in on_nodes):
+        return Found(min((plan for _, plan in on_nodes), key=lambda p: p.total), bound, total, True)
+    pool += [plan for _, plan in on_nodes]
     pool = _different([plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
@@ -114,7 +119,11 @@ def search_near(
         loose[:] = True
     found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
     # Nodes are in single precision; what is not looked at stays as it was to the last bit.
-    around = [plan.decisions.put(np.flatnonzero(~loose), near) for _, plan in found.plans]
+    around = [
+        plan.decisions.put(np.flatnonzero(~loose), near)
+        for path, plan in found.plans
+        if path.is_possible
+    ]
     if not around:
         return None
     pool = [*(evaluate(problem, tables, plan) for plan in around), start]

@@ -9,6 +9,8 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.minimum_time.clearance import Barred
+from dualarm_cli.planning.clear_checks import check_parts, check_start
+from dualarm_cli.planning.clear_words import why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
@@ -21,19 +23,16 @@ NEGLIGIBLE = 0.005
 """Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
 FEW = 0.34
 """Share of stages; a blind plan with more that do not keep clear is not mended."""
-COSTLY = 1.5
-"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
+DEAR = 0.25
+"""Share of the cycle time; where keeping clear costs more that is said."""
 SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
+RIVALS = 0.04
+"""Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
+COSTLY = 1.5
+"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
-
-
-ADVICE = (
-    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in which "
-    "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
-)
-"""What a person can do about it."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,8 @@ def quickest_clear(
     if not clear:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
     holding = Holding.of(job)
-    _check_start(problem, holding)
+    check_start(problem, holding)
+    check_parts(problem, holding)
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
@@ -117,6 +117,7 @@ def quickest_clear(
         touching=tuple(clearing.touching(*blind_plan)),
     )
     failure: InfeasibleError | None = None
+    decided = blind
     before: list[StagePlan] | None = None
     for _ in range(ROUNDS):
         progress("deciding again, keeping clear")
@@ -131,7 +132,9 @@ def quickest_clear(
             found = Found(decided, tried, reference, replanned=True)
         bars = _bars(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
-        if not bars or (before is not None and same_postures(decided.stages, before)):
+        if decided.hopeless or not bars:
+            break
+        if before is not None and same_postures(decided.stages, before):
             break
         before = decided.stages
         asked = replace(
@@ -140,28 +143,34 @@ def quickest_clear(
             blind=tuple(before),
             touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
         )
+    if decided.simpler is not None and _is_dear(found):
+        progress("looking at simpler plans")
+        simpler = Decided([], alternatives=tuple(decided.simpler()))
+        found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
         return found
-    raise failure or InfeasibleError(_why_blocked(clearing, found))
+    raise failure or InfeasibleError(
+        why_blocked(clearing, None if found is None else found.cleared)
+    )
 
 
-def _check_start(problem: MethodProblem, holding: Holding) -> None:
-    """Refuses a start in which something touches: no motion begins there.
+def _is_dear(found: Found | None) -> bool:
+    """Returns whether simpler plans are worth a look: there is no plan that keeps clear, or at a cost."""
+    if found is None or found.cleared.blocked:
+        return True
+    return found.cost is not None and found.cost > RIVALS * found.blind
 
-    Raises:
-        InfeasibleError: with the posture, the bodies and what is missing.
-    """
-    job, cell = problem.job, holding.cell
-    if job.start == "free":
-        return
-    position = np.array(job.cell.robot.postures[job.start])
-    held = np.zeros(len(cell.arms), dtype=np.int64)
-    one, other, margin = cell.nearest(position, held)
-    if margin < 0.0:
-        raise InfeasibleError(
-            f"start: in posture '{job.start}' {one} and {other} lack {-margin * 1e3:.1f} mm of "
-            f"clearance; start in another posture, move what is in the way, or allow the pair less"
-        )
+
+def _with_rivals(
+    found: Found | None, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
+) -> Found | None:
+    """Returns the best of what was found and of simpler plans after mending."""
+    if not timed or found is None:
+        return found
+    tried = _cleared(clearing, timed, None if found.cleared.blocked else found.cleared)
+    if _badness(tried) < _badness(found.cleared):
+        return replace(found, decided=Decided(tried.plans), cleared=tried, replanned=True)
+    return found
 
 
 def _touching(
@@ -176,16 +185,19 @@ def _timed(
     problem: MethodProblem, decided: Decided, timing: TimingSolver, known: Known
 ) -> list[tuple[list[StagePlan], Motion]]:
     """Returns a method's plans with their motions, quickest first."""
-    plans = [decided.stages, *decided.alternatives]
+    plans = [stages for stages in (decided.stages, *decided.alternatives) if stages]
     timed = [
         (stages, realise(problem.model, problem.job, stages, timing, known)) for stages in plans
     ]
     return sorted(timed, key=lambda one: one[1].trajectory.duration)
 
 
-def _cleared(clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]) -> Cleared:
-    """Returns the best of some plans after mending."""
-    best: Cleared | None = None
+def _cleared(
+    clearing: Clearing,
+    timed: list[tuple[list[StagePlan], Motion]],
+    best: Cleared | None = None,
+) -> Cleared:
+    """Returns the best of some plans after mending, or one that is known if that is better."""
     for plans, motion in timed:
         if best is not None and best.is_done_within(motion.trajectory.duration):
             break
@@ -244,33 +256,6 @@ def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ..
     return tuple(range(samples.position.shape[1]))
 
 
-def _why_blocked(clearing: Clearing, found: Found | None) -> str:
-    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
-    head = (
-        "no plan was found that keeps clear by other postures, platform angles, waits, detours or "
-        "paths of the whole robot"
-    )
-    if found is None:
-        return head
-    lines, cell = [], clearing.holding.cell
-    for k in found.cleared.blocked:
-        samples = stage_samples(found.cleared.motion, k, k, clearing.holding)
-        margins = cell.margins(samples.position, samples.held)
-        worst = int(np.argmin(margins))
-        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
-        stage = found.cleared.motion.stages[k]
-        when = (stage.end - stage.start) * worst / (len(margins) - 1)
-        places = ", ".join(
-            f"{stop.stop.place}: task '{stop.task.id}'"
-            for stop in found.cleared.plans[k].stops.values()
-        )
-        lines.append(
-            f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
-            f"{when:.2f} s into stage {k + 1}"
-        )
-    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}"
-
-
 def clearance_notes(found: Found) -> list[str]:
     """Returns what was done for clearance, and what it cost against the plan where nothing could touch."""
     done = []
@@ -287,10 +272,19 @@ def clearance_notes(found: Found) -> list[str]:
         return []
     if not done:
         done.append("a slower plan was taken that touches nothing")
+    costs = f"this costs {found.cost:.3f} s"
+    if found.cost < 0.0:
+        costs = (
+            f"it is {-found.cost:.3f} s shorter: the method does not find the quickest plan of all"
+        )
     notes = [
-        f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) "
-        f"this costs {found.cost:.3f} s"
+        f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) {costs}"
     ]
+    if found.cost > DEAR * found.blind:
+        notes.append(
+            f"clearance costs {found.cost / found.blind:.0%} of the cycle time: other methods, see `dualarm compare "
+            "solvers`, or another cell layout may do better"
+        )
     if any(stage.waits or stage.detours or stage.path is not None for stage in found.cleared.plans):
         notes.append(
             "sensitivity: transfers that wait or are bent to keep clear count as straight ones there, and what "

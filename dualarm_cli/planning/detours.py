@@ -30,7 +30,7 @@ def quickest_curve(
     """Returns the stage with the quickest of some curves of one arm that keep clear, None for none.
 
     Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
-    curve is timed; the best ones are timed, and looked at again.
+    curve is timed; the best ones are timed, and looked at again. Where there is none, a posture to stop at is.
 
     Args:
         context: the stage.
@@ -63,6 +63,4 @@ def quickest_curve(
             break
         # What the others do while the arm is where is known better now.
         way, points = timed[0], curve(start, found[0], goal, later)
-    if context.job.tool_speed is not None:
-        return quickest_stop(context, name, clear, with_other)
-    return None
+    return quickest_stop(context, name, clear, with_other)

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
-from dualarm_cli.collision.lying import part_fits
+from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.job import Job, JointTarget, Stop
 from dualarm_cli.planning.yaws import stop_yaws
@@ -28,6 +28,8 @@ class Holding:
     yaws: Mapping[tuple[int, str], FloatArray]
     """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
     there is no part, or it fits nowhere, all of them."""
+    misfits: Mapping[tuple[int, str], tuple[float, str]]
+    """By stage and arm how far a part reaches into something at best [m], and into what, where it fits nowhere."""
     pace: float = 1.0
     """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
@@ -51,23 +53,27 @@ class Holding:
                     now[arm] = ""
             rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
             holds = now
-        fitting = {
-            (k, arm): _fitting(job, stop, task.part)
-            for k, work in enumerate(job.stages())
-            for arm, (task, stop) in work.items()
-        }
+        fitting, misfits = {}, {}
+        for k, work in enumerate(job.stages()):
+            for arm, (task, stop) in work.items():
+                fitting[k, arm], misfit = _fitting(job, stop, task.part)
+                if misfit is not None:
+                    misfits[k, arm] = misfit
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
-        return cls(cell, numbers[:, 0], numbers[:, 1], fitting, 1.0 / job.speed)
+        return cls(cell, numbers[:, 0], numbers[:, 1], fitting, misfits, 1.0 / job.speed)
 
 
-def _fitting(job: Job, stop: Stop, part: str) -> FloatArray:
-    """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines."""
+def _fitting(job: Job, stop: Stop, part: str) -> tuple[FloatArray, tuple[float, str] | None]:
+    """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines.
+
+    Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
+    """
     yaws = stop_yaws(stop)
     if not part or isinstance(stop.target, JointTarget) or not job.cell.obstacles:
-        return yaws
+        return yaws, None
     line = stop.retract if stop.action == "pick" else stop.approach
-    fits = [
-        part_fits(
+    reaches = [
+        part_reaches(
             job.cell,
             part,
             stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.array([0.0, 0.0, 0.0])),
@@ -75,4 +81,5 @@ def _fitting(job: Job, stop: Stop, part: str) -> FloatArray:
         )
         for yaw in yaws
     ]
-    return yaws[fits] if any(fits) else yaws
+    fits = [not into for _, into in reaches]
+    return (yaws[fits], None) if any(fits) else (yaws, min(reaches))

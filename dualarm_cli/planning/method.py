@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -58,3 +59,7 @@ class Decided:
     """Other plans that may turn out to be faster when they are timed exactly."""
     notes: tuple[str, ...] = ()
     """What a reader should know."""
+    hopeless: bool = False
+    """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
+    simpler: Callable[[], list[list[StagePlan]]] | None = None
+    """Simpler methods' plans, to be asked for where keeping clear turns out to be dear; None where they were asked."""

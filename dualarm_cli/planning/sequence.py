@@ -48,7 +48,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
     nearby: list[list[StagePlan]] = []
     if problem.blind:
-        # Simpler methods, which take long with clearance, are then only the last resort.
+        # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         blind = decisions_of(numbers, model, list(problem.blind))
         # The search knows no cap on the tools' speed: under one, what is good is left as it is.
         near = search_near(
@@ -62,10 +62,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and problem.effort != "thorough":
-            return Decided(nearby[0])
+            return Decided(nearby[0], simpler=lambda: _simpler(problem))
     starts, failure = _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
-    if len(job.stages()) in SHORT:
+    if starts and len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
     if found is None and nearby:
@@ -73,8 +73,20 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
+    if found.hopeless:
+        return Decided(stages, hopeless=True)
     alternatives = _rivals(problem, starts, found)
     return Decided(stages, _grid_gap(found), (*nearby, *alternatives))
+
+
+def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
+    """Returns the simpler methods' plans."""
+    few = len(problem.job.stages()) <= FEW_STAGES
+    names = [*problem.simpler, *([MINIMUM_TIME] if few else [])]
+    plans = choose_stages_with(
+        problem.model, problem.job, names, problem.redundancy, holding=problem.holding
+    )
+    return [plan for plan in plans.values() if not isinstance(plan, InfeasibleError)]
 
 
 def _starts(

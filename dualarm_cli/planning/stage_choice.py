@@ -211,8 +211,13 @@ def stage_plan(
     return StagePlan(np.array(position), arrival, end, stops, solver, longest)
 
 
-def explain_clearance(stage: Stage, keep: KeepClear, position: FloatArray) -> dict[str, str]:
-    """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it."""
+def explain_clearance(
+    stage: Stage, keep: KeepClear, position: FloatArray
+) -> tuple[dict[str, str], bool]:
+    """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it.
+
+    And whether that is so at all platform angles.
+    """
     angles = angles_looked_at(stage.model, position)
     problems = stage.from_position(position, angles)
     faults = {
@@ -221,11 +226,10 @@ def explain_clearance(stage: Stage, keep: KeepClear, position: FloatArray) -> di
     }
     found = {arm: fault for arm, fault in faults.items() if fault is not None}
     together = "and the other arm's" if len(stage.work) > 1 else "along its lines"
-    return found or dict.fromkeys(
-        stage.work,
-        f"postures that keep clear were found for single places, but none for this stop {together} "
-        "together",
-    )
+    if found:
+        return found, True
+    reason = f"postures that keep clear were found for single places, but none for this stop {together} together"
+    return dict.fromkeys(stage.work, reason), False
 
 
 def explain(
@@ -234,10 +238,11 @@ def explain(
     """Returns what a person needs to mend a stage that cannot be made: only the arms at fault."""
     model = stage.model
     stops = stage.at_start(position)
-    faults = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
-    faults = {name: fault for name, fault in faults.items() if fault is not None}
+    misses = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
+    faults = {name: fault for name, fault in misses.items() if fault is not None}
+    everywhere = bool(faults)
     if not faults and stage.keep is not None:
-        faults |= explain_clearance(stage, stage.keep, position)
+        faults, everywhere = explain_clearance(stage, stage.keep, position)
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
         if model.platform.is_turntable and len(stage.work) > 1:
@@ -250,8 +255,10 @@ def explain(
         lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
     if not model.platform.joints:
         where = "no posture"
-    elif model.platform.is_turntable:
+    elif model.platform.is_turntable and everywhere:
         where = "no posture at any platform angle"
+    elif model.platform.is_turntable:
+        where = "no posture at the platform angles that this method tries"
     else:
         where = (
             "no posture with the platform held where it starts (this version turns one joint only)"

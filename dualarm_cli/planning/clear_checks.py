@@ -1,0 +1,55 @@
+"""What no plan can keep clear, told before one is looked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.method import MethodProblem
+
+
+def check_start(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses a start in which something touches: no motion begins there.
+
+    Raises:
+        InfeasibleError: with the posture, the bodies and what is missing.
+    """
+    job, cell = problem.job, holding.cell
+    if job.start == "free":
+        return
+    position = np.array(job.cell.robot.postures[job.start])
+    held = np.zeros(len(cell.arms), dtype=np.int64)
+    one, other, margin = cell.nearest(position, held)
+    if margin < 0.0:
+        raise InfeasibleError(
+            f"start: in posture '{job.start}' {one} and {other} lack {-margin * 1e3:.1f} mm of "
+            f"clearance; start in another posture (`start: free` leaves it open), move what is in the way, or allow "
+            "the pair less"
+        )
+
+
+def check_parts(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses parts that reach into something where they are picked or placed: no posture changes that.
+
+    Raises:
+        InfeasibleError: with task, part, obstacle and depth, of all of them.
+    """
+    lines = []
+    stages = problem.job.stages()
+    for (k, arm), (depth, into) in holding.misfits.items():
+        task, stop = stages[k][arm]
+        if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
+            continue  # between the turns that were tried there are others
+        lines.append(
+            f"{stop.place}: task '{task.id}': where {arm} has to {stop.action} it or on the line there, part "
+            f"'{task.part}' reaches {depth * 1e3:.1f} mm into '{into}', at best"
+        )
+    if lines:
+        raise InfeasibleError(
+            "no posture helps where a part reaches into something:\n  "
+            + "\n  ".join(lines)
+            + "\nwhat helps: another target, a part or an obstacle of another size, a shorter line, or "
+            "`allowed_contacts` for the two"
+        )

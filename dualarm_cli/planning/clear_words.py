@@ -1,0 +1,40 @@
+"""What is said of stages that do not keep clear."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.planning.clearing import Cleared, Clearing
+from dualarm_cli.planning.stage_samples import stage_samples
+
+ADVICE = (
+    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in which "
+    "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
+)
+"""What a person can do about it."""
+
+
+def why_blocked(clearing: Clearing, found: Cleared | None) -> str:
+    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
+    head = (
+        "no plan was found that keeps clear by other postures, platform angles, waits, detours or "
+        "paths of the whole robot"
+    )
+    if found is None:
+        return head
+    lines, cell = [], clearing.holding.cell
+    for k in found.blocked:
+        samples = stage_samples(found.motion, k, k, clearing.holding)
+        margins = cell.margins(samples.position, samples.held)
+        worst = int(np.argmin(margins))
+        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
+        stage = found.motion.stages[k]
+        when = (stage.end - stage.start) * worst / (len(margins) - 1)
+        places = ", ".join(
+            f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
+        )
+        lines.append(
+            f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
+            f"{when:.2f} s into stage {k + 1}"
+        )
+    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}"
