@@ -9,10 +9,15 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle, Shape
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.clear_plan import quickest_clear
+from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.stages import choose_stages
+from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
@@ -316,15 +321,23 @@ def test_a_plan_of_no_length_may_be_the_one_that_keeps_clear(tasks_folder, metho
     np.testing.assert_allclose(schedule.trajectory.position[-1, columns], free)
 
 
-def test_where_keeping_clear_is_dear_the_default_is_no_slower_than_simpler_methods(tasks_folder):
-    """A post between two robots: the search's plan needs paths of all joints, a simpler one may not."""
-    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    job = with_obstacle(
-        dataclasses.replace(job, tool_speed=None), "box", (0.02, 0.02, 1.2), [0.0, 0.1, 0.6]
-    )
-    found = {}
-    for method in ("sequence", "fixed"):
-        schedule = plan_without_bound(job, dataclasses.replace(QUICK, platform=method))
-        assert least(schedule, job) >= 0.0
-        found[method] = schedule.duration
-    assert found["sequence"] <= found["fixed"] + 1e-6
+def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
+    """A method that dawdles to keep clear, and a simpler one that does not: its plan is taken, mended."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:4])
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    problem = MethodProblem(model, job, "arm_angle")
+
+    def found(with_simpler):
+        def solve(asked):
+            plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
+            if asked.holding is None:
+                return Decided(plans)
+            late = [dataclasses.replace(plan, waits={"left": 2.0}) for plan in plans]
+            return Decided(late, simpler=(lambda: [plans]) if with_simpler else None)
+
+        return quickest_clear(problem, solve, timing, lambda _: None)
+
+    quick, slow = found(True), found(False)
+    assert not quick.cleared.blocked
+    assert quick.cost < slow.cost - 1.0
