@@ -215,7 +215,8 @@ class QuickTest:
             margins[pair, row] = np.maximum(margins[pair, row], own)
             # Between boxes that hardly overlap, or are apart by less than required, it may be a little more.
             doubted[pair, row] = (margins[pair, row] < SURE) & (gap > -OVERLAPS)
-        self._ask_coal(group, position, margins, doubted)
+        if doubted.any():
+            self._ask_coal(group, position, margins, doubted)
 
     def _ask_coal(
         self, group: PairGroup, position: FloatArray, margins: Singles, doubted: BoolArray

@@ -86,7 +86,12 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     plans = choose_stages_with(
         problem.model, problem.job, names, problem.redundancy, holding=problem.holding
     )
-    return [plan for plan in plans.values() if not isinstance(plan, InfeasibleError)]
+    found: list[list[StagePlan]] = []
+    for plan in plans.values():
+        if isinstance(plan, InfeasibleError) or any(same_postures(plan, one) for one in found):
+            continue
+        found.append(plan)
+    return found
 
 
 def _starts(
