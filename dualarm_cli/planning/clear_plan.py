@@ -27,7 +27,7 @@ DEAR = 0.25
 """Share of the cycle time; where keeping clear costs more that is said."""
 SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
-RIVALS = 0.04
+RIVALS = 0.08
 """Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
 COSTLY = 1.5
 """What mending a stage costs that is worth looking for another one, at full speed [s]."""
