@@ -61,7 +61,8 @@ def beam_search(
     """Returns the best plan found on the nodes, and the next best ones of other branches, targets or yaws.
 
     From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
-    needs, plus the larger of what the arms still need at least. The best `width` different states are kept.
+    needs, plus the larger of what the arms still need at least. The best `width` different states are kept. Where
+    something has to keep clear, a pair counts about what that costs as well, as far as it is among the best.
 
     Args:
         problem: the sequence.

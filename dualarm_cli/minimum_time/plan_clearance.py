@@ -81,9 +81,9 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     both = (cross[:stops] >= SLACK).reshape(STOPS, n)
     lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
     apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
-    known = np.concatenate(
-        [test.known_costs(k, starts[k, None], ends[k, None]) for k in range(n + 1)]
-    )
+    known = np.zeros(n + 1)
+    for k in {bar.stage for bar in test.barred}:
+        [known[k]] = test.known_costs(k, starts[k, None], ends[k, None])
     waits = move_waits(test.pace, lacks, apart)
     waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)

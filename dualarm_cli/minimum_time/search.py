@@ -74,7 +74,7 @@ def search(
     if not pool and on_nodes and not any(path.is_possible for path, _ in on_nodes):
         return Found(min((plan for _, plan in on_nodes), key=lambda p: p.total), bound, total, True)
     pool += [plan for _, plan in on_nodes]
-    pool = _different([plan for plan in pool if np.isfinite(plan.total)])
+    pool = _different(problem, [plan for plan in pool if np.isfinite(plan.total)])
     if not pool:
         return None
     best = _combined(problem, tables, pool, how, seed)
@@ -175,9 +175,9 @@ def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
     return plan.total + plan_clearance(problem, plan).penalty
 
 
-def _different(pool: list[Evaluated]) -> list[Evaluated]:
+def _different(problem: SequenceProblem, pool: list[Evaluated]) -> list[Evaluated]:
     """Returns the best plan of every kind: those with the same branches, targets and yaws are polished into one."""
     best: dict[bytes, Evaluated] = {}
-    for plan in sorted(pool, key=lambda plan: plan.total):
+    for plan in sorted(pool, key=lambda plan: _worth(problem, plan)):
         best.setdefault(kind_of(plan.decisions), plan)
     return list(best.values())

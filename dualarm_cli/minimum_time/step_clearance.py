@@ -33,8 +33,8 @@ def step_waits(
     """
     n, before, after = len(start), test.before[stage], test.after[stage]
     way = test.along(start, arrival)
-    held = [before] * len(way) + [before] * n + [test.at_targets[stage]] * n + [after] * n
-    cross = test.cell.cross_margins(np.concatenate([way, arrival, target, end]), np.array(held))
+    held = np.repeat([before, test.at_targets[stage], after], [len(way) + n, n, n], axis=0)
+    cross = test.cell.cross_margins(np.concatenate([way, arrival, target, end]), held)
     lacks = np.zeros(len(way))
     for a in range(len(before)):
         own = test.cell.own_margins(a, way, np.full(len(way), before[a]))

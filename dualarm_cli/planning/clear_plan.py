@@ -83,16 +83,19 @@ def quickest_clear(
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
     model, job = problem.model, problem.job
+    holding = None
+    if clear:
+        # What no plan can mend is told before one is looked for.
+        holding = Holding.of(job)
+        check_start(problem, holding)
+        check_parts(problem, holding)
     blind = solve(problem)
     progress("timing the motion")
     known = Known()
     timed = _timed(problem, blind, timing, known)
     reference = timed[0][1].trajectory.duration
-    if not clear:
+    if holding is None:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
-    holding = Holding.of(job)
-    check_start(problem, holding)
-    check_parts(problem, holding)
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
@@ -143,7 +146,7 @@ def quickest_clear(
             blind=tuple(before),
             touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
         )
-    if decided.simpler is not None and _is_dear(found):
+    if found is not None and decided.simpler is not None and _is_dear(found):
         progress("looking at simpler plans")
         simpler = Decided([], alternatives=tuple(decided.simpler()))
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
@@ -154,18 +157,17 @@ def quickest_clear(
     )
 
 
-def _is_dear(found: Found | None) -> bool:
-    """Returns whether simpler plans are worth a look: there is no plan that keeps clear, or at a cost."""
-    if found is None or found.cleared.blocked:
-        return True
-    return found.cost is not None and found.cost > RIVALS * found.blind
+def _is_dear(found: Found) -> bool:
+    """Returns whether simpler plans are worth a look: this one does not keep clear, or at a cost."""
+    dear = found.cost is not None and found.cost > RIVALS * found.blind
+    return dear or bool(found.cleared.blocked)
 
 
 def _with_rivals(
-    found: Found | None, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
-) -> Found | None:
+    found: Found, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
+) -> Found:
     """Returns the best of what was found and of simpler plans after mending."""
-    if not timed or found is None:
+    if not timed:
         return found
     tried = _cleared(clearing, timed, None if found.cleared.blocked else found.cleared)
     if _badness(tried) < _badness(found.cleared):

@@ -76,7 +76,9 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     if found.hopeless:
         return Decided(stages, hopeless=True)
     alternatives = _rivals(problem, starts, found)
-    return Decided(stages, _grid_gap(found), (*nearby, *alternatives))
+    # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
+    gap = _grid_gap(found) if problem.holding is None else None
+    return Decided(stages, gap, (*nearby, *alternatives))
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
