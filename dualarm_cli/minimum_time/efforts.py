@@ -41,11 +41,13 @@ class Effort:
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR
     """The grid around a plan that does not keep clear."""
+    spares: bool = True
+    """Whether sequences longer than WHOLE get fewer nodes and fewer of their plans polished."""
 
     def for_stages(self, stages: int) -> Effort:
         """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
         more = min(MOST, max(1, WHOLE // stages))
-        if stages > WHOLE:
+        if stages > WHOLE and self.spares:
             share = max(LEAST_NODES, evening(stages))
             return replace(
                 self,
@@ -64,7 +66,7 @@ class Effort:
 
 
 LEAST_NODES = 0.7
-"""Share of a grid's nodes that is left of it in the longest sequences."""
+"""Share of a grid's nodes that is left of it in the longest sequences, where an effort spares them."""
 FEW = 4
 """So many times more rounds and further grids."""
 MOST = 4
@@ -104,6 +106,7 @@ EFFORTS = {
         FINE,
         6,
         near=replace(NEAR, width=160),
+        spares=False,
     ),
 }
 """By name."""

@@ -26,7 +26,7 @@ LITTLE = 2e-3
 PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
 POLISHED = 3
-"""So many plans of a long sequence are polished before they are combined."""
+"""So many plans of a long sequence are polished before they are combined, where an effort spares them."""
 AT_ONCE = 2
 """Grids that are worked on at the same time; each takes up to a gigabyte for a thousand stages."""
 
@@ -162,7 +162,7 @@ def _combined(
     worth = [_worth(problem, plan) for plan in pool]
     least = min(worth)
     promising = [k for k, own in enumerate(worth) if own <= (1.0 + PROMISING) * least]
-    if problem.stages > WHOLE:
+    if problem.stages > WHOLE and how.spares:
         promising = sorted(promising, key=lambda k: worth[k])[:POLISHED]
     tried = [polish(problem, tables, pool[k], how.trial_rounds, 0, seed, loose) for k in promising]
     tried.sort(key=lambda plan: _worth(problem, plan))
