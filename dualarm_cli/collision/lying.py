@@ -37,11 +37,12 @@ def part_reaches(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> t
     deepest, into = OVERLAP, ""
     places = [coal.Transform3s(x.pose.rotation, x.pose.translation) for x in things]
     asked, result = coal.CollisionRequest(), coal.CollisionResult()
+    solids = [shape_solid(part, WORLD, pin.SE3.Identity(), shape) for shape in cell.parts[part]]
     for back in np.linspace(0.0, line, STEPS if line > 0.0 else 1):
         T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
-        for shape in cell.parts[part]:
-            solid = shape_solid(part, WORLD, T, shape)
-            here = coal.Transform3s(solid.pose.rotation, solid.pose.translation)
+        for solid in solids:
+            place = T * solid.pose
+            here = coal.Transform3s(place.rotation, place.translation)
             for thing, there in zip(things, places, strict=True):
                 # Whether they touch is told sooner than how far apart they are.
                 result.clear()

@@ -25,10 +25,10 @@ LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 0.06
 """A plan that is slower than the best one by more than this share is not polished."""
-POLISHED = 3
+POLISHED = 2
 """So many plans of a long sequence are polished before they are combined, where an effort spares them."""
 AT_ONCE = 2
-"""Grids that are worked on at the same time; each takes up to a gigabyte for a thousand stages."""
+"""Grids that are worked on at the same time; each takes half a gigabyte for a thousand stages."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.minimum_time.efforts import evening
+from dualarm_cli.minimum_time.efforts import WHOLE, evening
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.search import Found, search, search_near
@@ -33,6 +33,8 @@ SHORT = range(2, 5)
 the fewer the stages, the less does the grid tell which of many local optima is best."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
+NEARLY_EXACT = "linearised"
+"""In long sequences the search does not start from this method's plan, which is nearly that of `exact`."""
 
 
 def solve_sequence(problem: MethodProblem) -> Decided:
@@ -102,11 +104,12 @@ def _starts(
     """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
     starts: dict[str, list[StagePlan]] = {}
     failure: InfeasibleError | None = None
-    names = (*problem.simpler, MINIMUM_TIME)
+    long = len(problem.job.stages()) > WHOLE
+    names = [name for name in problem.simpler if not (long and name == NEARLY_EXACT)]
     rough = choose_stages_with(
         problem.model,
         problem.job,
-        names,
+        [*names, MINIMUM_TIME],
         problem.redundancy,
         refine=False,
         holding=problem.holding,
