@@ -1,0 +1,65 @@
+"""Rotations as arrays: exponential, logarithm and the matrix of a cross product, for many at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+
+SMALL = 1e-6
+"""Angles below this are taken by their series [rad]."""
+
+
+def skew(vector: FloatArray) -> FloatArray:
+    """Returns matrices (..., 3, 3) with skew(v) u = v x u for vectors v (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def exp_rotation(vector: FloatArray) -> FloatArray:
+    """Returns rotations (..., 3, 3) by rotation vectors (..., 3) [rad] (Rodrigues' formula)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    safe = np.where(angle < SMALL, 1.0, angle)
+    one = np.where(angle < SMALL, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
+    two = np.where(angle < SMALL, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    K = skew(vector)
+    return np.eye(3) + one * K + two * (K @ K)
+
+
+def log_rotation(R: FloatArray) -> FloatArray:
+    """Returns rotation vectors (..., 3) [rad] of rotations (..., 3, 3), angles up to pi.
+
+    Through the quaternion of the largest component, so that it is exact for small angles and near half a turn.
+    """
+    quaternion = to_quaternion(R)
+    vector, w = quaternion[..., :3], quaternion[..., 3:]
+    vector = np.where(w < 0.0, -vector, vector)
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, np.abs(w))
+    scale = np.where(sine < SMALL, 2.0, angle / np.where(sine < SMALL, 1.0, sine))
+    found: FloatArray = vector * scale
+    return found
+
+
+def to_quaternion(R: FloatArray) -> FloatArray:
+    """Returns unit quaternions x, y, z, w (..., 4) of rotations (..., 3, 3)."""
+    R = np.asarray(R, dtype=np.float64)
+    xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    # Row k of the symmetric matrix 4 q q^T: the one with the largest diagonal is the best conditioned.
+    yz, zx, xy = R[..., 2, 1], R[..., 0, 2], R[..., 1, 0]
+    zy, xz, yx = R[..., 1, 2], R[..., 2, 0], R[..., 0, 1]
+    rows = np.stack(
+        [
+            np.stack([1.0 + xx - yy - zz, yx + xy, zx + xz, yz - zy], axis=-1),
+            np.stack([yx + xy, 1.0 - xx + yy - zz, zy + yz, zx - xz], axis=-1),
+            np.stack([zx + xz, zy + yz, 1.0 - xx - yy + zz, xy - yx], axis=-1),
+            np.stack([yz - zy, zx - xz, xy - yx, 1.0 + xx + yy + zz], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    found: FloatArray = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return found

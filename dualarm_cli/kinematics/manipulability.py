@@ -1,0 +1,98 @@
+"""Manipulability of all tools together, its gradient and the gradient's rate, in closed form from the joints' screws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.whole_body import WholeBody, bracket, cobracket, screw_rates
+
+
+@dataclass(frozen=True)
+class ManipulabilityRates:
+    """The logarithm of the manipulability at one configuration, and how it changes."""
+
+    logarithm: float
+    """log M."""
+    gradient: FloatArray
+    """d log M / dq [1/rad], shape (n,)."""
+    rate: FloatArray
+    """d gradient / dt at the given velocity [1/(rad s)], shape (n,)."""
+
+
+def generalized_jacobian(J: FloatArray) -> FloatArray:
+    """Returns J_G = [J_a; J_r], shape (12, n), of the right and left tools' J = [J_R; J_L], shape (12, n).
+
+    The absolute motion is the mean, the relative one is right minus left ([Zhang2024] Eq. 4-6, whose print has
+    J_r = [-J_R, J_L] for it: the sign is that of Eq. 4).
+    """
+    right, left = J[:6], J[6:]
+    return np.vstack([(right + left) / 2.0, right - left])
+
+
+def manipulability(J: FloatArray) -> FloatArray:
+    """Returns M = sqrt(det(J J^T)) of Jacobians (..., r, n), shape (...) ([Zhang2024] Eq. 10).
+
+    Its unit is that of the determinant: for one tool, m^3 per rad^3 times rad^3 per rad^3. M of J_G and of
+    [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
+    """
+    found: FloatArray = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
+    return found
+
+
+def manipulability_rates(body: WholeBody, S: FloatArray, qd: FloatArray) -> ManipulabilityRates:
+    """Returns log M with gradient and rate; M is that of all tools' Jacobians on top of one another.
+
+    M does not depend on the points of the tools that the Jacobians are for, so the world's origin will do: then the
+    columns are the screws themselves, and their derivatives are Lie brackets, dS_j/dq_i = [S_i, S_j] for a joint i that
+    carries joint j and 0 else (the kinematic Hessian in closed form). With the pseudo-inverse J+ of n rows W_j,
+    d log M / dq_i = tr(dJ/dq_i J+) (half of [Zhang2024] Eq. 11's first line, which is twice the true derivative)
+    = S_i . sum over j carried by i of P_j, P_j = -ad(S_j)^T W_j. The rate is its total derivative, with dJ+/dt of
+    Eq. 16.
+
+    Args:
+        body: which joint moves what.
+        S: screws, shape (n, 6).
+        qd: joint velocities [rad/s], shape (n,).
+
+    Raises:
+        numpy.linalg.LinAlgError: the Jacobian is singular to the last digit.
+    """
+    moves, before = body.moves, body.before
+    Sd = screw_rates(S, before, qd)
+    J, Jd = _stacked(S, moves), _stacked(Sd, moves)
+    gram = J @ J.T
+    inverse = np.linalg.inv(gram)
+    plus = J.T @ inverse
+    # d/dt J+ = (I - J+ J) dJ^T (J J^T)^-1 - J+ dJ J+ (Eq. 16).
+    back = Jd.T @ inverse
+    plus_rate = back - plus @ (J @ back) - plus @ (Jd @ plus)
+    W, Wd = _folded(plus, moves), _folded(plus_rate, moves)
+    P = -cobracket(S, W)
+    Pd = -cobracket(Sd, W) - cobracket(S, Wd)
+    carried = before.astype(np.float64)
+    sum_P, sum_Pd = carried @ P, carried @ Pd
+    gradient = np.einsum("ij,ij->i", S, sum_P)
+    rate = np.einsum("ij,ij->i", Sd, sum_P) + np.einsum("ij,ij->i", S, sum_Pd)
+    sign, logarithm = np.linalg.slogdet(gram)
+    return ManipulabilityRates(0.5 * float(logarithm) if sign > 0 else -np.inf, gradient, rate)
+
+
+def screw_hessian(S: FloatArray, before: BoolArray) -> FloatArray:
+    """Returns dS_j/dq_i, shape (n, n, 6) over i, j, components: [S_i, S_j] where joint i carries joint j."""
+    found: FloatArray = before[:, :, None] * bracket(S[:, None], S[None])
+    return found
+
+
+def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:
+    """Returns the tools' Jacobians for the world's origin on top of one another, shape (6 a, n)."""
+    stacked: FloatArray = (moves[:, None, :] * S.T).reshape(-1, len(S))
+    return stacked
+
+
+def _folded(plus: FloatArray, moves: BoolArray) -> FloatArray:
+    """Returns the rows of J+ (n, 6 a), summed over the tools that the joint moves, shape (n, 6)."""
+    folded: FloatArray = (plus.reshape(len(plus), len(moves), 6) * moves.T[:, :, None]).sum(axis=1)
+    return folded

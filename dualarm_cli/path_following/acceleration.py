@@ -1,0 +1,233 @@
+"""Following at the level of accelerations: one quadratic program per instant, towards more manipulability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.errors import MissingDependencyError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.manipulability import manipulability_rates
+from dualarm_cli.kinematics.whole_body import tool_drift
+from dualarm_cli.path_following.limits import singular_words, within_limits
+from dualarm_cli.path_following.problem import NoPath, PathMotion, PathProblem
+from dualarm_cli.path_following.velocity import pose_error
+
+STIFFNESS = 400.0
+"""Task-space feedback on the tools' errors [1/s²]."""
+DAMPING = 40.0
+"""Task-space feedback on their velocities [1/s]: critical."""
+ETA = 20.0
+"""eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
+JERK_SHARE = 0.8
+"""eta_1 is at most this share of jerk over acceleration limit: braking builds up no faster."""
+MARGIN = 1e-3
+"""Share of every limit that is kept free: knots are joined by curves."""
+BRAKING = 0.15
+"""Share of the time at the end in which self-motion dies out."""
+ORDER = 3.0
+"""It dies out with this power of the time that is left, so that velocity, acceleration and jerk end at nothing."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Acceleration bounds that keep positions and velocities within limits."""
+
+    lower: FloatArray
+    """Lowest positions [rad], shape (n,)."""
+    upper: FloatArray
+    """Highest positions [rad], shape (n,)."""
+    velocity: FloatArray
+    """Largest speeds [rad/s], shape (n,)."""
+    acceleration: FloatArray
+    """Largest accelerations [rad/s²], shape (n,)."""
+    eta: FloatArray
+    """eta_1 [1/s], shape (n,); eta_2 is a quarter."""
+    printed: bool = False
+    """Whether they are those of Eq. 23 as printed, which brake too late for the position limits."""
+
+    @classmethod
+    def of(cls, problem: PathProblem) -> Bounds:
+        """Returns the bounds of a problem's limits."""
+        limits, share = problem.limits, 1.0 - MARGIN
+        eta = np.minimum(ETA, JERK_SHARE * limits.jerk / limits.acceleration)
+        return cls(
+            limits.lower,
+            limits.upper,
+            limits.velocity * share,
+            limits.acceleration * share,
+            eta,
+            problem.weights.printed_bounds,
+        )
+
+    def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns lowest and highest accelerations [rad/s²] at positions and velocities, each shape (n,).
+
+        [Zhang2024] Eq. 22-23 mended: the speed towards a position limit falls with the distance from it,
+        upper = min(eta_1 (min(eta_2 (q_max - q), v_max) - qd), a_max), and its mirror. With eta_1 >= 4 eta_2 a joint that
+        starts at rest within its limits stays there.
+        """
+        low, high, v, eta = self.lower - q, self.upper - q, self.velocity, self.eta
+        slow = eta / 4.0
+        if self.printed:
+            least = np.maximum(eta * slow * low, eta * (-v - qd))
+            most = np.minimum(eta * slow * high, eta * (v - qd))
+        else:
+            least = eta * (np.maximum(slow * low, -v) - qd)
+            most = eta * (np.minimum(slow * high, v) - qd)
+        return np.maximum(least, -self.acceleration), np.minimum(most, self.acceleration)
+
+
+def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
+    """Returns the joints that seek manipulability within all limits ([Zhang2024] Eq. 24, mended).
+
+    Minimises |qdd - qdd*|² with qdd* = a_2 dg/dt - k (qd - a_2 g), g = grad log M, subject to the tools' accelerations
+    and to the bounds. The print has +k qd in (18), against (17), and the gradient of M itself, which is too small to act.
+    """
+    weights = problem.weights
+
+    def wanted(S: FloatArray, qd: FloatArray, pace: float) -> FloatArray:
+        rates = manipulability_rates(problem.body, S, qd)
+        aim = weights.gain * pace
+        found: FloatArray = aim * rates.rate - weights.damping * (qd - aim * rates.gradient)
+        return found
+
+    return _follow(problem, wanted)
+
+
+def follow_min_acceleration(problem: PathProblem) -> PathMotion | NoPath:
+    """Returns the joints of least acceleration at every instant within all limits ([Zhang2024] Eq. 9 without gradient)."""
+    return _follow(problem, lambda _S, qd, _pace: np.zeros_like(qd))
+
+
+Wanted = Callable[[FloatArray, FloatArray, float], FloatArray]
+"""Accelerations that are sought, of screws (n, 6), velocities (n,) and the share of full self-motion."""
+
+
+def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
+    step = AccelerationStep(problem, wanted)
+    q, qd = np.array(problem.start), np.zeros(len(problem.start))
+    position = np.empty((problem.instants, len(q)))
+    position[0], h = q, problem.step
+    acceleration = np.zeros_like(q)
+    for k in range(1, problem.instants):
+        found = step.solve(q, qd, acceleration, k - 1)
+        if found is None:
+            return NoPath(
+                f"no accelerations within the joints' limits follow the path{singular_words(problem, q)}",
+                k,
+            )
+        acceleration = found
+        q = q + h * (qd + 0.5 * h * acceleration)
+        qd = qd + h * acceleration
+        position[k] = q
+    return within_limits(problem, position)
+
+
+class AccelerationStep:
+    """The quadratic program of one instant, set up once and solved warm."""
+
+    def __init__(self, problem: PathProblem, wanted: Wanted) -> None:
+        """Prepares the solver.
+
+        Raises:
+            MissingDependencyError: the solver is not installed.
+        """
+        try:
+            import piqp
+        except ImportError:
+            raise MissingDependencyError("piqp", "qp") from None
+        self._problem, self._wanted = problem, wanted
+        self._bounds = Bounds.of(problem)
+        self._velocity, self._acceleration = problem.twists()
+        self._free = np.flatnonzero(problem.free)
+        self._follows = np.flatnonzero(problem.follows)
+        self._jerk = problem.limits.jerk * (problem.step * (1.0 - MARGIN))
+        self._solver = piqp.DenseSolver()
+        self._solver.settings.eps_abs = 1e-9
+        self._solver.settings.eps_rel = 1e-10
+        self._solved = piqp.PIQP_SOLVED
+        self._ready = False
+
+    def solve(
+        self, q: FloatArray, qd: FloatArray, before: FloatArray, k: int
+    ) -> FloatArray | None:
+        """Returns the accelerations from one instant to the next [rad/s²], shape (n,), or None where there are none.
+
+        Args:
+            q: joints at the instant [rad], shape (n,).
+            qd: velocities [rad/s], shape (n,).
+            before: accelerations of the step before [rad/s²], shape (n,).
+            k: number of the instant.
+        """
+        problem, body, free = self._problem, self._problem.body, self._free
+        state = body.at(q)
+        J = state.J[problem.rows]
+        error = pose_error(
+            problem.R[k], problem.p[k], state.R[self._follows], state.p[self._follows]
+        )
+        drift = tool_drift(state.S, state.p, body.moves, body.before, qd)[problem.rows]
+        slip = self._velocity[k] - J @ qd
+        A = self._acceleration[k] + DAMPING * slip + STIFFNESS * error - drift
+        left = (problem.instants - 1 - k) * problem.step
+        braking = BRAKING * (problem.instants - 1) * problem.step
+        if left < braking:
+            aim = self._rest(J, qd, left)
+        else:
+            aim = self._wanted(state.S, qd, 1.0)
+        least, most = self._bounds.at(q, qd)
+        least = np.maximum(least, before - self._jerk)
+        most = np.minimum(most, before + self._jerk)
+        # Where a limit and the jerk exclude one another the limit counts.
+        crossed = least > most
+        least[crossed] = most[crossed] = np.clip(0.0, least, most)[crossed]
+        found = np.zeros_like(q)
+        solved = self._solve(J[:, free], A, aim[free], least[free], most[free], q, qd)
+        if solved is None:
+            return None
+        found[free] = solved
+        return found
+
+    def _rest(self, J: FloatArray, qd: FloatArray, left: float) -> FloatArray:
+        """Returns the accelerations under which self-motion ends when the path does, shape (n,)."""
+        inner = qd - J.T @ np.linalg.solve(J @ J.T, J @ qd)
+        return -ORDER / max(left, self._problem.step) * inner
+
+    def _solve(
+        self,
+        J: FloatArray,
+        A: FloatArray,
+        aim: FloatArray,
+        least: FloatArray,
+        most: FloatArray,
+        q: FloatArray,
+        qd: FloatArray,
+    ) -> FloatArray | None:
+        torque = self._torques(q, qd)
+        # NaN in bounds would be read as no bound.
+        if not all(np.isfinite(part).all() for part in (J, A, aim)):
+            return None
+        n = len(aim)
+        if not self._ready:
+            rows = torque or (None, None, None)
+            self._solver.setup(np.eye(n), -aim, J, A, *rows, least, most)
+            self._ready = True
+        elif torque:
+            G, low, high = torque
+            self._solver.update(c=-aim, A=J, b=A, G=G, h_l=low, h_u=high, x_l=least, x_u=most)
+        else:
+            self._solver.update(c=-aim, A=J, b=A, x_l=least, x_u=most)
+        if self._solver.solve() != self._solved:
+            return None
+        return np.array(self._solver.result.x)
+
+    def _torques(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, ...]:
+        """Returns matrix and bounds of the joints' torques as rows over the free joints, or nothing."""
+        problem = self._problem
+        if problem.torque is None or problem.dynamics is None:
+            return ()
+        mass, rest = problem.dynamics(q, qd)
+        free, limit = self._free, problem.torque
+        return mass[np.ix_(free, free)], (-limit - rest)[free], (limit - rest)[free]
