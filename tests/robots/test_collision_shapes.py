@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -11,8 +12,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.collision.solids import (
+    cell_solids,
+    geometry_model,
+    pairs_that_must_keep_apart,
+)
 from dualarm_cli.loading.bundled import bundled_robots
 from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.model.cell import Cell, Tool
 
 Segment = tuple[np.ndarray, np.ndarray, float]
 """Both ends of a capsule's axis in the link's frame [m] and its radius [m]."""
@@ -107,7 +114,10 @@ def test_what_is_seen_is_what_collides(name: str, urdf_tree: Callable[[str], ET.
 def test_capsules_leave_no_gap_along_an_arm(
     name: str, urdf_tree: Callable[[str], ET.Element]
 ) -> None:
-    """The line shoulder, elbow, wrist, flange lies inside the arm's capsules at home."""
+    """The line shoulder, elbow, wrist, flange lies inside the arm's capsules at home.
+
+    Of an arm without such centres: the line through its joints' origins to the flange.
+    """
     robot = load_robot(name).robot
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
@@ -124,7 +134,11 @@ def test_capsules_leave_no_gap_along_an_arm(
             capsule = capsules[child.attrib["link"]]
             if capsule is not None:
                 placed.append((T.act(capsule[0]), T.act(capsule[1]), capsule[2]))
-        points = _backbone(model, data, arm.joints, arm.flange)
+        if arm.kind == "srs":
+            points = _backbone(model, data, arm.joints, arm.flange)
+        else:
+            corners = [data.oMi[model.getJointId(joint)].translation for joint in arm.joints]
+            points = _line([*corners, data.oMf[model.getFrameId(arm.flange)].translation])
         outside = np.min([_distance(points, a, b) - radius for a, b, radius in placed], axis=0)
         assert outside.max() <= 1e-9, (arm.name, points[outside.argmax()])
 
@@ -149,6 +163,11 @@ def _backbone(model: pin.Model, data: pin.Data, joints: tuple[str, ...], flange:
 
     corners = [meet(joints[i], joints[i + 1]) for i in (0, 3, 5)]
     corners.append(data.oMf[model.getFrameId(flange)].translation)
+    return _line(corners)
+
+
+def _line(corners: list[np.ndarray]) -> np.ndarray:
+    """Returns points 2 mm or less apart along lines from corner to corner, shape (n, 3)."""
     steps = np.linspace(0.0, 1.0, 401)[:, None]
     return np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(corners)])
 
@@ -183,7 +202,10 @@ def test_sda10f_base_box_is_the_measured_pedestal(urdf_tree: Callable[[str], ET.
 def test_no_arm_is_near_the_other_or_the_body_at_home(
     name: str, urdf_path: Callable[[str], Path]
 ) -> None:
-    """50 mm or more between the arms, and from each arm beyond its elbow to what carries it."""
+    """50 mm or more between the arms, and from each arm beyond its elbow to what carries it.
+
+    Left out are both first links together: they turn about fixed axes, as near as they are mounted.
+    """
     robot = load_robot(name).robot
     model = pin.buildModelFromUrdf(str(urdf_path(name)))
     shapes = pin.buildGeomFromUrdf(model, str(urdf_path(name)), pin.GeometryType.COLLISION)
@@ -192,7 +214,8 @@ def test_no_arm_is_near_the_other_or_the_body_at_home(
     for arm in arms:
         _add_pairs(shapes, arm[3:], body)
     for left, right in itertools.combinations(arms, 2):
-        _add_pairs(shapes, left, right)
+        _add_pairs(shapes, left, right[1:])
+        _add_pairs(shapes, left[1:], right[:1])
     data, found = model.createData(), pin.GeometryData(shapes)
     pin.computeDistances(model, data, shapes, found, np.array(robot.postures["home"]))
     assert min(result.min_distance for result in found.distanceResults) >= 0.05
@@ -204,3 +227,32 @@ def _add_pairs(shapes: pin.GeometryModel, first: list[int], second: list[int]) -
         for j, b in enumerate(shapes.geometryObjects):
             if a.parentJoint in first and b.parentJoint in second:
                 shapes.addCollisionPair(pin.CollisionPair(i, j))
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_allowed_contacts_are_the_pairs_that_never_come_apart(name: str) -> None:
+    """Of 300 random postures: they are never 35 mm apart; every other pair somewhere is 15 mm."""
+    robot = load_robot(name).robot
+    model = pin.buildModelFromXML(robot.urdf)
+    cell = Cell(
+        dataclasses.replace(robot, allowed_contacts=()),
+        pin.SE3.Identity(),
+        {arm.name: Tool(pin.SE3.Identity()) for arm in robot.arms},
+    )
+    solids = cell_solids(cell, model, ())
+    pairs = pairs_that_must_keep_apart(model, solids, cell)
+    shapes = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
+    data, found = model.createData(), pin.GeometryData(shapes)
+    random = np.random.default_rng(0)
+    farthest = np.full(len(pairs), -np.inf)
+    for q in random.uniform(robot.limits.lower, robot.limits.upper, (300, model.nq)):
+        pin.computeDistances(model, data, shapes, found, q)
+        distances = [result.min_distance for result in found.distanceResults]
+        farthest = np.maximum(farthest, distances)
+    allowed = {frozenset(pair) for pair in robot.allowed_contacts}
+    for pair, distance in zip(pairs, farthest, strict=True):
+        bodies = frozenset((solids[pair.first].body, solids[pair.second].body))
+        if bodies in allowed:
+            assert distance < 0.035, bodies
+        else:
+            assert distance > 0.015, bodies
