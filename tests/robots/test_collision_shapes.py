@@ -35,6 +35,23 @@ EXTENTS = {
     "left_link_r": [(0.041, 0.830, 1.127), (0.158, 1.040, 1.257)],
     "left_link_b": [(0.043, 0.928, 1.146), (0.157, 1.140, 1.273)],
 }
+# Extents [m] of links in their own frames, measured on the meshes of kth-ros-pkg/yumi (coarse; its
+# link_3 is moved by joint 7) and tork-a/rtmros_nextage, printed to the millimetre.
+OWN_EXTENTS = {
+    ("yumi", "left_link_1"): [(-0.061, -0.078, 0.000), (0.079, 0.062, 0.149)],
+    ("yumi", "left_link_2"): [(-0.085, -0.048, -0.078), (0.048, 0.173, 0.054)],
+    ("yumi", "left_link_7"): [(-0.090, -0.079, 0.000), (0.047, 0.047, 0.127)],
+    ("yumi", "left_link_3"): [(-0.048, -0.048, -0.078), (0.085, 0.165, 0.048)],
+    ("yumi", "left_link_4"): [(-0.059, -0.070, 0.000), (0.041, 0.041, 0.132)],
+    ("yumi", "left_link_5"): [(-0.034, -0.066, -0.067), (0.068, 0.033, 0.027)],
+    ("yumi", "left_link_6"): [(-0.032, -0.032, -0.011), (0.032, 0.032, 0.013)],
+    ("nextage", "left_link_0"): [(-0.045, -0.039, -0.061), (0.042, 0.054, 0.095)],
+    ("nextage", "left_link_1"): [(-0.081, 0.040, -0.285), (0.036, 0.190, 0.036)],
+    ("nextage", "left_link_2"): [(-0.069, -0.041, -0.153), (0.035, 0.084, 0.035)],
+    ("nextage", "left_link_3"): [(-0.036, -0.036, -0.258), (0.036, 0.063, -0.140)],
+    ("nextage", "left_link_4"): [(-0.041, -0.026, -0.116), (0.033, 0.071, 0.024)],
+    ("nextage", "left_link_5"): [(0.000, -0.022, -0.022), (0.038, 0.022, 0.022)],
+}
 
 
 def _numbers(element: ET.Element | None, key: str) -> np.ndarray:
@@ -188,6 +205,24 @@ def test_sda10f_capsules_contain_what_was_measured(
     low, high = np.array(EXTENTS[link])
     assert (ends.min(axis=0) - capsule[2] <= low + 1e-3).all()
     assert (ends.max(axis=0) + capsule[2] >= high - 1e-3).all()
+
+
+@pytest.mark.parametrize(("name", "link"), OWN_EXTENTS)
+def test_measured_capsules_contain_what_was_measured(
+    name: str, link: str, urdf_tree: Callable[[str], ET.Element]
+) -> None:
+    """As above, in the link's own frame; the right arm's links mirror or repeat the left one's."""
+    elements = {x.attrib["name"]: x for x in urdf_tree(name).iter("link")}
+    capsules = [_capsule(elements[label]) for label in (link, link.replace("left", "right"))]
+    left, right = capsules
+    assert left is not None
+    assert right is not None
+    low, high = np.array(OWN_EXTENTS[name, link])
+    assert (np.min(left[:2], axis=0) - left[2] <= low + 1e-3).all()
+    assert (np.max(left[:2], axis=0) + left[2] >= high - 1e-3).all()
+    sides = np.array([1.0, -1.0 if name == "nextage" else 1.0, 1.0])
+    np.testing.assert_allclose(np.array(right[:2]), sides * np.array(left[:2]), atol=1e-8)
+    assert right[2] == left[2]
 
 
 def test_sda10f_base_box_is_the_measured_pedestal(urdf_tree: Callable[[str], ET.Element]) -> None:
