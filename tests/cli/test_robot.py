@@ -14,9 +14,11 @@ def test_list_names_every_bundled_robot(capsys):
     """The SDA10F and the paper's robot among them, with their arms."""
     assert run(["robot", "list", "--json"]) == 0
     rows = {row["robot"]: row for row in json.loads(capsys.readouterr().out)["robots"]}
-    assert {"sda10f", "bottin_planar", "iiwa14", "openarm"} <= set(rows)
+    assert {"sda10f", "bottin_planar", "iiwa14", "openarm", "yumi", "nextage"} <= set(rows)
     assert rows["sda10f"]["platform_joints"] == 1
     assert rows["iiwa14"]["arms"] == {"left": "7 axes, srs"}
+    assert rows["nextage"]["arms"] == {"left": "6 axes, general", "right": "6 axes, general"}
+    assert rows["amiro_like"]["platform_joints"] == 2
 
 
 def test_show_gives_limits_their_source_and_the_measured_geometry(capsys):
@@ -35,13 +37,36 @@ def test_show_gives_limits_their_source_and_the_measured_geometry(capsys):
     assert "assumed" in text
 
 
-@pytest.mark.parametrize("name", ["sda10f", "bottin_planar", "iiwa14", "openarm"])
+JOINTS = {
+    "sda10f": 15,
+    "bottin_planar": 15,
+    "iiwa14": 7,
+    "openarm": 14,
+    "yumi": 14,
+    "nextage": 13,
+    "amiro_like": 16,
+}
+
+
+@pytest.mark.parametrize("name", ["yumi", "nextage"])
+def test_show_says_that_an_arm_is_of_general_kind(name, capsys):
+    """No shoulder, elbow and wrist are measured where there are none."""
+    assert run(["robot", "show", name, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    axes = {"yumi": 7, "nextage": 6}[name]
+    for arm in document["arms"].values():
+        assert arm["summary"] == f"kind general, {axes} axes"
+        assert "upper" not in arm
+    assert document["notes"] == []
+
+
+@pytest.mark.parametrize("name", JOINTS)
 def test_export_writes_a_urdf_that_other_tools_load(name, tmp_path, capsys):
     """Pinocchio loads it with as many joints as the robot has; an existing file is not replaced."""
     file = tmp_path / "robot.urdf"
     assert run(["robot", "export", name, "--out", str(file)]) == 0
     model = pin.buildModelFromXML(file.read_text())
-    assert model.nq == {"sda10f": 15, "bottin_planar": 15, "iiwa14": 7, "openarm": 14}[name]
+    assert model.nq == JOINTS[name]
     assert run(["robot", "export", name, "--out", str(file)]) == 2
     assert "add --force" in capsys.readouterr().err
 

@@ -26,7 +26,7 @@ def a_cell(name):
     return Cell(robot, base, {arm.name: Tool(tcp) for arm in robot.arms})
 
 
-@pytest.mark.parametrize("name", ["sda10f", "bottin_planar", "openarm", "iiwa14"])
+@pytest.mark.parametrize("name", ["sda10f", "bottin_planar", "openarm", "iiwa14", "amiro_like"])
 def test_tools_are_where_pinocchio_has_them(name):
     """200 random configurations, position to 1e-12 m and pose likewise."""
     cell = a_cell(name)

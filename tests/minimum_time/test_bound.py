@@ -25,7 +25,7 @@ from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.timing.line_profile import estimate_line_durations
 
 Problems = Callable[..., SequenceProblem]
-ROBOTS = ["sda10f", "iiwa7", "iiwa14", "openarm", "bottin_planar"]
+ROBOTS = ["amiro_like", "sda10f", "iiwa7", "iiwa14", "openarm", "bottin_planar"]
 COARSE = Resolution(np.radians(12.0), 12, 2)
 
 
