@@ -44,8 +44,13 @@ def plan_command(
         str, typer.Option("--platform", help="Method that chooses the platform angles.")
     ] = "sequence",
     redundancy: Annotated[
-        str, typer.Option("--redundancy", help="Redundancy solver.")
-    ] = "arm_angle",
+        str | None,
+        typer.Option(
+            "--redundancy",
+            help="Redundancy solver of stops, or of paths.",
+            show_default="arm_angle; for paths the file's",
+        )
+    ] = None,
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     effort: EffortOption = Effort.normal,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
@@ -57,6 +62,7 @@ def plan_command(
     """Plan a cell's tasks: verified joint schedule and throughput report."""
     from dualarm_cli.loading.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.planning.redundancy_choice import redundancy_settings
     from dualarm_cli.reporting.report import build_report
 
     if not 0.0 < rate <= MAX_RATE:
@@ -66,7 +72,10 @@ def plan_command(
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
     refuse_existing(folder, force)
     job = load_job(tasks)
-    settings = PlanSettings(platform, redundancy, timing, effort.value, seed)
+    settings = replace(
+        PlanSettings(platform, timing=timing, effort=effort.value, seed=seed),
+        **redundancy_settings(redundancy),
+    )
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
     if rows > MAX_ROWS:

@@ -17,6 +17,7 @@ from dualarm_cli.loading.fields import (
     refuse,
 )
 from dualarm_cli.loading.schema_cell import LimitsSection
+from dualarm_cli.loading.schema_paths import PathSection
 
 CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
@@ -89,8 +90,8 @@ class TaskSection(Section):
     coordinate: dict[str, Any] | None = Field(
         default=None, description="Both arms on one part (not available in this version)."
     )
-    path: dict[str, Any] | None = Field(
-        default=None, description="A path of the tool (not available in this version)."
+    path: PathSection | None = Field(
+        default=None, description="A path that one tool or both follow at a speed."
     )
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
@@ -109,9 +110,11 @@ class TaskSection(Section):
     def _one_kind(self) -> TaskSection:
         given = [key for key in _KINDS if getattr(self, key) is not None]
         if not given:
-            raise refuse("nothing to do; give pick and place, or move")
+            raise refuse("nothing to do; give pick and place, move, or path")
         if len(given) > 1 and given != ["pick", "place"]:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
+        if self.path is not None and (self.arm or self.path.arm) is None and self.path.both is False:
+            raise refuse("'arm' is missing", code="E202")
         if self.arm is None and given[0] not in ("coordinate", "path"):
             raise refuse("'arm' is missing", code="E202")
         return self

@@ -10,14 +10,16 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
+from dualarm_cli.loading.paths import PathReader, check_arms
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
+from dualarm_cli.loading.schema_paths import PathSection
 from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import Action, Dwell, Job, Place, Stop, Task
+from dualarm_cli.model.job import Action, Dwell, Job, Place, PoseTarget, Stop, Task
 
 FREE_START = "free"
 """What a file says where the planner shall choose the start posture."""
@@ -48,7 +50,8 @@ def load_job(path: str | Path) -> Job:
     if loaded is not None:
         _check_start(document, loaded[0], findings)
         defaults = model.defaults if model is not None else DefaultsSection()
-        tasks = _TaskReader(document, defaults, loaded[0], findings).tasks(sections)
+        paths = PathReader(project, Path(path), document, loaded[0], findings)
+        tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
         if not findings.diagnostics:
             order_notes = _check_order(document, tasks, findings)
     findings.raise_if_any()
@@ -144,9 +147,14 @@ class _TaskReader:
     """Turns the tasks of one file into nouns."""
 
     def __init__(
-        self, document: Document, defaults: DefaultsSection, cell: Cell, findings: Findings
+        self,
+        document: Document,
+        defaults: DefaultsSection,
+        cell: Cell,
+        findings: Findings,
+        paths: PathReader,
     ) -> None:
-        self._document, self._findings = document, findings
+        self._document, self._findings, self._paths = document, findings, paths
         self._defaults, self._robot = defaults, cell.robot
         self._parts = cell.parts
         self._arms = [arm.name for arm in cell.robot.arms]
@@ -157,6 +165,9 @@ class _TaskReader:
         found = []
         for index, section in sections.items():
             loc: Loc = ("tasks", index)
+            if section.path is not None:
+                found += self._followers(section, section.path, loc)
+                continue
             if section.arm is None or section.arm == "any":
                 continue
             if section.arm not in self._arms:
@@ -169,6 +180,29 @@ class _TaskReader:
             part = self._part(section, loc)
             found.append(Task(section.id, section.arm, stops, tuple(section.after), part))
         return tuple(found)
+
+    def _followers(self, section: TaskSection, path: PathSection, loc: Loc) -> list[Task]:
+        """Returns each arm's share of a path task: where its tool ends is its one stop."""
+        place: Loc = (*loc, "path")
+        wrong = check_arms(dict.fromkeys(self._arms), path, section.arm)
+        if section.arm == "any":
+            return []
+        if wrong:
+            self._findings.add(self._document, place, wrong)
+            return []
+        for key in ("approach", "retract", "dwell", "part"):
+            if getattr(section, key) is not None:
+                message = f"'{key}' does not go with a path; remove it"
+                self._findings.add(self._document, (*loc, key), message)
+        work = self._paths.work(path, place, section.arm or path.arm)
+        if work is None:
+            return []
+        found = []
+        for arm, way in work.paths.items():
+            end = PoseTarget(way.pose(way.length))
+            stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
+            found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
+        return found
 
     def _part(self, section: TaskSection, loc: Loc) -> str:
         """Returns the name of the part that is carried, after noting one that the cell does not have."""

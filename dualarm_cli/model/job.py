@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.tool_path import ToolPath
 
-Action = Literal["pick", "place", "move"]
+Action = Literal["pick", "place", "move", "path"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 
@@ -95,8 +96,52 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class PathWork:
+    """Paths that one tool or both follow together, and how."""
+
+    paths: Mapping[str, ToolPath]
+    """By arm. Both tools have gone the same share of their paths at every instant."""
+    speed: float
+    """Largest speed of the tool with the longer path along it [m/s]."""
+    acceleration: float | None = None
+    """Largest acceleration along that path [m/s²]; None leaves the ramps to the planner."""
+    jerk: float | None = None
+    """Largest jerk along that path [m/s³]; None leaves it to the planner."""
+    redundancy: str | None = None
+    """Name of the path follower; None for the default one."""
+    posture: str | None = None
+    """Name of the posture that the motion begins near; None leaves it to the planner."""
+    slower: bool = False
+    """Whether it may be followed slower where the joints' limits ask for it."""
+    tolerance: float = 1e-4
+    """How far the tools may leave their paths [m], and turn away by tolerance over TURN_LENGTH [rad]."""
+    critical_points: Mapping[str, FloatArray] = field(default_factory=dict)
+    """By arm, where a virtual spring pulls the elbow, in the frame of the last platform joint [m], shape (3,)."""
+    stiffness: float = 10.0
+    """Of the virtual springs: K of [Choi2020] Eq. 9."""
+    torque: bool = False
+    """Whether the joints' torques are kept within the limits of the URDF."""
+    place: Place = Place("", 0, 0)
+    """Where it is written."""
+
+    @property
+    def length(self) -> float:
+        """Length of the longest path [m]."""
+        return max(path.length for path in self.paths.values())
+
+    def corners(self) -> tuple[float, ...]:
+        """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
+        found = {
+            corner / path.length
+            for path in self.paths.values()
+            for corner in path.corners
+        }
+        return tuple(sorted(found))
+
+
+@dataclass(frozen=True)
 class Task:
-    """One thing to be done by one arm: a pick and a place, or a bare move."""
+    """One thing to be done by one arm: a pick and a place, a bare move, or its share of a path."""
 
     id: str
     """Unique name."""
@@ -108,6 +153,8 @@ class Task:
     """Tasks that must be done before, where the planner chooses the order."""
     part: str = ""
     """Name of the part that is carried from pick to place; empty where it has no shape."""
+    path: PathWork | None = None
+    """The path that is followed, the same for both arms where both follow; its one stop is where the tool ends."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +178,11 @@ class Job:
     notes: tuple[str, ...] = ()
     """What the reader should know of how the files were understood."""
 
+    @property
+    def has_paths(self) -> bool:
+        """Whether any task follows a path."""
+        return any(task.path is not None for task in self.tasks)
+
     def stops_of(self, arm: str) -> list[tuple[Task, Stop]]:
         """Returns the targets of one arm in file order, each with its task."""
         return [(task, stop) for task in self.tasks if task.arm == arm for stop in task.stops]
@@ -141,14 +193,33 @@ class Job:
             (task.arm, task.id, stop.action): stop for task in self.tasks for stop in task.stops
         }
 
-    def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
-        """Returns the paired stages: the k-th target of each arm, by arm name.
+    def sections(self) -> list[tuple[Task, ...]]:
+        """Returns the tasks in runs that follow one another: a path by itself, all else between paths together."""
+        found: list[tuple[Task, ...]] = []
+        for task in self.tasks:
+            same = bool(found) and (
+                found[-1][0].path is None if task.path is None else found[-1][0].path is task.path
+            )
+            if same:
+                found[-1] = (*found[-1], task)
+            else:
+                found.append((task,))
+        return found
 
-        An arm that has run out of targets is missing from the later stages.
+    def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
+        """Returns the paired stages: within each section the k-th target of each arm, by arm name.
+
+        An arm that has run out of targets is missing from the later stages of the section.
         """
-        per_arm = {arm.name: self.stops_of(arm.name) for arm in self.cell.robot.arms}
-        count = max((len(stops) for stops in per_arm.values()), default=0)
-        return [
-            {name: stops[k] for name, stops in per_arm.items() if k < len(stops)}
-            for k in range(count)
-        ]
+        found = []
+        for section in self.sections():
+            per_arm = {
+                arm.name: [(t, stop) for t in section if t.arm == arm.name for stop in t.stops]
+                for arm in self.cell.robot.arms
+            }
+            count = max((len(stops) for stops in per_arm.values()), default=0)
+            found += [
+                {name: stops[k] for name, stops in per_arm.items() if k < len(stops)}
+                for k in range(count)
+            ]
+        return found

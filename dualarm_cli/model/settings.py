@@ -18,6 +18,8 @@ class PlanSettings:
     """Timing solver."""
     effort: str = "normal"
     """quick, normal or thorough: how hard methods and the lower bound try."""
+    follower: str | None = None
+    """Method that finds the joints on paths; None for what the task file says."""
     seed: int = 0
     """Seed of all randomness."""
 

@@ -59,6 +59,9 @@ class Holding:
                 fitting[k, arm], misfit = _fitting(job, stop, task.part)
                 if misfit is not None:
                     misfits[k, arm] = misfit
+        if not rows:
+            # A transfer alone, on which nothing is held.
+            rows.append([[cell.held("")] * len(cell.arms)] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
         return cls(cell, numbers[:, 0], numbers[:, 1], fitting, misfits, 1.0 / job.speed)
 

@@ -15,10 +15,18 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
+from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
+
+
+PATH_BOUND = (
+    "lower bound: the sections between paths each by itself, from wherever they like; paths at full speed; the "
+    "transfers to where paths begin and from where they end count nothing"
+)
+"""What a bound with paths assumes."""
 
 
 def plan(
@@ -38,7 +46,21 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
-    return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
+    model = CellModel.from_cell(job.cell)
+    if not job.has_paths:
+        return lower_bound(sequence_problem(model, job), effort)
+    value, assumptions = 0.0, dict[str, None]()
+    for section in job.sections():
+        work = section[0].path
+        if work is not None:
+            value += work.length / (work.speed * job.speed)
+            continue
+        # Where a section starts is for the plan to choose, and what comes after it does not count.
+        alone = replace(job, tasks=section, start="free", returns=False)
+        bound = lower_bound(sequence_problem(model, alone), effort)
+        value += bound.value
+        assumptions |= dict.fromkeys(bound.assumptions)
+    return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
 def plan_without_bound(
@@ -72,6 +94,8 @@ def plan_without_bound(
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
+    if job.has_paths:
+        return _with_paths(job, settings, problem, progress, clear=clear)
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
@@ -94,13 +118,43 @@ def plan_without_bound(
     )
 
 
+def _with_paths(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    progress: Callable[[str], None],
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job with paths, planned section after section."""
+    method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    planner = SectionPlanner(problem, method.solve, timing, settings.follower, progress, clear)
+    planned = planner.plan()
+    motion = planned.motion
+    return Schedule(
+        robot=ScheduleRobot.of_job(job),
+        trajectory=motion.trajectory,
+        stages=motion.stages,
+        segments=motion.segments,
+        events=motion.events,
+        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        clearance_cost=planned.clearance_cost,
+        notes=(
+            *job.notes,
+            *_job_notes(job),
+            *dict.fromkeys(planned.notes),
+            *_platform_notes(problem.model, planned.stage_plans),
+        ),
+    )
+
+
 def _job_notes(job: Job) -> list[str]:
     """Returns what makes a cycle time look better than the cell's: picks and places that take no time."""
     idle = [
         f"{task.id} ({stop.action})"
         for task in job.tasks
         for stop in task.stops
-        if stop.action != "move" and stop.dwell.total == 0.0
+        if stop.action in ("pick", "place") and stop.dwell.total == 0.0
     ]
     if not idle:
         return []

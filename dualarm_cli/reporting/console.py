@@ -61,6 +61,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
             f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
             f"{_shares(use['dwell_shares'])}, "
+            + (f"paths {use['path']:.2f} s, " if use["path"] > 0 else "")
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )

@@ -59,7 +59,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 
 def count_parts(job: Job) -> int:
     """Returns how many tasks pick or place something."""
-    return sum(any(stop.action != "move" for stop in task.stops) for task in job.tasks)
+    return sum(any(stop.action in ("pick", "place") for stop in task.stops) for task in job.tasks)
 
 
 def throughput(schedule: Schedule, job: Job) -> float | None:
@@ -147,7 +147,7 @@ def _bottlenecks(schedule: Schedule) -> dict[str, int]:
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     """Returns how long one arm does what [s], and the share of the time in which it works."""
-    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return"), 0.0)
+    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", "path"), 0.0)
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
         if segment.arm != arm:

@@ -23,26 +23,46 @@ def rest_to_rest_spline(
     h, k = np.diff(time), len(time)
     q = np.array(position)
     # Row i (knot i+1): h_i a_i + 2 (h_i + h_i+1) a_i+1 + h_i+1 a_i+2 = 6 (slope_i+1 - slope_i).
-    matrix = np.zeros((k - 2, k - 2))
-    inner = np.arange(k - 2)
-    matrix[inner, inner] = 2.0 * (h[:-1] + h[1:])
-    matrix[inner[1:], inner[:-1]] = matrix[inner[:-1], inner[1:]] = h[1:-1]
+    below, diagonal, above = h[1:-1].copy(), 2.0 * (h[:-1] + h[1:]), h[1:-1].copy()
     # From rest q_1 = q_0 + h_0² a_1 / 6; likewise at the end. The unknown part moves to the left.
     first, last = h[0] ** 2, h[-1] ** 2
-    matrix[0, 0] += first / h[1] + first / h[0]
-    matrix[1, 0] -= first / h[1]
-    matrix[-1, -1] += last / h[-2] + last / h[-1]
-    matrix[-2, -1] -= last / h[-2]
+    diagonal[0] += first / h[1] + first / h[0]
+    below[0] -= first / h[1]
+    diagonal[-1] += last / h[-2] + last / h[-1]
+    above[-1] -= last / h[-2]
     q[1], q[-2] = q[0], q[-1]
     slope = np.diff(q, axis=0) / h[:, None]
     a = np.zeros_like(q)
-    a[1:-1] = np.linalg.solve(matrix, 6.0 * np.diff(slope, axis=0))
+    a[1:-1] = _solve_tridiagonal(below, diagonal, above, 6.0 * np.diff(slope, axis=0))
     q[1] += first * a[1] / 6.0
     q[-2] += last * a[-2] / 6.0
     v = np.zeros_like(q)
     v[1:] = np.cumsum(h[:, None] * (a[:-1] + a[1:]) / 2.0, axis=0)
     v[-1] = 0.0
     return q, v, a
+
+
+def _solve_tridiagonal(
+    below: FloatArray, diagonal: FloatArray, above: FloatArray, right: FloatArray
+) -> FloatArray:
+    """Returns the solution (k, n) of a tridiagonal system without pivoting (Thomas' algorithm).
+
+    Args:
+        below: below the diagonal, shape (k - 1,).
+        diagonal: the diagonal, dominant, shape (k,).
+        above: above the diagonal, shape (k - 1,).
+        right: right sides, shape (k, n).
+    """
+    pivot, x = diagonal.tolist(), right.copy()
+    factors = [0.0] * len(pivot)
+    for i, (low, high) in enumerate(zip(below.tolist(), above.tolist(), strict=True), 1):
+        factors[i] = low / pivot[i - 1]
+        pivot[i] -= factors[i] * high
+        x[i] -= factors[i] * x[i - 1]
+    x[-1] /= pivot[-1]
+    for i in range(len(pivot) - 2, -1, -1):
+        x[i] = (x[i] - above[i] * x[i + 1]) / pivot[i]
+    return x
 
 
 def largest_rates(

@@ -19,6 +19,7 @@ from dualarm_cli.verification.motion_checks import (
     check_time,
     not_checked,
 )
+from dualarm_cli.verification.path_checks import check_paths
 from dualarm_cli.verification.sequence_checks import (
     check_arms,
     check_bound,
@@ -80,6 +81,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_arms(schedule),
         *check_events(known, model),
         *check_lines(known, job, model),
+        *check_paths(schedule, job, model),
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule),

@@ -20,7 +20,7 @@ PER_INTERVAL = 4
 
 
 @dataclass
-class _Worst:
+class Worst:
     """The worst of many measurements and where it was."""
 
     value: float = 0.0
@@ -28,6 +28,7 @@ class _Worst:
     count: int = 0
 
     def add(self, value: float, where: str) -> None:
+        """Adds a measurement and where it was made."""
         self.count += 1
         # A NaN is worse than any number, and stays.
         if not value <= self.value and not np.isnan(self.value):
@@ -42,8 +43,8 @@ class _Worst:
 
 def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
     """Checks that every tool is where its events say, for as long as they say."""
-    distance, angle, knot = _Worst(), _Worst(), _Worst()
-    still_distance, still_angle = _Worst(), _Worst()
+    distance, angle, knot = Worst(), Worst(), Worst()
+    still_distance, still_angle = Worst(), Worst()
     knots = schedule.trajectory.time
     for event in schedule.events:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
@@ -53,7 +54,7 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
         if event.dwell > 0:
-            times = _dense(knots, event.time, event.time + event.dwell)
+            times = dense_times(knots, event.time, event.time + event.dwell)
             _measure(schedule, model, event, times, (still_distance, still_angle), where)
     none, short = "the schedule lists no events", "no event has a dwell"
     return [
@@ -70,7 +71,7 @@ def _measure(
     model: ToolModel,
     event: Event,
     times: FloatArray,
-    worst: tuple[_Worst, _Worst],
+    worst: tuple[Worst, Worst],
     where: str,
 ) -> None:
     """Adds the tool's distance and angle from an event's pose at some times."""
@@ -81,7 +82,7 @@ def _measure(
 
 def check_targets(schedule: Schedule, job: Job) -> Check:
     """Checks that every event's pose is one that the job's target allows."""
-    worst = _Worst()
+    worst = Worst()
     stops = job.stops_by_key()
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
@@ -116,7 +117,7 @@ def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> flo
 
 def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
     """Checks that tools approach and retract straight along their z axis, as far as asked."""
-    beside, turned, length, apart = _Worst(), _Worst(), _Worst(), _Worst()
+    beside, turned, length, apart = Worst(), Worst(), Worst(), Worst()
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     stops = job.stops_by_key() if job else {}
     lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
@@ -156,10 +157,10 @@ def _measure_line(
     segment: Segment,
     event: Event,
     stop: Stop | None,
-    worst: tuple[_Worst, _Worst, _Worst],
+    worst: tuple[Worst, Worst, Worst],
     where: str,
 ) -> None:
-    times = _dense(schedule.trajectory.time, segment.start, segment.end)
+    times = dense_times(schedule.trajectory.time, segment.start, segment.end)
     R, p = model.poses(segment.arm, schedule.trajectory.at(times)[0])
     # In the target's own frame the line is the negative z axis.
     local = (p - event.pose.translation) @ event.pose.rotation
@@ -186,7 +187,7 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
     return ""
 
 
-def _dense(knots: FloatArray, start: float, end: float) -> FloatArray:
+def dense_times(knots: FloatArray, start: float, end: float) -> FloatArray:
     """Returns the knots between two instants, the ends, and instants between all of them."""
     first, last = np.searchsorted(knots, [start + tol.SAME_TIME, end - tol.SAME_TIME])
     inside = knots[first:last]
@@ -209,9 +210,9 @@ def check_platform_still(schedule: Schedule) -> Check:
     ]
     # A schedule may list no segments: its events say when tools stand.
     spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
-    worst = _Worst()
+    worst = Worst()
     for start, end, what in spans:
-        q, v, _ = (rate[:, columns] for rate in trajectory.at(_dense(trajectory.time, start, end)))
+        q, v, _ = (rate[:, columns] for rate in trajectory.at(dense_times(trajectory.time, start, end)))
         moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
         worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells"

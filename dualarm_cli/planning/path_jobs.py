@@ -1,0 +1,316 @@
+"""Jobs with paths: section by section, each path with the transfer to where it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.model.schedule import Event, Segment, Stage
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.path_following import PATH_SOLVERS
+from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.path_motion import Followed, Follower, PathContext, Refused, follow_path
+from dualarm_cli.planning.path_starts import path_starts
+from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import concatenate
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+HERE = "(where the section before ended)"
+"""Name of the posture in which a section starts."""
+LOOKED_AT = 0.02
+"""Time between the postures of a path that are looked at [s]."""
+MOST_STARTS = 12
+"""So many starts of a path are tried."""
+
+
+@dataclass
+class _Record:
+    """What is planned so far."""
+
+    pieces: list[Trajectory] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    stage_plans: list[StagePlan] = field(default_factory=list)
+    clock: float = 0.0
+    cost: float = 0.0
+
+    def add(self, motion: Motion) -> None:
+        """Appends a motion as it is."""
+        t = self.clock
+        self.pieces.append(motion.trajectory)
+        self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
+        self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
+        self.events += [replace(e, time=e.time + t) for e in motion.events]
+        self.clock += motion.trajectory.duration
+
+
+@dataclass(frozen=True)
+class PlannedSections:
+    """A job with paths, planned."""
+
+    motion: Motion
+    """All of it."""
+    notes: tuple[str, ...]
+    """What a reader should know."""
+    clearance_cost: float | None
+    """How much longer it is than without clearance, its paths not counted [s]."""
+    stage_plans: list[StagePlan]
+    """The stages that are not paths."""
+
+
+@dataclass(frozen=True)
+class SectionPlanner:
+    """What sections are planned with."""
+
+    problem: MethodProblem
+    """The whole job."""
+    method: Callable[[MethodProblem], Decided]
+    """Decides the stages between paths."""
+    timing: TimingSolver
+    """How transfers and lines are timed."""
+    follower: str | None
+    """Name of the path follower that was asked for; None for the file's choice."""
+    progress: Callable[[str], None]
+    """Is told what is being done."""
+    clear: bool
+    """Whether anything has to keep clear."""
+
+    def plan(self) -> PlannedSections:
+        """Returns the whole job, section after section.
+
+        Raises:
+            InfeasibleError: a section that cannot be planned, with the reason.
+        """
+        job, record = self.problem.job, _Record()
+        robot = job.cell.robot
+        here = None if job.start == "free" else np.array(robot.postures[job.start])
+        for section in job.sections():
+            if section[0].path is None:
+                self._add_stops(record, section, here)
+            else:
+                self._add_path(record, section, here)
+            here = record.pieces[-1].position[-1]
+        first = record.pieces[0].position[0]
+        assert here is not None  # a job has at least one task
+        if job.returns and np.abs(first - here).max() > 0.0:
+            record.add(self._transfer(here, first, record))
+        trajectory = concatenate(record.pieces)
+        motion = Motion(
+            trajectory,
+            tuple(record.stages),
+            tuple(sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start))),
+            tuple(sorted(record.events, key=lambda e: (e.time, e.arm))),
+        )
+        cost = record.cost if self.clear else None
+        return PlannedSections(motion, tuple(record.notes), cost, record.stage_plans)
+
+    def _add_stops(
+        self, record: _Record, section: tuple[Task, ...], here: FloatArray | None
+    ) -> None:
+        """Appends a section of stops by the job's method."""
+        problem = self._problem(section, here)
+        self.progress("deciding platform angles and postures")
+        found = quickest_clear(
+            problem, self.method, self.timing, self.progress, clear=self.clear
+        )
+        record.add(found.cleared.motion)
+        record.cost += found.cost or 0.0
+        record.notes += [*found.decided.notes, *clearance_notes(found)]
+        record.stage_plans += found.cleared.plans
+
+    def _add_path(
+        self, record: _Record, section: tuple[Task, ...], here: FloatArray | None
+    ) -> None:
+        """Appends a path with the transfer to its start."""
+        work = section[0].path
+        assert work is not None
+        task = section[0].id
+        context = PathContext.of(self.problem.model, self.problem.job)
+        name = self.follower or work.redundancy or default_follower(context)
+        follower = PATH_SOLVERS[name]
+        self.progress(f"following {task} ({name})")
+        home = np.array(self.problem.job.cell.robot.postures["home"])
+        start = home if here is None else here
+        holding = Holding.of(self._problem((), start).job) if self.clear else None
+        refusals: list[Refused] = []
+        for k, q in enumerate(path_starts(context, work, start, self.problem.seed)):
+            if k == MOST_STARTS:
+                break
+            found = follow_path(context, work, follower, q)
+            if isinstance(found, Refused):
+                refusals.append(found)
+                continue
+            touching = None if holding is None else _touching(holding, found)
+            if touching is not None:
+                refusals.append(touching)
+                continue
+            begin = record.clock
+            if here is not None and np.abs(q - here).max() > 0.0:
+                try:
+                    transfer = self._transfer(here, q, record)
+                except InfeasibleError as error:
+                    refusals.append(Refused(f"no way to where it begins: {error}", 0.0))
+                    continue
+                _add_transfer(record, transfer, section)
+            _add_followed(record, context, section, found, name, begin)
+            record.notes += _path_notes(context, task, work, found, name)
+            return
+        raise InfeasibleError(_why_not(section, work, name, refusals))
+
+    def _transfer(self, here: FloatArray, there: FloatArray, record: _Record) -> Motion:
+        """Returns the motion of all joints from one configuration to another that keeps clear."""
+        problem = self._problem((), here)
+        limits = problem.job.cell.robot.limits.scaled(problem.job.speed)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        duration = float(law.duration(there - here))
+        stage = StagePlan(here, there, there, {}, "transfer", duration)
+        found = quickest_clear(
+            problem, lambda _: Decided([stage]), self.timing, self.progress, clear=self.clear
+        )
+        record.cost += found.cost or 0.0
+        record.notes += clearance_notes(found)
+        return found.cleared.motion
+
+    def _problem(self, tasks: tuple[Task, ...], here: FloatArray | None) -> MethodProblem:
+        """Returns the problem of some of the tasks, starting where the robot is."""
+        job = self.problem.job
+        cell, start = job.cell, "free"
+        if here is not None:
+            start = HERE
+            postures = {**cell.robot.postures, HERE: here}
+            cell = replace(cell, robot=replace(cell.robot, postures=postures))
+        job = replace(job, cell=cell, tasks=tasks, start=start, returns=False)
+        model = replace(self.problem.model, cell=cell)
+        return replace(self.problem, job=job, model=model)
+
+
+def default_follower(context: PathContext) -> str:
+    """Returns the follower that is taken where none is named: exact and within limits by construction."""
+    return "arm_angle" if context.closed_form else "manipulability"
+
+
+def robot_arm(arms: tuple[object, ...], name: str) -> int:
+    """Returns an arm's number among those of a robot."""
+    return [getattr(arm, "name", "") for arm in arms].index(name)
+
+
+def _touching(holding: Holding, found: Followed) -> Refused | None:
+    """Returns where a followed path does not keep clear, or None."""
+    trajectory = found.trajectory
+    count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
+    time = np.linspace(0.0, trajectory.duration, count)
+    position = trajectory.at(time)[0]
+    held = np.zeros((count, len(holding.cell.arms)), dtype=np.int64)
+    margin = holding.cell.margins(position, held)
+    k = int(np.argmin(margin))
+    if margin[k] >= SLACK / 2.0:
+        return None
+    one, other, missing = holding.cell.nearest(position[k], held[k])
+    share = float(found.clock.at(time[k : k + 1])[0][0])
+    return Refused(
+        f"after {time[k]:.3f} s {one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance",
+        share,
+    )
+
+
+def _add_transfer(record: _Record, motion: Motion, section: tuple[Task, ...]) -> None:
+    """Appends the transfer to where a path begins; its stage becomes that of the path."""
+    names = {task.arm: task.id for task in section}
+    segments = tuple(
+        replace(s, kind="transfer", task=names[s.arm], action="path")
+        if s.kind == "return" and s.arm in names
+        else replace(s, kind="transfer") if s.kind == "return" else s
+        for s in motion.segments
+    )
+    record.add(replace(motion, segments=segments))
+
+
+def _add_followed(
+    record: _Record,
+    context: PathContext,
+    section: tuple[Task, ...],
+    found: Followed,
+    name: str,
+    begin: float,
+) -> None:
+    """Appends the path itself: one stage with its transfer, one segment per arm, and an event where each tool ends."""
+    clock, end = record.clock, record.clock + found.trajectory.duration
+    followers = {task.arm: task for task in section}
+    for arm in context.job.cell.robot.arms:
+        task = followers.get(arm.name)
+        if task is None:
+            record.segments.append(Segment(arm.name, "wait", "", "", clock, end))
+            continue
+        record.segments.append(Segment(arm.name, "path", task.id, "path", clock, end))
+        path = task.path.paths[arm.name] if task.path is not None else None
+        assert path is not None
+        pose = path.pose(path.length)
+        record.events.append(Event(end, arm.name, task.id, "path", f"{arm.name}_tcp", pose, 0.0))
+    transfer = record.stages.pop() if record.clock > begin else None
+    columns = context.model.platform_columns
+    angle = float(found.trajectory.position[-1, columns[0]]) if len(columns) == 1 else None
+    record.stages.append(
+        Stage(
+            start=begin,
+            end=end,
+            tasks=(section[0].id,),
+            platform_solver=name,
+            platform_angle=angle,
+            platform_time=transfer.platform_time if transfer else 0.0,
+            arm_times=transfer.arm_times if transfer else {},
+            joint_times=transfer.joint_times if transfer else {},
+            bottleneck=transfer.bottleneck if transfer else "",
+        )
+    )
+    record.pieces.append(found.trajectory)
+    record.clock = end
+
+
+def _path_notes(
+    context: PathContext, task: str, work: PathWork, found: Followed, name: str
+) -> list[str]:
+    """Returns what a reader must know of how a path is followed."""
+    notes = []
+    full = context.pace(work)
+    if found.pace < full:
+        notes.append(
+            f"{task}: followed at {found.pace / full:.0%} of its speed, as the joints' limits ask for it"
+        )
+    if name.startswith("virtual_spring"):
+        missing = [arm for arm in work.paths if arm not in work.critical_points]
+        if missing:
+            notes.append(
+                f"{task}: critical points of {' and '.join(missing)} are assumed: below the shoulder by the length of "
+                "the upper arm"
+            )
+    return notes
+
+
+def _why_not(
+    section: tuple[Task, ...], work: PathWork, name: str, refusals: list[Refused]
+) -> str:
+    """Returns why a path cannot be followed: the start from which most of it could be."""
+    arms = " and ".join(task.arm for task in section)
+    head = f"{work.place}: task '{section[0].id}' ({arms}): "
+    if not refusals:
+        near = f" near posture '{work.posture}'" if work.posture else ""
+        return (
+            f"{head}no configuration within the joints' limits{near} has the tools where the path begins; "
+            "move it, or name another posture"
+        )
+    best = max(refusals, key=lambda one: one.share)
+    advice = "lower its speed, allow it to be slower (slower: allowed), or choose another method (--redundancy)"
+    return f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
+

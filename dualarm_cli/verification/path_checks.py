@@ -1,0 +1,132 @@
+"""Checks of tools that follow paths: on the path, forwards, together, no faster than asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.model.job import Job, PathWork
+from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.tool_path import TURN_LENGTH, ToolPath
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_model import ToolModel
+
+NAMES = ("path_distance", "path_angle", "path_progress", "path_speed", "paths_together")
+"""The checks."""
+SAMPLES = 4001
+"""Places of a path among which the nearest one is looked for."""
+ROUNDS = 4
+"""Newton steps from there."""
+
+
+@dataclass(frozen=True)
+class _Along:
+    """How one tool follows its path, at k instants."""
+
+    time: FloatArray
+    """Instants [s], shape (k,)."""
+    length: FloatArray
+    """How far along the path the nearest place is [m], shape (k,)."""
+    distance: FloatArray
+    """How far the tool is from it [m], shape (k,)."""
+    angle: FloatArray
+    """By how much it is turned away [rad], shape (k,)."""
+
+
+def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+    """Checks every path of the job: the tools keep to it from its start to its end, forwards, as fast as asked.
+
+    Args:
+        schedule: with finite numbers and rising times.
+        job: cell and tasks; without them nothing is known of paths.
+        model: where the tools are.
+    """
+    if job is None or not job.has_paths:
+        why = "no task file was given (--tasks)" if job is None else "the job has no paths"
+        return [not_checked(name, why) for name in NAMES]
+    distance, angle, progress, speed, together = (Worst() for _ in NAMES)
+    segments = {(s.arm, s.task): s for s in schedule.segments if s.kind == "path"}
+    for section in job.sections():
+        work = section[0].path
+        if work is None:
+            continue
+        found = {}
+        for task in section:
+            segment = segments.get((task.arm, task.id))
+            where = f"{task.id} ({task.arm})"
+            if segment is None or segment.end <= segment.start:
+                progress.add(np.inf, f"{where}: no segment of kind path")
+                continue
+            path = work.paths[task.arm]
+            along = found[task.arm] = _followed(schedule, model, segment, path)
+            _add(distance, along.distance / work.tolerance, along.time, where)
+            _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, where)
+            _add(progress, _off_course(along.length, path.length), along.time, where)
+            allowed = work.speed * job.speed * path.length / work.length
+            rate = np.diff(along.length) / np.diff(along.time)
+            _add(speed, rate / allowed - 1.0, along.time, where)
+        if len(found) == 2:
+            shares = [_share_of(found[arm], work, arm) for arm in found]
+            one, other = found.values()
+            apart = np.abs(shares[0] - np.interp(one.time, other.time, shares[1])) * work.length
+            _add(together, apart, one.time, section[0].id)
+    nothing = "no path has both arms"
+    return [
+        distance.judge(NAMES[0], 1.0, "share of the tolerance", ""),
+        angle.judge(NAMES[1], 1.0, "share of the tolerance", ""),
+        progress.judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
+        speed.judge(NAMES[3], tol.PATH_SPEED_SLACK, "share beyond what is asked", ""),
+        together.judge(NAMES[4], tol.LINE_DISTANCE, "m", nothing),
+    ]
+
+
+def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None:
+    k = int(np.argmax(values))
+    worst.add(max(0.0, float(values[k])), f"{where} at {time[k]:.3f} s")
+
+
+def _share_of(along: _Along, work: PathWork, arm: str) -> FloatArray:
+    return along.length / work.paths[arm].length
+
+
+def _off_course(length: FloatArray, whole: float) -> FloatArray:
+    """Returns how far from the path's start and end the motion begins and ends, and how far back it goes [m]."""
+    off = np.maximum.accumulate(length) - length
+    off[0] = max(off[0], length[0])
+    off[-1] = max(off[-1], whole - length[-1])
+    return off
+
+
+def _followed(schedule: Schedule, model: ToolModel, segment: Segment, path: ToolPath) -> _Along:
+    """Returns where along its path a tool is during a segment.
+
+    The place is looked for near where the way that the tool has gone since the start would have it, since a path may
+    cross itself or close; then by Newton steps to where the tool's offset has no part along the path.
+    """
+    time = dense_times(schedule.trajectory.time, segment.start, segment.end)
+    R, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
+    moved = np.linalg.norm(np.diff(p, axis=0), axis=1)
+    turned = np.linalg.norm(log_rotation(R[1:] @ np.swapaxes(R[:-1], -1, -2)), axis=1)
+    gone = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])
+    s = np.clip(gone * (path.length / max(gone[-1], path.length)), 0.0, path.length)
+    step = path.length / SAMPLES
+    for _ in range(ROUNDS):
+        low, high = np.maximum(s - step, 0.0), np.minimum(s + step, path.length)
+        (R0, p0), (R1, p1), (R_here, p_here) = path.at(low), path.at(high), path.at(s)
+        span = (high - low)[:, None]
+        way = np.hstack(
+            [(p1 - p0) / span, TURN_LENGTH * log_rotation(R1 @ np.swapaxes(R0, -1, -2)) / span]
+        )
+        off = np.hstack(
+            [p - p_here, TURN_LENGTH * log_rotation(R @ np.swapaxes(R_here, -1, -2))]
+        )
+        s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), 0.0, path.length)
+    R_here, p_here = path.at(s)
+    angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)
+    return _Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)
