@@ -216,6 +216,11 @@ class ToolPath:
                 R[mine], p[mine] = piece.at(own)
         return R, p
 
+    @property
+    def junctions(self) -> tuple[float, ...]:
+        """Lengths at which pieces meet [m]."""
+        return tuple(float(edge) for edge in self._edges[1:-1])
+
     def pose(self, s: float) -> pin.SE3:
         """Returns the pose at one length [m]."""
         R, p = self.at(np.array([s]))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.manipulability import manipulability_rates
 from dualarm_cli.kinematics.whole_body import tool_drift
+from dualarm_cli.path_following.least_squares import LeastSquares
 from dualarm_cli.path_following.limits import singular_words, within_limits
 from dualarm_cli.path_following.problem import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.velocity import pose_error
@@ -119,10 +119,13 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
                 f"no accelerations within the joints' limits follow the path{singular_words(problem, q)}",
                 k,
             )
-        acceleration = found
+        acceleration, correction = found
+        # The tools' errors are corrected by feedback as well; here what it leaves, for the answer alone.
+        position[k - 1] += correction
         q = q + h * (qd + 0.5 * h * acceleration)
         qd = qd + h * acceleration
         position[k] = q
+    position[-1] += step.correction(q, problem.instants - 1)
     return within_limits(problem, position)
 
 
@@ -133,28 +136,22 @@ class AccelerationStep:
         """Prepares the solver.
 
         Raises:
-            MissingDependencyError: the solver is not installed.
+            MissingDependencyError: it is not installed.
         """
-        try:
-            import piqp
-        except ImportError:
-            raise MissingDependencyError("piqp", "qp") from None
         self._problem, self._wanted = problem, wanted
         self._bounds = Bounds.of(problem)
         self._velocity, self._acceleration = problem.twists()
         self._free = np.flatnonzero(problem.free)
         self._follows = np.flatnonzero(problem.follows)
         self._jerk = problem.limits.jerk * (problem.step * (1.0 - MARGIN))
-        self._solver = piqp.DenseSolver()
-        self._solver.settings.eps_abs = 1e-9
-        self._solver.settings.eps_rel = 1e-10
-        self._solved = piqp.PIQP_SOLVED
-        self._ready = False
+        self._program = LeastSquares()
 
     def solve(
         self, q: FloatArray, qd: FloatArray, before: FloatArray, k: int
-    ) -> FloatArray | None:
-        """Returns the accelerations from one instant to the next [rad/s²], shape (n,), or None where there are none.
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Returns accelerations from one instant to the next [rad/s²] and a correction of the joints [rad], each (n,).
+
+        None where no accelerations are within the bounds.
 
         Args:
             q: joints at the instant [rad], shape (n,).
@@ -184,10 +181,25 @@ class AccelerationStep:
         crossed = least > most
         least[crossed] = most[crossed] = np.clip(0.0, least, most)[crossed]
         found = np.zeros_like(q)
-        solved = self._solve(J[:, free], A, aim[free], least[free], most[free], q, qd)
+        solved = self._program.solve(
+            aim[free], J[:, free], A, least[free], most[free], self._torques(q, qd)
+        )
         if solved is None:
             return None
         found[free] = solved
+        return found, self._towards(J, error)
+
+    def correction(self, q: FloatArray, k: int) -> FloatArray:
+        """Returns the change of the joints [rad], (n,), that puts the tools where they belong at an instant, if it is small."""
+        problem, which = self._problem, self._follows
+        state = problem.body.at(q)
+        error = pose_error(problem.R[k], problem.p[k], state.R[which], state.p[which])
+        return self._towards(state.J[problem.rows], error)
+
+    def _towards(self, J: FloatArray, error: FloatArray) -> FloatArray:
+        found = np.zeros(J.shape[1])
+        own = J[:, self._free]
+        found[self._free] = own.T @ np.linalg.solve(own @ own.T, error)
         return found
 
     def _rest(self, J: FloatArray, qd: FloatArray, left: float) -> FloatArray:
@@ -195,39 +207,11 @@ class AccelerationStep:
         inner = qd - J.T @ np.linalg.solve(J @ J.T, J @ qd)
         return -ORDER / max(left, self._problem.step) * inner
 
-    def _solve(
-        self,
-        J: FloatArray,
-        A: FloatArray,
-        aim: FloatArray,
-        least: FloatArray,
-        most: FloatArray,
-        q: FloatArray,
-        qd: FloatArray,
-    ) -> FloatArray | None:
-        torque = self._torques(q, qd)
-        # NaN in bounds would be read as no bound.
-        if not all(np.isfinite(part).all() for part in (J, A, aim)):
-            return None
-        n = len(aim)
-        if not self._ready:
-            rows = torque or (None, None, None)
-            self._solver.setup(np.eye(n), -aim, J, A, *rows, least, most)
-            self._ready = True
-        elif torque:
-            G, low, high = torque
-            self._solver.update(c=-aim, A=J, b=A, G=G, h_l=low, h_u=high, x_l=least, x_u=most)
-        else:
-            self._solver.update(c=-aim, A=J, b=A, x_l=least, x_u=most)
-        if self._solver.solve() != self._solved:
-            return None
-        return np.array(self._solver.result.x)
-
-    def _torques(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, ...]:
-        """Returns matrix and bounds of the joints' torques as rows over the free joints, or nothing."""
+    def _torques(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Returns matrix and bounds of the joints' torques as rows over the free joints, or None."""
         problem = self._problem
         if problem.torque is None or problem.dynamics is None:
-            return ()
+            return None
         mass, rest = problem.dynamics(q, qd)
         free, limit = self._free, problem.torque
         return mass[np.ix_(free, free)], (-limit - rest)[free], (limit - rest)[free]

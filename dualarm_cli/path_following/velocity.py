@@ -9,12 +9,21 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.whole_body import BodyState, WholeBody
 from dualarm_cli.path_following.limits import singular_words, within_limits
+from dualarm_cli.path_following.least_squares import LeastSquares
 from dualarm_cli.path_following.problem import NoPath, PathMotion, PathProblem, Spring
 
 LARGEST_STEP = 0.5
 """A joint that would move farther between two instants is at a singular posture [rad]."""
 CORRECTIONS = 2
 """Newton corrections of the tools after every step."""
+SELF_SPEED = 0.4
+"""Share of its speed limit that self-motion may give a joint."""
+KEPT_FREE = 1e-3
+"""Distance from the joints' limits at which they are stopped [rad]."""
+BRAKING = 4.0
+"""A joint's speed towards a limit is at most so many times its distance from it [1/s]."""
+MARGIN = 1e-3
+"""Share of the speed limits that is kept free: instants are joined by curves."""
 
 
 def follow_min_norm(problem: PathProblem) -> PathMotion | NoPath:
@@ -88,35 +97,88 @@ def make_step(
     """
     body, spring, rows, free = problem.body, problem.spring, problem.rows, problem.free
     every = bool(rows.all() and free.all())
-    follows, damping = np.flatnonzero(problem.follows), problem.damping**2
-    eye = damping * np.eye(6 * len(follows))
+    follows = np.flatnonzero(problem.follows)
     speed = problem.pace * problem.step
+    damping = problem.damping**2 * np.eye(6 * len(follows))
+    most = SELF_SPEED * problem.limits.velocity
+    room = Room(problem)
 
     def step(q: FloatArray, k: int) -> FloatArray:
         state = body.at(q)
         J = state.J if every else state.J[rows] * free
         gram = J @ J.T
         error = pose_error(problem.R[k], problem.p[k], state.R[follows], state.p[follows])
-        push = np.linalg.solve(gram + eye, error)
-        plus = None
-        moved = J.T @ push
+        moved = J.T @ np.linalg.solve(gram + damping, error)
+        inverse = np.linalg.inv(gram if exact else gram + damping)
+        pull = np.zeros(len(q))
         if pulled:
-            v = spring_gradient(body, state, spring)[0] * (free * speed[k])
+            v = spring_gradient(body, state, spring)[0]
+            v *= free
+            v -= J.T @ (inverse @ (J @ v))
             if exact:
-                plus = J.T @ np.linalg.inv(gram)
-                v -= plus @ (J @ v)
-            else:
-                v -= J.T @ np.linalg.solve(gram + eye, J @ v)
-            moved += v
+                # Self-motion leaves joints enough of their speed for the tools' motion.
+                v /= max(1.0, float((np.abs(v) / most).max()))
+            pull = v * speed[k]
+            moved += pull
+        if exact:
+            least, greatest = room.at(q)
+            if ((moved < least) | (moved > greatest)).any():
+                held = room.nearest(J, error, pull, least, greatest)
+                moved = moved if held is None else held
         q = q + moved
         if exact:
-            plus = J.T @ np.linalg.inv(gram) if plus is None else plus
             for _ in range(CORRECTIONS):
                 R, p = body.tools(q)
-                q = q + plus @ pose_error(problem.R[k], problem.p[k], R[follows], p[follows])
+                left = pose_error(problem.R[k], problem.p[k], R[follows], p[follows])
+                q = q + J.T @ (inverse @ left)
         return q
 
     return step
+
+
+class Room:
+    """How far joints may move in one step so that they come to rest before their limits, and the move that does."""
+
+    def __init__(self, problem: PathProblem) -> None:
+        """Prepares a problem's limits."""
+        limits, step = problem.limits, problem.step
+        self._lower, self._upper = limits.lower + KEPT_FREE, limits.upper - KEPT_FREE
+        self._farthest = limits.velocity * (step * (1.0 - MARGIN))
+        self._share = min(1.0, BRAKING * step)
+        self._free = np.flatnonzero(problem.free)
+        self._program: LeastSquares | None = None
+
+    def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns least and greatest moves from positions [rad], each shape (n,)."""
+        least = np.maximum(self._share * (self._lower - q), -self._farthest)
+        most = np.minimum(self._share * (self._upper - q), self._farthest)
+        return np.minimum(least, 0.0), np.maximum(most, 0.0)
+
+    def nearest(
+        self,
+        J: FloatArray,
+        error: FloatArray,
+        pull: FloatArray,
+        least: FloatArray,
+        most: FloatArray,
+    ) -> FloatArray | None:
+        """Returns the move nearest to a pull that makes up for the error within bounds, (n,), or None without one.
+
+        Where the bounds are far it is that of the exact projector, and it does not jump where they come near.
+        """
+        free = self._free
+        if self._program is None:
+            self._program = LeastSquares()
+        # In units in which a step is about 1, so that the solver's tolerances mean something.
+        scale = 1.0 / float(self._farthest[free].min())
+        found = self._program.solve(
+            pull[free] * scale, J[:, free], error * scale, least[free] * scale, most[free] * scale
+        )
+        if found is None:
+            return None
+        moved = np.zeros(len(pull))
+        moved[free] = found / scale
+        return moved
 
 
 def pose_error(R_goal: FloatArray, p_goal: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:

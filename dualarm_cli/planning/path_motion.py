@@ -20,6 +20,7 @@ from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.problem import Spring
 from dualarm_cli.path_following.velocity import pose_error
 from dualarm_cli.planning.path_clock import PathClock
+from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
@@ -113,7 +114,7 @@ class PathContext:
         step = clock.duration / count
         share, pace = clock.at(np.arange(count + 1) * step)
         arms = [arm for arm in self.body.arms if arm in work.paths]
-        poses = [work.paths[arm].at(share * work.paths[arm].length) for arm in arms]
+        poses = [tool_targets(work.paths[arm], share, step, work.tolerance) for arm in arms]
         return PathProblem(
             body=self.body,
             limits=self.limits,

@@ -21,6 +21,8 @@ NAMES = ("path_distance", "path_angle", "path_progress", "path_speed", "paths_to
 """The checks."""
 SAMPLES = 4001
 """Places of a path among which the nearest one is looked for."""
+WINDOW = 0.02
+"""Time over which a tool's speed along its path is measured [s]."""
 ROUNDS = 4
 """Newton steps from there."""
 
@@ -69,7 +71,10 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, where)
             _add(progress, _off_course(along.length, path.length), along.time, where)
             allowed = work.speed * job.speed * path.length / work.length
-            rate = np.diff(along.length) / np.diff(along.time)
+            # Over a short while: within its tolerance the tool may be a little ahead or behind.
+            window = min(WINDOW, float(along.time[-1] - along.time[0]))
+            ahead = np.interp(along.time + window, along.time, along.length)
+            rate = (ahead - along.length) / window
             _add(speed, rate / allowed - 1.0, along.time, where)
         if len(found) == 2:
             shares = [_share_of(found[arm], work, arm) for arm in found]

@@ -29,7 +29,7 @@ LINE_DISTANCE = 1e-4
 """How far a tool may leave a straight line [m]."""
 LINE_ANGLE = 1e-4
 """How far a tool may turn on a straight line [rad]."""
-PATH_SPEED_SLACK = 1e-3
+PATH_SPEED_SLACK = 5e-3
 """Share by which a tool may be faster along its path than asked, measured between instants."""
 CLEARANCE_SLACK = 1e-6
 """By how much a distance may fall short of the required clearance [m]."""
