@@ -22,7 +22,7 @@ DAMPING = 40.0
 ETA = 20.0
 """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
 JERK_SHARE = 0.8
-"""eta_1 is at most this share of jerk over acceleration limit: braking builds up no faster."""
+"""Share of the jerk limits that is used: accelerations are constant between instants, so that their curve is rougher."""
 MARGIN = 1e-3
 """Share of every limit that is kept free: knots are joined by curves."""
 BRAKING = 0.15
@@ -143,7 +143,7 @@ class AccelerationStep:
         self._velocity, self._acceleration = problem.twists()
         self._free = np.flatnonzero(problem.free)
         self._follows = np.flatnonzero(problem.follows)
-        self._jerk = problem.limits.jerk * (problem.step * (1.0 - MARGIN))
+        self._jerk = problem.limits.jerk * (problem.step * JERK_SHARE)
         self._program = LeastSquares()
 
     def solve(

@@ -20,14 +20,17 @@ from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.problem import Spring
 from dualarm_cli.path_following.velocity import pose_error
 from dualarm_cli.planning.path_clock import PathClock
+from dualarm_cli.planning.path_smoothing import evened_out
 from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 STEP = 1e-3
 """Time between the instants at which joints are found [s], at most."""
-PER_KNOT = (4, 8, 16, 32)
-"""Instants per knot of the trajectory: wider where the path's curvature jumps, which would take infinite jerk."""
+PER_KNOT = (4, 8)
+"""Instants per knot of the trajectory."""
+SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
+"""Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
 TOLERATED = 0.5
 """Share of its tolerance by which the trajectory may leave a path between knots."""
 CHECKED = 3
@@ -195,10 +198,16 @@ def _once(
         share = float(problem.share[found.instant])
         time = found.instant * problem.step
         return _refused(work, found.reason, time, share), found.excess
-    joined = [_Joined.of(problem, found, stride) for stride in PER_KNOT]
-    for curve in joined:
-        if curve.excess <= 1.0 and _strays(problem, found, curve.trajectory) <= TOLERATED * work.tolerance:
-            return curve.trajectory, 1.0
+    joined = []
+    for window in SMOOTHED:
+        even = evened_out(problem, found, window)
+        for stride in PER_KNOT:
+            curve = _Joined.of(problem, even, stride)
+            joined.append(curve)
+            if curve.excess > 1.0:
+                continue
+            if _strays(problem, found, curve.trajectory) <= TOLERATED * work.tolerance:
+                return curve.trajectory, 1.0
     curve = min(joined, key=lambda one: one.excess)
     if curve.excess <= 1.0:
         curve = joined[0]
