@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.options import Effort, EffortOption, SeedOption
+from dualarm_cli.cli.options import Effort, EffortOption, SeedOption, refuse_plot
 from dualarm_cli.cli.output import (
     JsonOption,
     QuietOption,
@@ -59,7 +59,8 @@ def solvers_command(
     redundancy: Annotated[
         list[str] | None,
         typer.Option(
-            "--redundancy", help="Redundancy solver; repeatable. Default: all.", show_default=False
+            "--redundancy",
+            help="Redundancy solver, or follower of paths; repeatable. Default: all.", show_default=False
         ),
     ] = None,
     timing: Annotated[
@@ -86,12 +87,13 @@ def solvers_command(
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
     """
-    from dualarm_cli.planning.comparison import cases
+    from dualarm_cli.planning.comparison import job_cases
 
-    matrix = cases(method or (), redundancy or (), timing or ())
     _refuse(out, plot, force)
     jobs = _jobs(tasks or [])
-    document = _compare(jobs, matrix, effort.value, seed, quiet)
+    named = (method or (), redundancy or (), timing or ())
+    matrices = {name: job_cases(job, *named) for name, job in jobs.items()}
+    document = _compare(jobs, matrices, effort.value, seed, quiet)
     if plot is not None or out is not None:
         _write(document, out, plot, quiet)
     if json_output:
@@ -104,19 +106,10 @@ def solvers_command(
 
 def _refuse(out: str | None, plot: Path | None, force: bool) -> None:
     """Raises before any work is done where results could not be written anyway."""
-    from dualarm_cli.reporting.figures import FIGURE_KINDS, require_matplotlib
-
     if out is not None:
         refuse_folder(out, (DOCUMENT, TABLE, FIGURE), force)
-    if plot is None:
-        return
-    if plot.suffix.lower().lstrip(".") not in FIGURE_KINDS:
-        raise UsageError(f"--plot {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
-    if not plot.parent.is_dir():
-        raise UsageError(f"--plot {plot}: there is no folder {plot.parent}")
-    if plot.exists() and not force:
-        raise UsageError(f"--plot {plot}: is there already; add --force to replace it")
-    require_matplotlib()
+    if plot is not None:
+        refuse_plot(plot, force)
 
 
 def _jobs(paths: list[Path]) -> dict[str, Job]:
@@ -141,7 +134,7 @@ def _jobs(paths: list[Path]) -> dict[str, Job]:
 
 
 def _compare(
-    jobs: dict[str, Job], matrix: list[Case], effort: str, seed: int, quiet: bool
+    jobs: dict[str, Job], matrices: dict[str, list[Case]], effort: str, seed: int, quiet: bool
 ) -> dict[str, Any]:
     """Returns the document of all jobs."""
     from dualarm_cli.model.settings import PlanSettings
@@ -154,7 +147,7 @@ def _compare(
 
     def run(progress: Callable[[str], None]) -> None:
         for name, job in jobs.items():
-            section, timed = _one_job(name, job, settings, matrix, progress)
+            section, timed = _one_job(name, job, settings, matrices[name], progress)
             sections.append(section)
             clock.extend(timed)
 
@@ -220,12 +213,15 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
 
 def _print(document: dict[str, Any]) -> None:
     from dualarm_cli.reporting.comparison_table import comparison_table, reason_lines
+    from dualarm_cli.reporting.path_table import paths_table
 
     console = stdout_console()
     clock = document["wall_clock"]
     for section in document["comparisons"]:
         mine, clock = clock[: len(section["rows"])], clock[len(section["rows"]) :]
         console.print(comparison_table(section, mine))
+        if (paths := paths_table(section)) is not None:
+            console.print(paths)
         for line in (*reason_lines(section), section["sentence"]):
             console.print(line, markup=False, soft_wrap=True)
 

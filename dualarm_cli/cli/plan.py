@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.options import Effort, EffortOption, SeedOption
+from dualarm_cli.cli.options import Effort, EffortOption, SeedOption, refuse_plot
 from dualarm_cli.cli.output import (
     JsonOption,
     QuietOption,
@@ -55,6 +55,12 @@ def plan_command(
     effort: EffortOption = Effort.normal,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
     seed: SeedOption = 0,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", help="Figure of the paths to write (.png, .svg, .pdf).", show_default=False
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -71,7 +77,11 @@ def plan_command(
         raise UsageError("--out '': name a folder, or leave the option out")
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
     refuse_existing(folder, force)
+    if plot is not None:
+        refuse_plot(plot, force)
     job = load_job(tasks)
+    if plot is not None and not job.has_paths:
+        raise UsageError(f"--plot {plot}: draws paths, and {tasks} has none")
     settings = replace(
         PlanSettings(platform, timing=timing, effort=effort.value, seed=seed),
         **redundancy_settings(redundancy),
@@ -85,12 +95,21 @@ def plan_command(
         )
     report = build_report(schedule, job)
     write_results(folder, schedule, report, rate, force)
+    if plot is not None:
+        _draw(plot, schedule, job)
     if json_output:
         print_json(report)
     elif not quiet:
         _print(report, folder)
     if schedule.verification is None or not schedule.verification.passed:
         raise typer.Exit(1)
+
+
+def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
+    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.reporting.path_figure import draw_paths
+
+    write_file(plot, draw_paths(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
 
 
 def refuse_existing(folder: Path, force: bool) -> None:

@@ -12,9 +12,11 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Verification
+from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.redundancy_choice import redundancy_settings
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -29,7 +31,7 @@ class Case:
     method: str
     """Name in METHODS."""
     redundancy: str
-    """Name of the redundancy solver."""
+    """Name of the redundancy solver, or of the follower of paths."""
     timing: str
     """Name of the timing solver."""
 
@@ -74,6 +76,44 @@ def cases(
     return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
 
 
+def job_cases(
+    job: Job,
+    methods: Sequence[str] = (),
+    redundancies: Sequence[str] = (),
+    timings: Sequence[str] = (),
+) -> list[Case]:
+    """Returns the combinations that make sense for a job; see `cases` for one without paths.
+
+    Of a job with paths every follower with the default method and, where it has stops as well, every method with the
+    file's followers (written as the redundancy solver of its stops). What is named is taken in all combinations.
+
+    Args:
+        job: what is to be planned.
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers or path followers.
+        timings: names of timing solvers.
+
+    Raises:
+        UnknownSolverError: a name that its family does not have.
+    """
+    for name in redundancies:
+        redundancy_settings(name)
+    own = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
+    if not job.has_paths:
+        found = cases(methods, own, timings) if own or not redundancies else []
+        others = [name for name in dict.fromkeys(redundancies) if name not in own]
+        return found + [replace(case, redundancy=name) for name in others for case in cases(methods, (), timings)]
+    if methods or redundancies:
+        every = cases(methods or [PlanSettings().platform], (), timings)
+        names = [*dict.fromkeys(redundancies or PATH_SOLVERS.names)]
+        return [replace(case, redundancy=name) for case in every for name in names]
+    default = cases([PlanSettings().platform], (), timings)
+    found = [replace(case, redundancy=name) for case in default for name in PATH_SOLVERS.names]
+    if all(task.path is not None for task in job.tasks):
+        return found
+    return found + [case for case in cases((), (), timings) if case.method != PlanSettings().platform]
+
+
 def run_cases(
     job: Job,
     settings: PlanSettings,
@@ -101,7 +141,10 @@ def run_cases(
             yield Outcome(case, "not served", reason, None, None)
             continue
         wanted = replace(
-            settings, platform=case.method, redundancy=case.redundancy, timing=case.timing
+            settings,
+            platform=case.method,
+            timing=case.timing,
+            **redundancy_settings(case.redundancy),
         )
         progress(f"{name}: planning")
         begin = clock()
@@ -120,7 +163,10 @@ def run_cases(
 
 def _why_unserved(model: CellModel, job: Job, settings: PlanSettings, case: Case) -> str | None:
     """Returns why a case cannot be run on a job, or None."""
-    problem = MethodProblem(model, job, case.redundancy, settings.effort, settings.seed)
+    if case.redundancy not in REDUNDANCY_SOLVERS.names and not job.has_paths:
+        return f"{case.redundancy} follows paths, and the job has none"
+    redundancy = redundancy_settings(case.redundancy).get("redundancy", settings.redundancy)
+    problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)
     return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
         case.timing
     ].why_unsupported(job.cell.robot.limits)

@@ -12,11 +12,13 @@ from dualarm_cli.reporting.measures import (
     DWELLS,
     LINES,
     OTHER,
+    PATHS,
     Bottlenecks,
     bottlenecks,
     elbow_imbalance,
     platform_travel,
 )
+from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.reporting.report import (
     count_parts,
     relative_gap,
@@ -128,6 +130,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             ("clearance", "clearance_cost", "platform_travel", "deciding_stages", "deciding_time"),
             None,
         ),
+        "paths": [],
     }
     if schedule is None:
         return row
@@ -143,6 +146,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "platform_travel": platform_travel(schedule),
         "deciding_stages": found.stages,
         "deciding_time": found.time,
+        "paths": path_measures(schedule, job),
     }
 
 
@@ -223,7 +227,7 @@ def _deciders(row: dict[str, Any]) -> str:
         f"{name} {time / whole:.0%}"
         for name, time in (
             ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
-            *((name, row["deciding_time"].get(name, 0.0)) for name in (LINES, DWELLS, OTHER)),
+            *((name, row["deciding_time"].get(name, 0.0)) for name in (LINES, DWELLS, PATHS, OTHER)),
         )
         if time > 0.0
     ]

@@ -8,6 +8,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+from dualarm_cli.reporting.path_table import path_lines
+
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
 SHOWN_LIMITS = 3
@@ -65,6 +67,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )
+    lines += path_lines(report)
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")

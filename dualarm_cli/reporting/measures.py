@@ -13,7 +13,7 @@ from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
 ELBOW = 3
 """Place of the elbow among the joints of a 7-axis arm."""
 AXES = 7
-LINES, DWELLS, OTHER = "lines", "dwells", "other"
+LINES, DWELLS, PATHS, OTHER = "lines", "dwells", "paths", "other"
 """What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
 
 
@@ -29,7 +29,7 @@ class Bottlenecks:
     @property
     def transfers(self) -> float:
         """Time that transfers decide [s]."""
-        return sum(time for name, time in self.time.items() if name not in (LINES, DWELLS, OTHER))
+        return sum(time for name, time in self.time.items() if name not in (LINES, DWELLS, PATHS, OTHER))
 
 
 def bottlenecks(schedule: Schedule) -> Bottlenecks:
@@ -64,6 +64,8 @@ def _shares(part: StageParts) -> dict[str, float]:
         LINES: part.length(arm, "approach", "retract"),
         DWELLS: part.length(arm, "dwell"),
     }
+    if (paths := part.length(arm, "path")) > 0.0:
+        shares[PATHS] = paths
     transfer = part.length(arm, "transfer", "return")
     if part.group:
         shares[part.group] = transfer

@@ -12,6 +12,7 @@ from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
+from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
 
@@ -40,6 +41,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
+        "paths": path_measures(schedule, job),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},

@@ -28,7 +28,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class _Along:
+class Along:
     """How one tool follows its path, at k instants."""
 
     time: FloatArray
@@ -66,7 +66,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
                 progress.add(np.inf, f"{where}: no segment of kind path")
                 continue
             path = work.paths[task.arm]
-            along = found[task.arm] = _followed(schedule, model, segment, path)
+            along = found[task.arm] = along_path(schedule, model, segment, path)
             _add(distance, along.distance / work.tolerance, along.time, where)
             _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, where)
             _add(progress, _off_course(along.length, path.length), along.time, where)
@@ -96,7 +96,7 @@ def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None
     worst.add(max(0.0, float(values[k])), f"{where} at {time[k]:.3f} s")
 
 
-def _share_of(along: _Along, work: PathWork, arm: str) -> FloatArray:
+def _share_of(along: Along, work: PathWork, arm: str) -> FloatArray:
     return along.length / work.paths[arm].length
 
 
@@ -108,11 +108,17 @@ def _off_course(length: FloatArray, whole: float) -> FloatArray:
     return off
 
 
-def _followed(schedule: Schedule, model: ToolModel, segment: Segment, path: ToolPath) -> _Along:
+def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: ToolPath) -> Along:
     """Returns where along its path a tool is during a segment.
 
     The place is looked for near where the way that the tool has gone since the start would have it, since a path may
     cross itself or close; then by Newton steps to where the tool's offset has no part along the path.
+
+    Args:
+        schedule: the motion.
+        model: where its tools are.
+        segment: of kind path.
+        path: what the segment's tool follows.
     """
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     R, p = model.poses(segment.arm, schedule.trajectory.at(time)[0])
@@ -134,4 +140,4 @@ def _followed(schedule: Schedule, model: ToolModel, segment: Segment, path: Tool
         s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), 0.0, path.length)
     R_here, p_here = path.at(s)
     angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)
-    return _Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)
+    return Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)

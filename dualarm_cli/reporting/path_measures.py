@@ -1,0 +1,192 @@
+"""What is measured of paths as they are followed: tools, elbows, manipulability, travel, room to the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.manipulability import manipulability
+from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.planning.path_motion import PathContext
+from dualarm_cli.verification.path_checks import along_path
+from dualarm_cli.verification.tool_model import ToolModel
+
+SPACING = 0.005
+"""Time between the instants at which bodies are measured [s]."""
+
+
+@dataclass(frozen=True)
+class PathSamples:
+    """One path as it is followed, at k instants of m arms that follow."""
+
+    task: str
+    """Id of the task."""
+    method: str
+    """What found the joints."""
+    work: PathWork
+    """What was asked for."""
+    arms: tuple[str, ...]
+    """Arms that follow."""
+    time: FloatArray
+    """Instants since the path began [s], shape (k,)."""
+    position: FloatArray
+    """All joints [rad], shape (k, n)."""
+    velocity: FloatArray
+    """Their velocities [rad/s], shape (k, n)."""
+    acceleration: FloatArray
+    """Their accelerations [rad/s²], shape (k, n)."""
+    tool: FloatArray
+    """Tool centre points [m], shape (k, m, 3)."""
+    elbow: FloatArray
+    """Elbows [m], shape (k, m, 3)."""
+    critical: FloatArray
+    """Critical points [m], shape (k, m, 3)."""
+    least: FloatArray
+    """Least distance of each elbow from its critical point in any posture [m], shape (m,)."""
+    alone: FloatArray
+    """Manipulability of each arm by its own joints, shape (k, m)."""
+    together: FloatArray
+    """Manipulability of all tools by all joints that move them, shape (k,)."""
+
+    @property
+    def distance(self) -> FloatArray:
+        """Distances of the elbows from their critical points [m], shape (k, m)."""
+        found: FloatArray = np.linalg.norm(self.elbow - self.critical, axis=-1)
+        return found
+
+    @property
+    def force(self) -> FloatArray:
+        """Contraction forces of the virtual springs, K times the distances ([Choi2020] Eq. 9-10), shape (k, m)."""
+        return self.work.stiffness * self.distance
+
+
+def path_samples(schedule: Schedule, job: Job) -> list[PathSamples]:
+    """Returns the paths of a planned job as they are followed, in their order.
+
+    Args:
+        schedule: the plan.
+        job: what it was planned for.
+    """
+    if not job.has_paths:
+        return []
+    context = PathContext.of(CellModel.from_cell(job.cell), job)
+    return [
+        _sampled(schedule, context, section, work)
+        for section in job.sections()
+        if (work := section[0].path) is not None and _span(schedule, section) is not None
+    ]
+
+
+def _span(schedule: Schedule, section: tuple[Task, ...]) -> tuple[float, float] | None:
+    """Returns from when to when a section's path is followed [s]; None where the schedule does not say."""
+    spans = [
+        (s.start, s.end)
+        for s in schedule.segments
+        if s.kind == "path" and s.task == section[0].id and s.end > s.start
+    ]
+    return spans[0] if spans else None
+
+
+def _sampled(
+    schedule: Schedule, context: PathContext, section: tuple[Task, ...], work: PathWork
+) -> PathSamples:
+    span = _span(schedule, section)
+    assert span is not None  # asked before
+    body, trajectory = context.body, schedule.trajectory.select(context.body.joints)
+    count = max(2, int(np.ceil((span[1] - span[0]) / SPACING)) + 1)
+    time = np.linspace(*span, count)
+    q, qd, qdd = trajectory.at(time)
+    which = [a for a, arm in enumerate(body.arms) if arm in work.paths]
+    points = context.critical_points(work.critical_points)
+    shoulders, upper = body.shoulders()
+    own = body.moves & ~body.moves_carried
+    rows: list[tuple[FloatArray, ...]] = []
+    follows = np.repeat(np.isin(np.arange(len(body.arms)), which), 6)
+    free = body.moves[which].any(axis=0)
+    for configuration in q:
+        state = body.at(configuration)
+        alone = [manipulability(state.J[6 * a : 6 * a + 6][:, own[a]]) for a in which]
+        together = manipulability(state.J[follows][:, free])
+        critical = body.carried_points(state, points)[0]
+        rows.append(
+            (state.p[which], state.elbow[which], critical[which], np.array(alone), together)
+        )
+    tool, elbow, critical, alone_all, together_all = (
+        np.array([row[i] for row in rows]) for i in range(5)
+    )
+    methods = [stage.platform_solver for stage in schedule.stages if section[0].id in stage.tasks]
+    least = np.abs(np.linalg.norm(shoulders - points, axis=1) - upper)[which]
+    arms = tuple(body.arms[a] for a in which)
+    return PathSamples(
+        section[0].id,
+        methods[0] if methods else "",
+        work,
+        arms,
+        time - span[0],
+        q,
+        qd,
+        qdd,
+        tool,
+        elbow,
+        critical,
+        least,
+        alone_all,
+        together_all,
+    )
+
+
+def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
+    """Returns what is measured of every path, JSON-ready; m, rad, s.
+
+    Args:
+        schedule: the plan, with its verification where there is one.
+        job: what it was planned for.
+    """
+    samples = path_samples(schedule, job)
+    if not samples:
+        return []
+    model = ToolModel(schedule)
+    limits = job.cell.robot.limits.scaled(job.speed)
+    clearances = schedule.verification.clearances if schedule.verification is not None else ()
+    found = []
+    for path in samples:
+        segments = [s for s in schedule.segments if s.kind == "path" and s.task == path.task]
+        along = [along_path(schedule, model, s, path.work.paths[s.arm]) for s in segments]
+        room = np.minimum(path.position - limits.lower, limits.upper - path.position).min(axis=0)
+        nearest = int(np.argmin(room))
+        speed = (np.abs(path.velocity) / limits.velocity).max(axis=0)
+        fastest = int(np.argmax(speed))
+        numbers = [k for k, stage in enumerate(schedule.stages) if path.task in stage.tasks]
+        clear = [c.clearance for c in clearances if c.stage in numbers]
+        travel = np.abs(np.diff(path.position, axis=0)).sum(axis=0)
+        found.append(
+            {
+                "task": path.task,
+                "method": path.method,
+                "arms": list(path.arms),
+                "duration": float(path.time[-1]),
+                "length": path.work.length,
+                "tool_error": max(float(one.distance.max()) for one in along),
+                "tool_angle_error": max(float(one.angle.max()) for one in along),
+                "elbow_distance": dict(zip(path.arms, path.distance.mean(axis=0).tolist(), strict=True)),
+                "least_elbow_distance": dict(zip(path.arms, path.least.tolist(), strict=True)),
+                "manipulability": dict(zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)),
+                "manipulability_together": float(path.together.mean()),
+                "least_manipulability_together": float(path.together.min()),
+                "joint_travel": float(travel.sum()),
+                "platform_travel": float(
+                    sum(travel[limits.joints.index(j)] for j in job.cell.robot.platform)
+                ),
+                "limit_room": float(room[nearest]),
+                "limit_joint": limits.joints[nearest],
+                "speed_share": float(speed[fastest]),
+                "speed_joint": limits.joints[fastest],
+                "clearance": min(clear, default=None),
+            }
+        )
+    return found
