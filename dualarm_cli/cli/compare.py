@@ -60,7 +60,8 @@ def solvers_command(
         list[str] | None,
         typer.Option(
             "--redundancy",
-            help="Redundancy solver, or follower of paths; repeatable. Default: all.", show_default=False
+            help="Redundancy solver, or follower of paths; repeatable. Default: all.",
+            show_default=False,
         ),
     ] = None,
     timing: Annotated[

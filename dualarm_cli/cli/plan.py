@@ -49,7 +49,7 @@ def plan_command(
             "--redundancy",
             help="Redundancy solver of stops, or of paths.",
             show_default="arm_angle; for paths the file's",
-        )
+        ),
     ] = None,
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     effort: EffortOption = Effort.normal,
@@ -68,7 +68,7 @@ def plan_command(
     """Plan a cell's tasks: verified joint schedule and throughput report."""
     from dualarm_cli.loading.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.planning.redundancy_choice import redundancy_settings
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
     from dualarm_cli.reporting.report import build_report
 
     if not 0.0 < rate <= MAX_RATE:
@@ -82,10 +82,8 @@ def plan_command(
     job = load_job(tasks)
     if plot is not None and not job.has_paths:
         raise UsageError(f"--plot {plot}: draws paths, and {tasks} has none")
-    settings = replace(
-        PlanSettings(platform, timing=timing, effort=effort.value, seed=seed),
-        **redundancy_settings(redundancy),
-    )
+    settings = PlanSettings(platform, timing=timing, effort=effort.value, seed=seed)
+    settings = with_redundancy(settings, redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
     if rows > MAX_ROWS:

@@ -11,7 +11,7 @@ SMALL = 1e-6
 
 
 def skew(vector: FloatArray) -> FloatArray:
-    """Returns matrices (..., 3, 3) with skew(v) u = v x u for vectors v (..., 3)."""
+    """Returns matrices K (..., 3, 3) with K u = v x u for vectors v (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]

@@ -1,4 +1,4 @@
-"""Manipulability of all tools together, its gradient and the gradient's rate, in closed form from the joints' screws."""
+"""Manipulability of all tools together, its gradient and the gradient's rate, in closed form from joint screws."""
 
 from __future__ import annotations
 

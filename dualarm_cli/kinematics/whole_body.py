@@ -154,7 +154,9 @@ def elbow_joint(count: int) -> int:
     return 3 if count >= 7 else 2
 
 
-def tool_drift(S: FloatArray, p: FloatArray, moves: BoolArray, before: BoolArray, qd: FloatArray) -> FloatArray:
+def tool_drift(
+    S: FloatArray, p: FloatArray, moves: BoolArray, before: BoolArray, qd: FloatArray
+) -> FloatArray:
     """Returns the tools' accelerations that the joints' velocities alone cause, dJ/dt qd, shape (6 a,).
 
     Args:

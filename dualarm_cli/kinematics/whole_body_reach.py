@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
@@ -20,6 +22,23 @@ KEPT_FREE = 1e-3
 """Distance from the joints' limits that is kept [rad]."""
 
 
+@dataclass(frozen=True)
+class Reached:
+    """Joints, and by how much their tools miss."""
+
+    q: FloatArray
+    """All joints [rad], shape (n,)."""
+    distance: float
+    """How far the tools are from where they should be [m]; 0 where they are there."""
+    angle: float
+    """By how much they are turned away [rad]."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the tools are where they should be."""
+        return self.distance == 0.0 and self.angle == 0.0
+
+
 def reach(
     body: WholeBody,
     limits: JointLimits,
@@ -27,8 +46,8 @@ def reach(
     follows: BoolArray,
     R: FloatArray,
     p: FloatArray,
-) -> FloatArray | None:
-    """Returns joints within limits whose tools are at given poses, near given joints [rad], (n,); None for none found.
+) -> Reached:
+    """Returns joints within limits whose tools are at given poses, near given joints, or as near as they get.
 
     Damped Gauss-Newton (Levenberg-Marquardt) with steps of least norm; joints of arms that are not asked for stay.
 
@@ -45,13 +64,17 @@ def reach(
     lower, upper = limits.lower + room, limits.upper - room
     q = np.where(free, np.clip(q, lower, upper), q)
     which = np.flatnonzero(follows)
+    best = Reached(q, np.inf, np.inf)
     for _ in range(ROUNDS):
         state = body.at(q)
         turn = log_rotation(R @ state.R[which].transpose(0, 2, 1))
         error = np.concatenate([p - state.p[which], turn], axis=1).ravel()
         size = float(np.linalg.norm(error))
         if np.abs(error).max() < EXACT:
-            return q
+            return Reached(q, 0.0, 0.0)
+        parts = np.linalg.norm(error.reshape(-1, 2, 3), axis=2).max(axis=0)
+        if parts.sum() < best.distance + best.angle:
+            best = Reached(q, float(parts[0]), float(parts[1]))
         # Joints at a limit that the step would cross are left out of it.
         active = free.copy()
         for _ in range(3):
@@ -64,4 +87,4 @@ def reach(
                 break
             active &= ~stuck
         q = np.where(free, np.clip(q + step, lower, upper), q)
-    return None
+    return best

@@ -64,6 +64,9 @@ class PathReader:
             loc: where it stands.
             arm: the arm that follows, where only one does.
         """
+        self._default = None
+        if self._frame(section.in_, (*loc, "in")) is None:
+            return None
         self._default = section.in_
         curves: dict[str, tuple[CurveSection, Loc]] = {}
         if section.both:
@@ -194,9 +197,7 @@ class PathReader:
         return None if frame is None else np.array(frame.act(np.array(section.xyz)))
 
     def _frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
-        return frame_pose(
-            self._document, loc, name or self._default, self._frames, self._findings
-        )
+        return frame_pose(self._document, loc, name or self._default, self._frames, self._findings)
 
     def _file(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
         frame = self._frame(None, loc)

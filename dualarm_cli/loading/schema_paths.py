@@ -169,7 +169,8 @@ class PathSection(CurveSection):
     tolerance: Size = Field(default=1e-4, description="How far the tools may leave the path [m].")
     redundancy: Name | None = Field(default=None, description="Method that finds the joints.")
     posture: Name | None = Field(
-        default=None, description="Posture near which the path begins; default: the planner's choice."
+        default=None,
+        description="Posture near which the path begins; default: the planner's choice.",
     )
     critical_points: CriticalPoints = Field(
         default=CriticalPoints(), description="Where virtual springs pull the elbows."
@@ -191,7 +192,9 @@ class PathSection(CurveSection):
             for key in ("left", "right"):
                 curve = getattr(self, key)
                 if curve is None:
-                    raise refuse(f"'{key}' is missing: where both follow, both need a path", code="E202")
+                    raise refuse(
+                        f"'{key}' is missing: where both follow, both need a path", code="E202"
+                    )
                 if curve.through is None and curve.poses is None:
                     raise refuse("no path; give 'through' or 'poses'", key)
             for key in ("through", "poses", "arm"):

@@ -113,7 +113,11 @@ class TaskSection(Section):
             raise refuse("nothing to do; give pick and place, move, or path")
         if len(given) > 1 and given != ["pick", "place"]:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
-        if self.path is not None and (self.arm or self.path.arm) is None and self.path.both is False:
+        if (
+            self.path is not None
+            and (self.arm or self.path.arm) is None
+            and self.path.both is False
+        ):
             raise refuse("'arm' is missing", code="E202")
         if self.arm is None and given[0] not in ("coordinate", "path"):
             raise refuse("'arm' is missing", code="E202")

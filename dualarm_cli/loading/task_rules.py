@@ -30,7 +30,9 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
             findings.add(document, loc, message, "E102")
         first.setdefault(task.id, document.place(loc)[0])
         if task.coordinate is not None:
-            message = "coordinate tasks are not available in this version; use pick, place, move or path"
+            message = (
+                "coordinate tasks are not available in this version; use pick, place, move or path"
+            )
             findings.add(document, ("tasks", index, "coordinate"), message, NOT_AVAILABLE, key=True)
         if task.arm == "any":
             message = "arm: any is not available in this version; use left or right"

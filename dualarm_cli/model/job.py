@@ -131,11 +131,7 @@ class PathWork:
 
     def corners(self) -> tuple[float, ...]:
         """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
-        found = {
-            corner / path.length
-            for path in self.paths.values()
-            for corner in path.corners
-        }
+        found = {corner / path.length for path in self.paths.values() for corner in path.corners}
         return tuple(sorted(found))
 
 

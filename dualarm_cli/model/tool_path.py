@@ -63,7 +63,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Turn:
-    """A turn about a fixed axis: a circle of the tool centre point, on which the tool turns along or keeps its rotation.
+    """A turn about a fixed axis: the tool centre point goes on a circle, the tool turns along or keeps its rotation.
 
     Arcs are turns too, with a rotation of their own from start to end.
     """
@@ -151,7 +151,10 @@ class Spline:
         count = max(SPLINE_NODES, 32 * len(self.poses))
         # Three-point Gauss-Legendre between the nodes, which are the knots and equal parts between them.
         share = np.linspace(0.0, len(self.poses) - 1.0, count)
-        u = np.unique(np.interp(share, np.arange(len(self.poses)), self._knots).tolist() + self._knots.tolist())
+        u = np.unique(
+            np.interp(share, np.arange(len(self.poses)), self._knots).tolist()
+            + self._knots.tolist()
+        )
         h = np.diff(u)
         offsets = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
         inner = u[:-1, None] + h[:, None] * (0.5 + 0.5 * offsets)

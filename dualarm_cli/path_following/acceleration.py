@@ -22,7 +22,7 @@ DAMPING = 40.0
 ETA = 20.0
 """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
 JERK_SHARE = 0.8
-"""Share of the jerk limits that is used: accelerations are constant between instants, so that their curve is rougher."""
+"""Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
 MARGIN = 1e-3
 """Share of every limit that is kept free: knots are joined by curves."""
 BRAKING = 0.15
@@ -66,8 +66,8 @@ class Bounds:
         """Returns lowest and highest accelerations [rad/s²] at positions and velocities, each shape (n,).
 
         [Zhang2024] Eq. 22-23 mended: the speed towards a position limit falls with the distance from it,
-        upper = min(eta_1 (min(eta_2 (q_max - q), v_max) - qd), a_max), and its mirror. With eta_1 >= 4 eta_2 a joint that
-        starts at rest within its limits stays there.
+        upper = min(eta_1 (min(eta_2 (q_max - q), v_max) - qd), a_max), and its mirror. With eta_1 >= 4 eta_2 a joint
+        that starts at rest within its limits stays there.
         """
         low, high, v, eta = self.lower - q, self.upper - q, self.velocity, self.eta
         slow = eta / 4.0
@@ -84,26 +84,25 @@ def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
     """Returns the joints that seek manipulability within all limits ([Zhang2024] Eq. 24, mended).
 
     Minimises |qdd - qdd*|² with qdd* = a_2 dg/dt - k (qd - a_2 g), g = grad log M, subject to the tools' accelerations
-    and to the bounds. The print has +k qd in (18), against (17), and the gradient of M itself, which is too small to act.
+    and to the bounds. The print has +k qd in (18), against (17), and the gradient of M, which is too small to act.
     """
     weights = problem.weights
 
-    def wanted(S: FloatArray, qd: FloatArray, pace: float) -> FloatArray:
-        rates = manipulability_rates(problem.body, S, qd)
-        aim = weights.gain * pace
-        found: FloatArray = aim * rates.rate - weights.damping * (qd - aim * rates.gradient)
+    def wanted(S: FloatArray, qd: FloatArray) -> FloatArray:
+        rates, gain = manipulability_rates(problem.body, S, qd), weights.gain
+        found: FloatArray = gain * rates.rate - weights.damping * (qd - gain * rates.gradient)
         return found
 
     return _follow(problem, wanted)
 
 
 def follow_min_acceleration(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints of least acceleration at every instant within all limits ([Zhang2024] Eq. 9 without gradient)."""
-    return _follow(problem, lambda _S, qd, _pace: np.zeros_like(qd))
+    """Returns the joints of least acceleration within all limits ([Zhang2024] Eq. 9 without gradient)."""
+    return _follow(problem, lambda _, qd: np.zeros_like(qd))
 
 
-Wanted = Callable[[FloatArray, FloatArray, float], FloatArray]
-"""Accelerations that are sought, of screws (n, 6), velocities (n,) and the share of full self-motion."""
+Wanted = Callable[[FloatArray, FloatArray], FloatArray]
+"""Accelerations that are sought, of screws (n, 6) and velocities (n,)."""
 
 
 def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
@@ -133,11 +132,7 @@ class AccelerationStep:
     """The quadratic program of one instant, set up once and solved warm."""
 
     def __init__(self, problem: PathProblem, wanted: Wanted) -> None:
-        """Prepares the solver.
-
-        Raises:
-            MissingDependencyError: it is not installed.
-        """
+        """Prepares the solver."""
         self._problem, self._wanted = problem, wanted
         self._bounds = Bounds.of(problem)
         self._velocity, self._acceleration = problem.twists()
@@ -170,10 +165,7 @@ class AccelerationStep:
         A = self._acceleration[k] + DAMPING * slip + STIFFNESS * error - drift
         left = (problem.instants - 1 - k) * problem.step
         braking = BRAKING * (problem.instants - 1) * problem.step
-        if left < braking:
-            aim = self._rest(J, qd, left)
-        else:
-            aim = self._wanted(state.S, qd, 1.0)
+        aim = self._rest(J, qd, left) if left < braking else self._wanted(state.S, qd)
         least, most = self._bounds.at(q, qd)
         least = np.maximum(least, before - self._jerk)
         most = np.minimum(most, before + self._jerk)
@@ -190,7 +182,7 @@ class AccelerationStep:
         return found, self._towards(J, error)
 
     def correction(self, q: FloatArray, k: int) -> FloatArray:
-        """Returns the change of the joints [rad], (n,), that puts the tools where they belong at an instant, if it is small."""
+        """Returns the small change of the joints [rad], (n,), that puts the tools where they belong at an instant."""
         problem, which = self._problem, self._follows
         state = problem.body.at(q)
         error = pose_error(problem.R[k], problem.p[k], state.R[which], state.p[which])
@@ -207,7 +199,9 @@ class AccelerationStep:
         inner = qd - J.T @ np.linalg.solve(J @ J.T, J @ qd)
         return -ORDER / max(left, self._problem.step) * inner
 
-    def _torques(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def _torques(
+        self, q: FloatArray, qd: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Returns matrix and bounds of the joints' torques as rows over the free joints, or None."""
         problem = self._problem
         if problem.torque is None or problem.dynamics is None:

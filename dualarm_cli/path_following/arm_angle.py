@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.path_following.limits import within_limits
@@ -49,8 +49,8 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     """Returns the joints of least motion while the platform stands: dynamic programming over arm angles, then refined.
 
     Over a grid of arm angles and all branches the sum of squared joint motion (over the speed limits) along the path is
-    least by dynamic programming; then Levenberg-Marquardt steps make it least off the grid. The tools are exact: inverse
-    kinematics in closed form at every instant. Our own; closed form [Shimizu2008].
+    least by dynamic programming; then Levenberg-Marquardt steps make it least off the grid. The tools are exact:
+    inverse kinematics in closed form at every instant. Our own; closed form [Shimizu2008].
     """
     model = problem.model
     if model is None:
@@ -110,7 +110,7 @@ def best_track(
         velocity: speed limits of the joints [rad/s], shape (7,).
         start: joints at the first station [rad], shape (7,); None where they are free.
     """
-    grid = np.arange(CELLS) * (2.0 * np.pi / CELLS)
+    grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (2.0 * np.pi / CELLS)
     if start is not None:
         # The grid begins at the given arm angle.
         grid = grid + float(arm.arm_angle(start))
@@ -130,9 +130,7 @@ def best_track(
     return _refined(arm, R, p, velocity, branch, psi, fixed=start is not None)
 
 
-def _least(
-    scaled: FloatArray, q: FloatArray, good: FloatArray
-) -> tuple[FloatArray, int] | None:
+def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> tuple[IntArray, int] | None:
     """Returns the cells (m,) of the cheapest way through all stations, and its branch; None without one.
 
     Args:
@@ -221,7 +219,9 @@ def _reason(arm: SrsArm, name: str, R: FloatArray, p: FloatArray) -> NoPath:
     miss = arm.reach_miss(R, p)
     if miss.max() > 0.0:
         k = int(np.argmax(miss > 0.0))
-        return NoPath(f"the {name} arm cannot reach: its wrist misses by {miss.max() * 1e3:.1f} mm at most", k)
+        return NoPath(
+            f"the {name} arm cannot reach: its wrist misses by {miss.max() * 1e3:.1f} mm at most", k
+        )
     return NoPath(
         f"no branch and arm angles of the {name} arm follow the whole path within the joints' limits "
         "while the platform stands",

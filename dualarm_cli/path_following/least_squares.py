@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.geometry.arrays import FloatArray
 
 ABSOLUTE, RELATIVE = 1e-9, 1e-10
@@ -17,15 +16,9 @@ class LeastSquares:
     """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high; set up once, then solved warm."""
 
     def __init__(self) -> None:
-        """Loads the solver.
+        """Loads the solver."""
+        import piqp
 
-        Raises:
-            MissingDependencyError: it is not installed.
-        """
-        try:
-            import piqp
-        except ImportError:
-            raise MissingDependencyError("piqp", "qp") from None
         self._solver: Any = piqp.DenseSolver()
         self._solver.settings.eps_abs = ABSOLUTE
         self._solver.settings.eps_rel = RELATIVE

@@ -91,8 +91,7 @@ class PathProblem:
     @property
     def free(self) -> BoolArray:
         """Joints that move a tool that follows, shape (n,)."""
-        moved: BoolArray = self.body.moves[self.follows].any(axis=0)
-        return moved
+        return np.asarray(self.body.moves[self.follows].any(axis=0))
 
     @property
     def rows(self) -> BoolArray:

@@ -8,8 +8,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.whole_body import BodyState, WholeBody
-from dualarm_cli.path_following.limits import singular_words, within_limits
 from dualarm_cli.path_following.least_squares import LeastSquares
+from dualarm_cli.path_following.limits import singular_words, within_limits
 from dualarm_cli.path_following.problem import NoPath, PathMotion, PathProblem, Spring
 
 LARGEST_STEP = 0.5

@@ -16,7 +16,7 @@ from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.planning.redundancy_choice import redundancy_settings
+from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -97,12 +97,16 @@ def job_cases(
         UnknownSolverError: a name that its family does not have.
     """
     for name in redundancies:
-        redundancy_settings(name)
+        with_redundancy(PlanSettings(), name)
     own = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
     if not job.has_paths:
         found = cases(methods, own, timings) if own or not redundancies else []
         others = [name for name in dict.fromkeys(redundancies) if name not in own]
-        return found + [replace(case, redundancy=name) for name in others for case in cases(methods, (), timings)]
+        return found + [
+            replace(case, redundancy=name)
+            for name in others
+            for case in cases(methods, (), timings)
+        ]
     if methods or redundancies:
         every = cases(methods or [PlanSettings().platform], (), timings)
         names = [*dict.fromkeys(redundancies or PATH_SOLVERS.names)]
@@ -111,7 +115,9 @@ def job_cases(
     found = [replace(case, redundancy=name) for case in default for name in PATH_SOLVERS.names]
     if all(task.path is not None for task in job.tasks):
         return found
-    return found + [case for case in cases((), (), timings) if case.method != PlanSettings().platform]
+    return found + [
+        case for case in cases((), (), timings) if case.method != PlanSettings().platform
+    ]
 
 
 def run_cases(
@@ -140,12 +146,8 @@ def run_cases(
         if reason := _why_unserved(model, job, settings, case):
             yield Outcome(case, "not served", reason, None, None)
             continue
-        wanted = replace(
-            settings,
-            platform=case.method,
-            timing=case.timing,
-            **redundancy_settings(case.redundancy),
-        )
+        wanted = replace(settings, platform=case.method, timing=case.timing)
+        wanted = with_redundancy(wanted, case.redundancy)
         progress(f"{name}: planning")
         begin = clock()
         try:
@@ -165,7 +167,7 @@ def _why_unserved(model: CellModel, job: Job, settings: PlanSettings, case: Case
     """Returns why a case cannot be run on a job, or None."""
     if case.redundancy not in REDUNDANCY_SOLVERS.names and not job.has_paths:
         return f"{case.redundancy} follows paths, and the job has none"
-    redundancy = redundancy_settings(case.redundancy).get("redundancy", settings.redundancy)
+    redundancy = with_redundancy(settings, case.redundancy).redundancy
     problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)
     return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
         case.timing

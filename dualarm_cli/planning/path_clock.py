@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class PathClock:
         law = RestToRest(np.array([speed]), np.array([acceleration]), np.array([jerk]))
         edges = np.array([0.0, *work.corners(), 1.0]) * work.length
         starts, states, clock = [], [], 0.0
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in pairwise(edges.tolist()):
             phases = fastest_phases(np.array([end - begin]), law)
             s, v = float(begin), 0.0
             for h, a, j in zip(

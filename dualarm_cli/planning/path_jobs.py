@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import Diagnostic, InfeasibleError, InputError, did_you_mean
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.whole_body_reach import Reached
 from dualarm_cli.model.job import Job, PathWork, Task
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
@@ -18,7 +19,7 @@ from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
-from dualarm_cli.planning.path_motion import Followed, Follower, PathContext, Refused, follow_path
+from dualarm_cli.planning.path_motion import Followed, PathContext, Refused, follow_path
 from dualarm_cli.planning.path_starts import path_starts
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
@@ -122,9 +123,7 @@ class SectionPlanner:
         """Appends a section of stops by the job's method."""
         problem = self._problem(section, here)
         self.progress("deciding platform angles and postures")
-        found = quickest_clear(
-            problem, self.method, self.timing, self.progress, clear=self.clear
-        )
+        found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
         record.add(found.cleared.motion)
         record.cost += found.cost or 0.0
         record.notes += [*found.decided.notes, *clearance_notes(found)]
@@ -145,9 +144,8 @@ class SectionPlanner:
         start = home if here is None else here
         holding = Holding.of(self._problem((), start).job) if self.clear else None
         refusals: list[Refused] = []
-        for k, q in enumerate(path_starts(context, work, start, self.problem.seed)):
-            if k == MOST_STARTS:
-                break
+        starts = path_starts(context, work, start, self.problem.seed)
+        for q in starts.configurations[:MOST_STARTS]:
             found = follow_path(context, work, follower, q)
             if isinstance(found, Refused):
                 refusals.append(found)
@@ -167,7 +165,7 @@ class SectionPlanner:
             _add_followed(record, context, section, found, name, begin)
             record.notes += _path_notes(context, task, work, found, name)
             return
-        raise InfeasibleError(_why_not(section, work, name, refusals))
+        raise InfeasibleError(_why_not(section, work, name, refusals, starts.nearest))
 
     def _transfer(self, here: FloatArray, there: FloatArray, record: _Record) -> Motion:
         """Returns the motion of all joints from one configuration to another that keeps clear."""
@@ -194,6 +192,39 @@ class SectionPlanner:
         job = replace(job, cell=cell, tasks=tasks, start=start, returns=False)
         model = replace(self.problem.model, cell=cell)
         return replace(self.problem, job=job, model=model)
+
+
+def check_followers(job: Job, asked: str | None) -> None:
+    """Raises where a path names a method that there is not.
+
+    Args:
+        job: with paths.
+        asked: the method that the command line names, or None.
+
+    Raises:
+        UnknownSolverError: the command line names it.
+        InputError: the task file does, at its place.
+    """
+    if asked is not None:
+        PATH_SOLVERS[asked]
+    found = {
+        task.path.place: task.path.redundancy
+        for task in job.tasks
+        if task.path is not None and task.path.redundancy not in (None, *PATH_SOLVERS.names)
+    }
+    findings = [
+        Diagnostic(
+            place.file,
+            place.line,
+            place.column,
+            "E300",
+            f"redundancy: no method '{name}' follows paths{did_you_mean(str(name), PATH_SOLVERS.names)}; known: "
+            f"{', '.join(PATH_SOLVERS.names)}",
+        )
+        for place, name in found.items()
+    ]
+    if findings:
+        raise InputError(findings)
 
 
 def default_follower(context: PathContext) -> str:
@@ -231,7 +262,9 @@ def _add_transfer(record: _Record, motion: Motion, section: tuple[Task, ...]) ->
     segments = tuple(
         replace(s, kind="transfer", task=names[s.arm], action="path")
         if s.kind == "return" and s.arm in names
-        else replace(s, kind="transfer") if s.kind == "return" else s
+        else replace(s, kind="transfer")
+        if s.kind == "return"
+        else s
         for s in motion.segments
     )
     record.add(replace(motion, segments=segments))
@@ -299,7 +332,11 @@ def _path_notes(
 
 
 def _why_not(
-    section: tuple[Task, ...], work: PathWork, name: str, refusals: list[Refused]
+    section: tuple[Task, ...],
+    work: PathWork,
+    name: str,
+    refusals: list[Refused],
+    nearest: Reached,
 ) -> str:
     """Returns why a path cannot be followed: the start from which most of it could be."""
     arms = " and ".join(task.arm for task in section)
@@ -307,10 +344,12 @@ def _why_not(
     if not refusals:
         near = f" near posture '{work.posture}'" if work.posture else ""
         return (
-            f"{head}no configuration within the joints' limits{near} has the tools where the path begins; "
-            "move it, or name another posture"
+            f"{head}no configuration within the joints' limits{near} has the tools where the path begins: at best they "
+            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away; move the path, or turn "
+            "the tool, or name another posture"
         )
     best = max(refusals, key=lambda one: one.share)
     advice = "lower its speed, allow it to be slower (slower: allowed), or choose another method (--redundancy)"
-    return f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
-
+    return (
+        f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
+    )

@@ -115,7 +115,7 @@ class PathContext:
         widest = PER_KNOT[-1]
         count = widest * max(5, int(np.ceil(clock.duration / (STEP * widest))))
         step = clock.duration / count
-        share, pace = clock.at(np.arange(count + 1) * step)
+        share, pace = clock.at(instants(count + 1, step))
         arms = [arm for arm in self.body.arms if arm in work.paths]
         poses = [tool_targets(work.paths[arm], share, step, work.tolerance) for arm in arms]
         return PathProblem(
@@ -231,7 +231,7 @@ class _Joined:
     def of(cls, problem: PathProblem, found: PathMotion, stride: int) -> _Joined:
         """Returns the spline through every so many-th instant."""
         limits = problem.limits
-        time = np.arange(0, problem.instants, stride) * problem.step
+        time = instants(problem.instants, problem.step)[::stride]
         q, v, a = rest_to_rest_spline(time, found.position[::stride])
         rates = largest_rates(time, v, a)
         allowed = (limits.velocity, limits.acceleration, limits.jerk)
@@ -254,11 +254,11 @@ class _Joined:
 
 def _strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> float:
     """Returns how far the tools are from where the method has them between the knots, turns by TURN_LENGTH [m]."""
-    instants = np.arange(CHECKED // 2, problem.instants, CHECKED)
-    position = trajectory.at(instants * problem.step)[0]
+    looked_at = np.arange(CHECKED // 2, problem.instants, CHECKED)
+    position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
     which = np.flatnonzero(problem.follows)
     worst = 0.0
-    for k, q in zip(instants, position, strict=True):
+    for k, q in zip(looked_at, position, strict=True):
         R, p = problem.body.tools(q)
         R_there, p_there = problem.body.tools(found.position[k])
         error = pose_error(R_there[which], p_there[which], R[which], p[which]).reshape(-1, 6)
@@ -268,6 +268,12 @@ def _strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> 
 
 
 UNITS = ("rad/s", "rad/s²", "rad/s³")
+
+
+def instants(count: int, step: float) -> FloatArray:
+    """Returns so many instants a step apart from 0 on [s], shape (count,)."""
+    found: FloatArray = np.arange(count, dtype=np.float64) * step
+    return found
 
 
 def _refused(work: PathWork, reason: str, time: float, share: float) -> Refused:

@@ -15,9 +15,9 @@ CORRECTIONS = 2
 def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMotion:
     """Returns the same motion of the tools with joints that are means over a short time.
 
-    Where a method comes to a limit, or leaves one, velocities have kinks and accelerations jump. A mean over W spreads a
-    jump evenly over W; what that does to the tools is undone by Newton steps of least norm, so that only self-motion is
-    evened out. At both ends, where all is at rest, the joints stay as they are.
+    Where a method comes to a limit, or leaves one, velocities have kinks and accelerations jump. A mean over W spreads
+    a jump evenly over W; what that does to the tools is undone by Newton steps of least norm, so that only self-motion
+    is evened out. At both ends, where all is at rest, the joints stay as they are.
 
     Args:
         problem: what was asked.

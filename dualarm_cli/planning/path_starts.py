@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.kinematics.whole_body_reach import reach
+from dualarm_cli.kinematics.whole_body_reach import Reached, reach
 from dualarm_cli.model.job import PathWork
 from dualarm_cli.path_following.arm_angle import STATIONS, best_track, flange_poses
 from dualarm_cli.planning.path_motion import PathContext
@@ -24,10 +24,18 @@ EASE = 0.2
 """What the cost of a way along the path counts among the times to get to its start [s/s²]."""
 
 
-def path_starts(
-    context: PathContext, work: PathWork, here: FloatArray, seed: int
-) -> Iterator[FloatArray]:
-    """Yields configurations from which a path may be followed [rad], (n,), best first.
+@dataclass(frozen=True)
+class Starts:
+    """Where a path may begin."""
+
+    configurations: list[FloatArray]
+    """Best first [rad], each of shape (n,)."""
+    nearest: Reached
+    """The configuration whose tools come nearest to the path's start, of those that were looked for numerically."""
+
+
+def path_starts(context: PathContext, work: PathWork, here: FloatArray, seed: int) -> Starts:
+    """Returns configurations from which a path may be followed [rad], (n,), best first.
 
     With a posture in the file only the one near it. Otherwise those near where the robot is and near home; with arms in
     closed form those where the easiest way along the path begins, at many platform angles; else from random seeds.
@@ -43,25 +51,22 @@ def path_starts(
         seeds = [np.array(robot.postures[work.posture])]
     else:
         seeds = [here, np.array(robot.postures["home"])]
-    near = [q for q in (_near(context, work, q, here) for q in seeds) if q is not None]
-    if work.posture is not None:
-        yield from near
-        return
-    found = [(_time_to(context, here, q), q) for q in near]
-    if context.closed_form:
+    if work.posture is None and not context.closed_form:
+        random, limits = np.random.default_rng(seed), context.limits
+        seeds += [random.uniform(limits.lower, limits.upper) for _ in range(SEEDS)]
+    near = [_near(context, work, q, here) for q in seeds]
+    nearest = min(near, key=lambda one: one.distance + one.angle)
+    found = [(_time_to(context, here, one.q), one.q) for one in near if one.exact]
+    if work.posture is None and context.closed_form:
         found += _easiest(context, work, here)
-    else:
-        found += _drawn(context, work, here, seed)
     kept: list[FloatArray] = []
     for _, q in sorted(found, key=lambda one: one[0]):
         if all(np.abs(q - other).max() > ALIKE for other in kept):
             kept.append(q)
-            yield q
+    return Starts(kept, nearest)
 
 
-def _near(
-    context: PathContext, work: PathWork, q: FloatArray, here: FloatArray
-) -> FloatArray | None:
+def _near(context: PathContext, work: PathWork, q: FloatArray, here: FloatArray) -> Reached:
     """Returns the start near a configuration; an arm that does not follow stays where it is."""
     body = context.body
     follows = np.array([arm in work.paths for arm in body.arms])
@@ -114,17 +119,3 @@ def _platforms(context: PathContext, here: FloatArray) -> FloatArray:
     limits = context.limits.select(model.platform.joints)
     low, high = max(limits.lower[0], now[0] - np.pi), min(limits.upper[0], now[0] + np.pi)
     return np.concatenate([now, np.linspace(low, high, PLATFORMS)])[:, None]
-
-
-def _drawn(
-    context: PathContext, work: PathWork, here: FloatArray, seed: int
-) -> list[tuple[float, FloatArray]]:
-    """Returns starts near configurations drawn at random, with the times to get to them."""
-    limits = context.limits
-    random = np.random.default_rng(seed)
-    found = []
-    for _ in range(SEEDS):
-        q = _near(context, work, random.uniform(limits.lower, limits.upper), here)
-        if q is not None:
-            found.append((_time_to(context, here, q), q))
-    return found

@@ -22,8 +22,9 @@ def tool_targets(path: ToolPath, share: FloatArray, step: float, tolerance: floa
     """Returns a tool's poses at instants, rotations (k, 3, 3) and positions (k, 3) [m].
 
     Where pieces meet without a corner but with different curvature (a line and an arc, say) the tool's acceleration
-    would jump, and the joints' jerk be infinite. There the pose is replaced by its mean over a short time, which spreads
-    the jump evenly over it; on a circle of acceleration a the mean over W leaves the path by a W² / 24, which chooses W.
+    would jump, and the joints' jerk be infinite. There the pose is replaced by its mean over a short time W, which
+    spreads the jump evenly over it. On a circle of acceleration a the mean leaves the path by a W² / 24, which
+    chooses W.
 
     Args:
         path: the tool's way.

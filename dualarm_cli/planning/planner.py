@@ -15,12 +15,11 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.path_jobs import SectionPlanner
+from dualarm_cli.planning.path_jobs import SectionPlanner, check_followers
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
-
 
 PATH_BOUND = (
     "lower bound: the sections between paths each by itself, from wherever they like; paths at full speed; the "
@@ -95,6 +94,7 @@ def plan_without_bound(
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     if job.has_paths:
+        check_followers(job, settings.follower)
         return _with_paths(job, settings, problem, progress, clear=clear)
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from dualarm_cli.errors import UnknownSolverError
+from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 
 
-def redundancy_settings(name: str | None) -> dict[str, str]:
-    """Returns the settings that a name sets; what it does not name keeps its default.
+def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
+    """Returns settings with what a name sets; the rest stays.
 
     Args:
+        settings: what they are changed from.
         name: a member of either family, or None.
 
     Raises:
         UnknownSolverError: neither family has it.
     """
     if name is None:
-        return {}
-    found = {}
-    if name in REDUNDANCY_SOLVERS.names:
-        found["redundancy"] = name
-    if name in PATH_SOLVERS.names:
-        found["follower"] = name
-    if not found:
+        return settings
+    stops, paths = name in REDUNDANCY_SOLVERS.names, name in PATH_SOLVERS.names
+    if not stops and not paths:
         known = [*dict.fromkeys([*REDUNDANCY_SOLVERS.names, *PATH_SOLVERS.names])]
         raise UnknownSolverError("--redundancy", name, known)
-    return found
+    if stops:
+        settings = replace(settings, redundancy=name)
+    return replace(settings, follower=name) if paths else settings

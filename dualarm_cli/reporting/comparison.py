@@ -227,7 +227,10 @@ def _deciders(row: dict[str, Any]) -> str:
         f"{name} {time / whole:.0%}"
         for name, time in (
             ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
-            *((name, row["deciding_time"].get(name, 0.0)) for name in (LINES, DWELLS, PATHS, OTHER)),
+            *(
+                (name, row["deciding_time"].get(name, 0.0))
+                for name in (LINES, DWELLS, PATHS, OTHER)
+            ),
         )
         if time > 0.0
     ]

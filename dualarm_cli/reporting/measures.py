@@ -29,7 +29,9 @@ class Bottlenecks:
     @property
     def transfers(self) -> float:
         """Time that transfers decide [s]."""
-        return sum(time for name, time in self.time.items() if name not in (LINES, DWELLS, PATHS, OTHER))
+        return sum(
+            time for name, time in self.time.items() if name not in (LINES, DWELLS, PATHS, OTHER)
+        )
 
 
 def bottlenecks(schedule: Schedule) -> Bottlenecks:

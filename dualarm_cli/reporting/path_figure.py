@@ -51,9 +51,7 @@ def _draw_plane(axes: Any, path: PathSamples, plane: tuple[int, int]) -> None:
         axes.plot(elbow[:, i], elbow[:, j], "--", color=colour, label=f"{arm} elbow")
         axes.plot(*elbow[0, [i, j]], "o", color=colour, markersize=4)
         critical = path.critical[:, m]
-        axes.plot(
-            critical[:, i], critical[:, j], ":", color=colour, label=f"{arm} critical point"
-        )
+        axes.plot(critical[:, i], critical[:, j], ":", color=colour, label=f"{arm} critical point")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{AXES[i]} [m]")
     axes.set_ylabel(f"{AXES[j]} [m]")

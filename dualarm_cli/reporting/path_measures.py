@@ -173,9 +173,13 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 "length": path.work.length,
                 "tool_error": max(float(one.distance.max()) for one in along),
                 "tool_angle_error": max(float(one.angle.max()) for one in along),
-                "elbow_distance": dict(zip(path.arms, path.distance.mean(axis=0).tolist(), strict=True)),
+                "elbow_distance": dict(
+                    zip(path.arms, path.distance.mean(axis=0).tolist(), strict=True)
+                ),
                 "least_elbow_distance": dict(zip(path.arms, path.least.tolist(), strict=True)),
-                "manipulability": dict(zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)),
+                "manipulability": dict(
+                    zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)
+                ),
                 "manipulability_together": float(path.together.mean()),
                 "least_manipulability_together": float(path.together.min()),
                 "joint_travel": float(travel.sum()),

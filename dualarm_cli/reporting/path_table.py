@@ -23,8 +23,8 @@ def path_lines(report: dict[str, Any]) -> list[str]:
         )
         each = ", ".join(f"{arm} {value:.4g}" for arm, value in path["manipulability"].items())
         lines.append(
-            f"path {path['task']} by {path['method']}: {path['length'] * 1e3:.1f} mm in {path['duration']:.3f} s; tools within "
-            f"{_small(path['tool_error'])} of it; elbows from their critical points on average {elbows}; "
+            f"path {path['task']} by {path['method']}: {path['length'] * 1e3:.1f} mm in {path['duration']:.3f} s; "
+            f"tools within {_small(path['tool_error'])} of it; elbows from their critical points on average {elbows}; "
             f"mean manipulability {each}; joints travel {math.degrees(path['joint_travel']):.0f} deg in all, "
             f"{path['limit_joint']} comes within {math.degrees(path['limit_room']):.1f} deg of its limit, "
             f"{path['speed_joint']} uses {path['speed_share']:.0%} of its speed"

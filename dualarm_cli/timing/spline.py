@@ -20,7 +20,7 @@ def rest_to_rest_spline(
         time: knots [s], increasing, shape (k,), k at least 5.
         position: what to interpolate [rad], shape (k, n).
     """
-    h, k = np.diff(time), len(time)
+    h = np.diff(time)
     q = np.array(position)
     # Row i (knot i+1): h_i a_i + 2 (h_i + h_i+1) a_i+1 + h_i+1 a_i+2 = 6 (slope_i+1 - slope_i).
     below, diagonal, above = h[1:-1].copy(), 2.0 * (h[:-1] + h[1:]), h[1:-1].copy()

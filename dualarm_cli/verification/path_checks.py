@@ -134,9 +134,7 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
         way = np.hstack(
             [(p1 - p0) / span, TURN_LENGTH * log_rotation(R1 @ np.swapaxes(R0, -1, -2)) / span]
         )
-        off = np.hstack(
-            [p - p_here, TURN_LENGTH * log_rotation(R @ np.swapaxes(R_here, -1, -2))]
-        )
+        off = np.hstack([p - p_here, TURN_LENGTH * log_rotation(R @ np.swapaxes(R_here, -1, -2))])
         s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), 0.0, path.length)
     R_here, p_here = path.at(s)
     angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)

@@ -212,7 +212,9 @@ def check_platform_still(schedule: Schedule) -> Check:
     spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
     worst = Worst()
     for start, end, what in spans:
-        q, v, _ = (rate[:, columns] for rate in trajectory.at(dense_times(trajectory.time, start, end)))
+        q, v, _ = (
+            rate[:, columns] for rate in trajectory.at(dense_times(trajectory.time, start, end))
+        )
         moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
         worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells"
