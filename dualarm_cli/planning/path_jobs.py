@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.errors import Diagnostic, InfeasibleError, InputError, did_you_mean
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.whole_body_reach import Reached
-from dualarm_cli.model.job import Job, PathWork, Task
-from dualarm_cli.model.schedule import Event, Segment, Stage
-from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.job import Task
 from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.path_motion import Followed, PathContext, Refused, follow_path
+from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
 from dualarm_cli.planning.path_starts import path_starts
+from dualarm_cli.planning.path_words import path_notes, why_not
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate
@@ -32,29 +31,6 @@ LOOKED_AT = 0.02
 """Time between the postures of a path that are looked at [s]."""
 MOST_STARTS = 12
 """So many starts of a path are tried."""
-
-
-@dataclass
-class _Record:
-    """What is planned so far."""
-
-    pieces: list[Trajectory] = field(default_factory=list)
-    stages: list[Stage] = field(default_factory=list)
-    segments: list[Segment] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    stage_plans: list[StagePlan] = field(default_factory=list)
-    clock: float = 0.0
-    cost: float = 0.0
-
-    def add(self, motion: Motion) -> None:
-        """Appends a motion as it is."""
-        t = self.clock
-        self.pieces.append(motion.trajectory)
-        self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
-        self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
-        self.events += [replace(e, time=e.time + t) for e in motion.events]
-        self.clock += motion.trajectory.duration
 
 
 @dataclass(frozen=True)
@@ -94,7 +70,7 @@ class SectionPlanner:
         Raises:
             InfeasibleError: a section that cannot be planned, with the reason.
         """
-        job, record = self.problem.job, _Record()
+        job, record = self.problem.job, Record()
         robot = job.cell.robot
         here = None if job.start == "free" else np.array(robot.postures[job.start])
         for section in job.sections():
@@ -118,7 +94,7 @@ class SectionPlanner:
         return PlannedSections(motion, tuple(record.notes), cost, record.stage_plans)
 
     def _add_stops(
-        self, record: _Record, section: tuple[Task, ...], here: FloatArray | None
+        self, record: Record, section: tuple[Task, ...], here: FloatArray | None
     ) -> None:
         """Appends a section of stops by the job's method."""
         problem = self._problem(section, here)
@@ -129,9 +105,7 @@ class SectionPlanner:
         record.notes += [*found.decided.notes, *clearance_notes(found)]
         record.stage_plans += found.cleared.plans
 
-    def _add_path(
-        self, record: _Record, section: tuple[Task, ...], here: FloatArray | None
-    ) -> None:
+    def _add_path(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
         """Appends a path with the transfer to its start."""
         work = section[0].path
         assert work is not None
@@ -161,13 +135,13 @@ class SectionPlanner:
                 except InfeasibleError as error:
                     refusals.append(Refused(f"no way to where it begins: {error}", 0.0))
                     continue
-                _add_transfer(record, transfer, section)
-            _add_followed(record, context, section, found, name, begin)
-            record.notes += _path_notes(context, task, work, found, name)
+                add_transfer(record, transfer, section)
+            add_followed(record, context, section, found, name, begin)
+            record.notes += path_notes(context, task, work, found, name)
             return
-        raise InfeasibleError(_why_not(section, work, name, refusals, starts.nearest))
+        raise InfeasibleError(why_not(section, work, name, refusals, starts.nearest))
 
-    def _transfer(self, here: FloatArray, there: FloatArray, record: _Record) -> Motion:
+    def _transfer(self, here: FloatArray, there: FloatArray, record: Record) -> Motion:
         """Returns the motion of all joints from one configuration to another that keeps clear."""
         problem = self._problem((), here)
         limits = problem.job.cell.robot.limits.scaled(problem.job.speed)
@@ -192,39 +166,6 @@ class SectionPlanner:
         job = replace(job, cell=cell, tasks=tasks, start=start, returns=False)
         model = replace(self.problem.model, cell=cell)
         return replace(self.problem, job=job, model=model)
-
-
-def check_followers(job: Job, asked: str | None) -> None:
-    """Raises where a path names a method that there is not.
-
-    Args:
-        job: with paths.
-        asked: the method that the command line names, or None.
-
-    Raises:
-        UnknownSolverError: the command line names it.
-        InputError: the task file does, at its place.
-    """
-    if asked is not None:
-        PATH_SOLVERS[asked]
-    found = {
-        task.path.place: task.path.redundancy
-        for task in job.tasks
-        if task.path is not None and task.path.redundancy not in (None, *PATH_SOLVERS.names)
-    }
-    findings = [
-        Diagnostic(
-            place.file,
-            place.line,
-            place.column,
-            "E300",
-            f"redundancy: no method '{name}' follows paths{did_you_mean(str(name), PATH_SOLVERS.names)}; known: "
-            f"{', '.join(PATH_SOLVERS.names)}",
-        )
-        for place, name in found.items()
-    ]
-    if findings:
-        raise InputError(findings)
 
 
 def default_follower(context: PathContext) -> str:
@@ -253,103 +194,4 @@ def _touching(holding: Holding, found: Followed) -> Refused | None:
     return Refused(
         f"after {time[k]:.3f} s {one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance",
         share,
-    )
-
-
-def _add_transfer(record: _Record, motion: Motion, section: tuple[Task, ...]) -> None:
-    """Appends the transfer to where a path begins; its stage becomes that of the path."""
-    names = {task.arm: task.id for task in section}
-    segments = tuple(
-        replace(s, kind="transfer", task=names[s.arm], action="path")
-        if s.kind == "return" and s.arm in names
-        else replace(s, kind="transfer")
-        if s.kind == "return"
-        else s
-        for s in motion.segments
-    )
-    record.add(replace(motion, segments=segments))
-
-
-def _add_followed(
-    record: _Record,
-    context: PathContext,
-    section: tuple[Task, ...],
-    found: Followed,
-    name: str,
-    begin: float,
-) -> None:
-    """Appends the path itself: one stage with its transfer, one segment per arm, and an event where each tool ends."""
-    clock, end = record.clock, record.clock + found.trajectory.duration
-    followers = {task.arm: task for task in section}
-    for arm in context.job.cell.robot.arms:
-        task = followers.get(arm.name)
-        if task is None:
-            record.segments.append(Segment(arm.name, "wait", "", "", clock, end))
-            continue
-        record.segments.append(Segment(arm.name, "path", task.id, "path", clock, end))
-        path = task.path.paths[arm.name] if task.path is not None else None
-        assert path is not None
-        pose = path.pose(path.length)
-        record.events.append(Event(end, arm.name, task.id, "path", f"{arm.name}_tcp", pose, 0.0))
-    transfer = record.stages.pop() if record.clock > begin else None
-    columns = context.model.platform_columns
-    angle = float(found.trajectory.position[-1, columns[0]]) if len(columns) == 1 else None
-    record.stages.append(
-        Stage(
-            start=begin,
-            end=end,
-            tasks=(section[0].id,),
-            platform_solver=name,
-            platform_angle=angle,
-            platform_time=transfer.platform_time if transfer else 0.0,
-            arm_times=transfer.arm_times if transfer else {},
-            joint_times=transfer.joint_times if transfer else {},
-            bottleneck=transfer.bottleneck if transfer else "",
-        )
-    )
-    record.pieces.append(found.trajectory)
-    record.clock = end
-
-
-def _path_notes(
-    context: PathContext, task: str, work: PathWork, found: Followed, name: str
-) -> list[str]:
-    """Returns what a reader must know of how a path is followed."""
-    notes = []
-    full = context.pace(work)
-    if found.pace < full:
-        notes.append(
-            f"{task}: followed at {found.pace / full:.0%} of its speed, as the joints' limits ask for it"
-        )
-    if name.startswith("virtual_spring"):
-        missing = [arm for arm in work.paths if arm not in work.critical_points]
-        if missing:
-            notes.append(
-                f"{task}: critical points of {' and '.join(missing)} are assumed: below the shoulder by the length of "
-                "the upper arm"
-            )
-    return notes
-
-
-def _why_not(
-    section: tuple[Task, ...],
-    work: PathWork,
-    name: str,
-    refusals: list[Refused],
-    nearest: Reached,
-) -> str:
-    """Returns why a path cannot be followed: the start from which most of it could be."""
-    arms = " and ".join(task.arm for task in section)
-    head = f"{work.place}: task '{section[0].id}' ({arms}): "
-    if not refusals:
-        near = f" near posture '{work.posture}'" if work.posture else ""
-        return (
-            f"{head}no configuration within the joints' limits{near} has the tools where the path begins: at best they "
-            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away; move the path, or turn "
-            "the tool, or name another posture"
-        )
-    best = max(refusals, key=lambda one: one.share)
-    advice = "lower its speed, allow it to be slower (slower: allowed), or choose another method (--redundancy)"
-    return (
-        f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
     )

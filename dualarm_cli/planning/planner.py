@@ -15,7 +15,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.path_jobs import SectionPlanner, check_followers
+from dualarm_cli.planning.path_jobs import SectionPlanner
+from dualarm_cli.planning.path_words import check_followers
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS

@@ -140,6 +140,11 @@ def _sampled(
     )
 
 
+def _idle_joints(job: Job, path: PathSamples) -> list[str]:
+    """Returns the joints of arms that do not follow."""
+    return [j for arm in job.cell.robot.arms if arm.name not in path.arms for j in arm.joints]
+
+
 def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """Returns what is measured of every path, JSON-ready; m, rad, s.
 
@@ -158,6 +163,7 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
         segments = [s for s in schedule.segments if s.kind == "path" and s.task == path.task]
         along = [along_path(schedule, model, s, path.work.paths[s.arm]) for s in segments]
         room = np.minimum(path.position - limits.lower, limits.upper - path.position).min(axis=0)
+        room[job.cell.robot.columns(_idle_joints(job, path))] = np.inf
         nearest = int(np.argmin(room))
         speed = (np.abs(path.velocity) / limits.velocity).max(axis=0)
         fastest = int(np.argmax(speed))

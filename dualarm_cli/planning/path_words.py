@@ -1,0 +1,88 @@
+"""What a reader is told of paths: how they are followed, why they cannot be, methods that there are not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.kinematics.whole_body_reach import Reached
+from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.path_following import PATH_SOLVERS
+from dualarm_cli.planning.path_motion import Followed, PathContext, Refused
+
+
+def check_followers(job: Job, asked: str | None) -> None:
+    """Raises where a path names a method that there is not.
+
+    Args:
+        job: with paths.
+        asked: the method that the command line names, or None.
+
+    Raises:
+        UnknownSolverError: the command line names it.
+        InputError: the task file does, at its place.
+    """
+    if asked is not None:
+        PATH_SOLVERS[asked]
+    found = {
+        task.path.place: task.path.redundancy
+        for task in job.tasks
+        if task.path is not None and task.path.redundancy not in (None, *PATH_SOLVERS.names)
+    }
+    findings = [
+        Diagnostic(
+            place.file,
+            place.line,
+            place.column,
+            "E300",
+            f"redundancy: no method '{name}' follows paths{did_you_mean(str(name), PATH_SOLVERS.names)}; known: "
+            f"{', '.join(PATH_SOLVERS.names)}",
+        )
+        for place, name in found.items()
+    ]
+    if findings:
+        raise InputError(findings)
+
+
+def path_notes(
+    context: PathContext, task: str, work: PathWork, found: Followed, name: str
+) -> list[str]:
+    """Returns what a reader must know of how a path is followed."""
+    notes = []
+    full = context.pace(work)
+    if found.pace < full:
+        notes.append(
+            f"{task}: followed at {found.pace / full:.0%} of its speed, as the joints' limits ask for it"
+        )
+    if name.startswith("virtual_spring"):
+        missing = [arm for arm in work.paths if arm not in work.critical_points]
+        if missing:
+            notes.append(
+                f"{task}: critical points of {' and '.join(missing)} are assumed: below the shoulder by the length of "
+                "the upper arm"
+            )
+    return notes
+
+
+def why_not(
+    section: tuple[Task, ...],
+    work: PathWork,
+    name: str,
+    refusals: list[Refused],
+    nearest: Reached,
+) -> str:
+    """Returns why a path cannot be followed: the start from which most of it could be."""
+    arms = " and ".join(task.arm for task in section)
+    head = f"{work.place}: task '{section[0].id}' ({arms}): "
+    if not refusals:
+        near = f" near posture '{work.posture}'" if work.posture else ""
+        return (
+            f"{head}no configuration within the joints' limits{near} has the tools where the path begins: at best they "
+            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away; move the path, or turn "
+            "the tool, or name another posture"
+        )
+    best = max(refusals, key=lambda one: one.share)
+    advice = "lower its speed, allow it to be slower (slower: allowed), or choose another method (--redundancy)"
+    return (
+        f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
+    )
