@@ -41,11 +41,21 @@ def plan_command(
         ),
     ] = None,
     platform: Annotated[
-        str, typer.Option("--platform", help="Method that chooses the platform angles.")
-    ] = "sequence",
+        str | None,
+        typer.Option(
+            "--platform",
+            help="Method that chooses the platform angles.",
+            show_default="sequence; sampled where an arm is not SRS",
+        ),
+    ] = None,
     redundancy: Annotated[
-        str, typer.Option("--redundancy", help="Redundancy solver.")
-    ] = "arm_angle",
+        str | None,
+        typer.Option(
+            "--redundancy",
+            help="Redundancy solver.",
+            show_default="arm_angle; numeric where an arm is not SRS",
+        ),
+    ] = None,
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     effort: EffortOption = Effort.normal,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
@@ -66,7 +76,8 @@ def plan_command(
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
     refuse_existing(folder, force)
     job = load_job(tasks)
-    settings = PlanSettings(platform, redundancy, timing, effort.value, seed)
+    settings = PlanSettings(timing=timing, effort=effort.value, seed=seed)
+    settings = settings.naming(platform=platform, redundancy=redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
     if rows > MAX_ROWS:

@@ -13,6 +13,7 @@ from dualarm_cli.planning.peer_methods import (
     solve_swarm,
 )
 from dualarm_cli.planning.sequence import solve_sequence
+from dualarm_cli.planning.serving import why_no_closed_form, why_redundancy_unserved
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.registry import Registry, Solver
@@ -23,14 +24,20 @@ OWN_REDUNDANCY = "arm_angle"
 
 def _needs_turntable(problem: MethodProblem) -> str | None:
     if problem.turns_for_both:
-        return None
+        return why_no_closed_form(problem.model) or _needs_serving(problem)
     return "it is not two arms on one turning platform"
 
 
 def _needs_arm_angles(problem: MethodProblem) -> str | None:
+    if reason := why_no_closed_form(problem.model):
+        return reason
     if problem.redundancy == OWN_REDUNDANCY:
         return None
     return f"it chooses the arm angles itself: leave out --redundancy {problem.redundancy}"
+
+
+def _needs_serving(problem: MethodProblem) -> str | None:
+    return why_redundancy_unserved(problem.redundancy, problem.model)
 
 
 def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
@@ -74,7 +81,7 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 solve=_greedy(solver.name),
                 summary=f"Stage by stage: {solver.summary[0].lower()}{solver.summary[1:]}",
                 reference=solver.reference,
-                **({} if solver.name == "fixed" else {"why_unsupported": _needs_turntable}),
+                why_unsupported=_needs_serving if solver.name == "fixed" else _needs_turntable,
             )
             for solver in PLATFORM_SOLVERS
         ),
