@@ -56,8 +56,12 @@ class CellModel:
     """Arms by name."""
 
     @classmethod
-    def from_cell(cls, cell: Cell) -> CellModel:
+    def from_cell(cls, cell: Cell, *, numeric: bool = False) -> CellModel:
         """Measures the robot's kinematics.
+
+        Args:
+            cell: the noun.
+            numeric: whether closed forms are left aside where an arm has them.
 
         Raises:
             UnsupportedError: an arm is not what it is called, or has fewer than six joints or one that slides.
@@ -69,16 +73,11 @@ class CellModel:
         for arm in robot.arms:
             arms[arm.name] = ArmModel(
                 arm,
-                _kinematics(model, robot, arm, platform, cell.base),
+                _kinematics(model, robot, arm, platform, cell.base, numeric),
                 robot.columns(arm.joints),
                 cell.tools[arm.name].tcp,
             )
         return cls(cell, platform, robot.columns(robot.platform), arms)
-
-    @property
-    def without_closed_form(self) -> list[str]:
-        """Names of the arms that have no closed-form inverse kinematics."""
-        return [name for name, arm in self.arms.items() if isinstance(arm.kinematics, GeneralArm)]
 
     def carried_frame(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the frame that carries the arms: rotations (..., 3, 3), translations (..., 3).
@@ -122,11 +121,16 @@ class CellModel:
 
 
 def _kinematics(
-    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
+    model: pin.Model,
+    robot: Robot,
+    arm: Arm,
+    platform: PlatformChain,
+    base: pin.SE3,
+    numeric: bool,
 ) -> SrsArm | GeneralArm:
     """Returns an arm's kinematics: closed forms if it is called srs (and is), numbers otherwise."""
     limits = robot.limits.select(arm.joints)
-    if arm.kind != "srs":
+    if numeric or arm.kind != "srs":
         return measure_general(model, robot, arm, platform, base)
     geometry = measure_arm(model, robot, arm, platform, base)
     if not geometry.is_srs(SRS_TOLERANCE):

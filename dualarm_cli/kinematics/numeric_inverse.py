@@ -56,8 +56,8 @@ def solve_poses(
     would leave it is held in that step. What arrives is polished by undamped steps to RESIDUAL.
 
     With six joints solutions are isolated: rounds of starts go on until QUIET_ROUNDS bring nothing new. No completeness
-    is claimed; thousands of random starts find the same sets (tested). With more joints every start has its own solution
-    on the curves of self-motion; rounds go on until there is one.
+    is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
+    its own on the curves of self-motion; rounds go on until there is one.
 
     Args:
         arm: kinematics and limits.
@@ -68,7 +68,9 @@ def solve_poses(
     m = len(p)
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
     miss = np.full((m, 2), np.inf)
-    open_, quiet = np.arange(m), np.zeros(m, dtype=np.int64)
+    # Farther away than all links together there is nothing to be looked for.
+    far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.length
+    open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
     for k in range(MOST_ROUNDS):
         if not len(open_):
             break

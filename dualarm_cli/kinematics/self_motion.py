@@ -18,6 +18,8 @@ BEND, BEND_SLACK = 0.6, 0.02
 """A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
 LEAST_PIVOT = 1e-5
 """A system whose determinant, in metres and rad, is smaller has met a singularity."""
+SKELETON = 17
+"""Samples of a line that are found one after the other; more are filled in between all at once."""
 CURVE_STEP = 0.25
 """Distance of samples along a self-motion [rad]."""
 CURVE_SAMPLES = 40
@@ -88,23 +90,72 @@ def follow_lines(
     W = spare_directions(arm, start)
     ahead = np.zeros((len(start), arm.spare))
     ahead[:, :1] = drift[:, None]
-    shares = np.linspace(0.0, 1.0, samples)
-    q = np.empty((samples, *start.shape))
-    q[0] = start
-    ok = arm.within_limits(start)
-    _, _, J = arm.linearised(start)
-    sign = np.sign(_determinant(J, W))
-    for k, share in enumerate(shares[1:], start=1):
-        guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
-        wanted = share * ahead + np.einsum("bsn,bn->bs", W, start)
-        found, met, det = _newton(arm, guess, R, p + share * shift, W, wanted)
-        step = np.abs(found - q[k - 1]).max(axis=1)
-        ok &= met & (step <= LARGEST_STEP) & arm.within_limits(found)
-        ok &= (np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)
-        if k > 1:
-            ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
-        q[k] = np.where(ok[:, None], found, q[k - 1])
-    return Course(q, ok)
+    line = _Line(arm, start, R, p, shift, W, ahead)
+    if samples <= SKELETON:
+        return line.followed(samples)
+    return line.filled(line.followed(SKELETON), samples)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """What defines the joints along b lines; names as in `follow_lines`."""
+
+    arm: GeneralArm
+    start: FloatArray
+    R: FloatArray
+    p: FloatArray
+    shift: FloatArray
+    W: FloatArray
+    ahead: FloatArray
+
+    def followed(self, samples: int) -> Course:
+        """Returns the joints sample by sample, each from those before."""
+        q = np.empty((samples, *self.start.shape))
+        q[0] = self.start
+        ok, sign = self._starts()
+        for k, share in enumerate(np.linspace(0.0, 1.0, samples)[1:], start=1):
+            guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
+            found, good = self._met(guess, np.full(len(guess), share), np.arange(len(guess)), sign)
+            step = np.abs(found - q[k - 1]).max(axis=1)
+            ok &= good & (step <= LARGEST_STEP)
+            if k > 1:
+                ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+            q[k] = np.where(ok[:, None], found, q[k - 1])
+        return Course(q, ok)
+
+    def filled(self, course: Course, samples: int) -> Course:
+        """Returns the joints at more samples, all at once from between those of a course."""
+        coarse, b = len(course.q) - 1, len(self.start)
+        shares = np.linspace(0.0, 1.0, samples)
+        at = np.minimum((shares * coarse).astype(np.int64), coarse - 1)
+        part = (shares * coarse - at)[:, None, None]
+        guess = (1.0 - part) * course.q[at] + part * course.q[at + 1]
+        _, sign = self._starts()
+        row = np.tile(np.arange(b), samples)
+        share = np.repeat(shares, b)
+        found, good = self._met(guess.reshape(-1, self.arm.axes), share, row, sign)
+        q = found.reshape(samples, b, -1)
+        q[0] = self.start
+        # Samples lie between those of the course: what has gone elsewhere is farther away than these from each other.
+        width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[at]
+        near = np.abs(q - guess).max(axis=2) <= BEND * width + BEND_SLACK
+        return Course(q, course.ok & (good.reshape(samples, b) & near).all(axis=0))
+
+    def _starts(self) -> tuple[BoolArray, FloatArray]:
+        """Returns which lines begin within limits, and the signs of their determinants."""
+        _, _, J = self.arm.linearised(self.start)
+        return self.arm.within_limits(self.start), np.sign(_determinant(J, self.W))
+
+    def _met(
+        self, guess: FloatArray, share: FloatArray, row: IntArray, sign: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Returns joints of lines (rows) at shares, and which are found on the same side of all singularities."""
+        W = self.W[row]
+        wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
+        p = self.p[row] + share[:, None] * self.shift[row]
+        q, met, det = _newton(self.arm, guess, self.R[row], p, W, wanted)
+        same = (np.sign(det) == sign[row]) & (np.abs(det) > LEAST_PIVOT)
+        return q, met & same & self.arm.within_limits(q)
 
 
 def moved_along(

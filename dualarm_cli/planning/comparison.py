@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -15,6 +14,7 @@ from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.serving import cell_model, goes_together
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -55,6 +55,8 @@ def cases(
 ) -> list[Case]:
     """Returns every combination of the named solvers, or of all of a family where none is named.
 
+    Where no redundancy solver is named, those that never go together with a method are left out.
+
     Args:
         methods: names in METHODS.
         redundancies: names of redundancy solvers.
@@ -64,6 +66,7 @@ def cases(
         UnknownSolverError: a name that its family does not have.
     """
     # A name given twice is one.
+    every = not redundancies
     methods = [METHODS[name].name for name in dict.fromkeys(methods or METHODS.names)]
     redundancies = [
         REDUNDANCY_SOLVERS[name].name
@@ -71,7 +74,13 @@ def cases(
     ]
     timings = TIMING_SOLVERS.names if "all" in timings else timings or [PlanSettings().timing]
     timings = [TIMING_SOLVERS[name].name for name in dict.fromkeys(timings)]
-    return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
+    return [
+        Case(m, r, t)
+        for m in methods
+        for r in redundancies
+        if not every or goes_together(m, r)
+        for t in timings
+    ]
 
 
 def run_cases(
@@ -94,14 +103,17 @@ def run_cases(
         clock: wall clock [s].
         progress: is told what is being done.
     """
-    model = CellModel.from_cell(job.cell)
     for number, case in enumerate(matrix, start=1):
         name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
-        if reason := _why_unserved(model, job, settings, case):
+        if reason := _why_unserved(job, settings, case):
             yield Outcome(case, "not served", reason, None, None)
             continue
         wanted = replace(
-            settings, platform=case.method, redundancy=case.redundancy, timing=case.timing
+            settings,
+            platform=case.method,
+            redundancy=case.redundancy,
+            timing=case.timing,
+            named=frozenset({"platform", "redundancy"}),
         )
         progress(f"{name}: planning")
         begin = clock()
@@ -118,8 +130,9 @@ def run_cases(
         yield _judged(case, replace(schedule, lower_bound=bound), job, judge, taken)
 
 
-def _why_unserved(model: CellModel, job: Job, settings: PlanSettings, case: Case) -> str | None:
+def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
     """Returns why a case cannot be run on a job, or None."""
+    model = cell_model(job.cell, case.redundancy)
     problem = MethodProblem(model, job, case.redundancy, settings.effort, settings.seed)
     return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
         case.timing

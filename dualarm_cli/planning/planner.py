@@ -16,7 +16,7 @@ from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.sequence_problem import sequence_problem
-from dualarm_cli.planning.serving import served_settings
+from dualarm_cli.planning.serving import cell_model, served_settings
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -42,10 +42,9 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
-    model = CellModel.from_cell(job.cell)
-    if model.without_closed_form:
+    if job.cell.robot.without_closed_form:
         return LowerBound(None, (NO_BOUND,))
-    return lower_bound(sequence_problem(model, job), effort)
+    return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
 
 
 def plan_without_bound(
@@ -68,15 +67,15 @@ def plan_without_bound(
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
-    progress("reading the robot")
-    model = CellModel.from_cell(job.cell)
-    settings, replaced = served_settings(settings, model)
+    settings, replaced = served_settings(settings, job.cell.robot)
     timing = TIMING_SOLVERS[settings.timing]
     REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
     method = METHODS[settings.platform]
     robot = job.cell.robot
     if reason := timing.why_unsupported(robot.limits):
         raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
+    progress("reading the robot")
+    model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")

@@ -38,7 +38,7 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         raise UnsupportedError(
             f"{job.cell.robot.name} is not two arms on one turning platform: no angle to choose"
         )
-    if reason := why_no_closed_form(model):
+    if reason := why_no_closed_form(job.cell.robot):
         raise UnsupportedError(f"{job.cell.robot.name} has no elbows to balance: {reason}")
     work = job.stages()
     if not 1 <= stage <= len(work):

@@ -122,7 +122,8 @@ def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
     limits = model.cell.robot.limits.select(model.platform.joints)
     here = float(position[model.platform_columns][0])
     low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
-    step = numeric_reach.SCAN_STEP if model.without_closed_form else SCAN_STEP
+    numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
+    step = numeric_reach.SCAN_STEP if numeric else SCAN_STEP
     return np.append(np.arange(low, high, step), high), here
 
 

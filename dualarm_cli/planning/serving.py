@@ -2,68 +2,87 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.settings import PlanSettings
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
-"""Redundancy solvers: of arms with closed forms, and of any others."""
-SAMPLED = "sampled"
-"""The method that plans whole sequences of arms without closed forms."""
+"""Redundancy solvers: of arms with closed forms, and of any arms."""
+SAMPLED, FIXED = "sampled", "fixed"
+"""Methods that serve arms without closed forms."""
+TOGETHER: Mapping[str, tuple[str, ...]] = {SAMPLED: (NUMERIC,), FIXED: (CLOSED_FORMS, NUMERIC)}
+"""Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
 
 
-def served_settings(settings: PlanSettings, model: CellModel) -> tuple[PlanSettings, list[str]]:
+def goes_together(method: str, redundancy: str) -> bool:
+    """Returns whether there is any robot that a method and a redundancy solver serve together."""
+    return redundancy in TOGETHER.get(method, (CLOSED_FORMS,))
+
+
+def cell_model(cell: Cell, redundancy: str) -> CellModel:
+    """Returns a cell as a redundancy solver sees it: with its closed forms, or without any.
+
+    Raises:
+        UnsupportedError: an arm is not what it is called, or has too few joints.
+    """
+    return CellModel.from_cell(cell, numeric=redundancy == NUMERIC)
+
+
+def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings, list[str]]:
     """Returns settings that serve a robot, and what was taken in place of the defaults.
 
     Only what nobody named is replaced: a solver that was asked for and does not serve has its reason told.
 
     Args:
         settings: as they were asked for.
-        model: the job's cell.
+        robot: the noun.
     """
-    if not model.without_closed_form:
-        return settings, []
-    default, words = PlanSettings(), ""
-    found = settings
-    if "platform" not in settings.named and settings.platform == default.platform:
+    default, found, words = PlanSettings(), settings, ""
+    general = bool(robot.without_closed_form)
+    if general and "platform" not in settings.named and settings.platform == default.platform:
         found, words = replace(found, platform=SAMPLED), f" --platform {SAMPLED}"
-    if "redundancy" not in settings.named and settings.redundancy == default.redundancy:
+    own = "redundancy" not in settings.named and settings.redundancy == default.redundancy
+    if own and (general or not goes_together(found.platform, found.redundancy)):
         found, words = replace(found, redundancy=NUMERIC), f"{words} --redundancy {NUMERIC}"
-    if not words:
-        return settings, []
-    note = f"solvers: {_which(model)} not spherical-revolute-spherical; planned with{words}"
+    if not words or not general:
+        return found, []
+    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with{words}"
     return found, [note]
 
 
-def why_no_closed_form(model: CellModel) -> str | None:
+def why_no_closed_form(robot: Robot) -> str | None:
     """Returns why nothing that needs closed forms serves a robot, or None."""
-    if not model.without_closed_form:
+    if not robot.without_closed_form:
         return None
     return (
-        f"{_which(model)} not spherical-revolute-spherical: --platform {SAMPLED} or fixed with "
-        f"--redundancy {NUMERIC} serve"
+        f"{_which(robot)} not spherical-revolute-spherical; --platform {SAMPLED} and --platform {FIXED} "
+        f"serve any arms, with --redundancy {NUMERIC}"
     )
 
 
-def why_redundancy_unserved(redundancy: str, model: CellModel) -> str | None:
-    """Returns why a redundancy solver does not serve a robot, or None.
+def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
+    """Returns why a method with a redundancy solver does not serve a robot, or None.
 
     Args:
-        redundancy: its name.
-        model: the job's cell.
+        method: its name.
+        redundancy: the solver's name.
+        robot: the noun.
     """
-    if redundancy == CLOSED_FORMS and model.without_closed_form:
-        return f"{_which(model)} without an arm angle: --redundancy {NUMERIC} serves"
-    if redundancy == NUMERIC and not model.without_closed_form:
-        return (
-            f"every arm is spherical-revolute-spherical and has closed forms: --redundancy {CLOSED_FORMS} "
-            "serves exactly"
-        )
-    return None
+    if redundancy == CLOSED_FORMS and (reason := why_no_closed_form(robot)):
+        return reason
+    if goes_together(method, redundancy):
+        return None
+    if method == SAMPLED:
+        return f"it samples numeric inverse kinematics: leave out --redundancy {redundancy}"
+    if reason := why_no_closed_form(robot):
+        return reason
+    return f"it chooses the arm angles itself: leave out --redundancy {redundancy}"
 
 
-def _which(model: CellModel) -> str:
-    names = model.without_closed_form
-    verb = "is" if len(names) == 1 else "are"
-    return f"{' and '.join(names)} {'arm' if len(names) == 1 else 'arms'} {verb}"
+def _which(robot: Robot) -> str:
+    names = robot.without_closed_form
+    return f"{' and '.join(names)} {'arm is' if len(names) == 1 else 'arms are'}"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.redundancy.arm_angle import choose_posture, choose_postures
-from dualarm_cli.redundancy.numeric import choose_many, choose_numeric
+from dualarm_cli.redundancy.numeric import choose_numeric
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
 from dualarm_cli.registry import Registry, Solver
 
@@ -39,7 +39,6 @@ REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Reg
 
 BATCH_FORMS: Mapping[str, Callable[[Sequence[StopProblem]], list[StopPosture | NoPosture]]] = {
     "arm_angle": choose_postures,
-    "numeric": choose_many,
 }
 """Members of the family that solve many problems faster together than one by one."""
 

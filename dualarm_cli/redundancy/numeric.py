@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.self_motion import moved_along
 from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.redundancy.arm_angle import choose_postures
 from dualarm_cli.redundancy.numeric_ways import (
     NumericWays,
     clear_ones,
@@ -44,12 +43,16 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
 
     Postures at the target are solved for from many starts and, where a joint is spare, sampled along their self-motion
     (`target_ways`); the quickest are followed along their lines by continuation (`follow_lines`); the best are refined
-    along self-motion, free yaw and drift by rounds of ever narrower variation. No optimality is claimed. An arm that
-    has closed forms is served by them.
+    along self-motion, free yaw and drift by rounds of ever narrower variation. No optimality is claimed.
+
+    Raises:
+        UnsupportedError: the arm was measured in closed form.
     """
     arm = problem.arm
     if isinstance(arm, SrsArm):
-        return choose_postures([problem])[0]
+        raise UnsupportedError(
+            "numeric inverse kinematics serves arms that are measured as general ones"
+        )
     batch = StopBatch((problem,))
     ways, miss = target_ways(batch, arm)
     if not len(ways):
@@ -198,13 +201,3 @@ def _drifts_around(
     steps = SIDES if arm.spare and batch.length.any() else SIDES[:1]
     width = FIRST_WIDTH * SHRINK**round_
     return _best_drifts(batch, arm, ways, ways.drift[:, :, None] + width * steps)
-
-
-def choose_many(problems: Sequence[StopProblem]) -> list[StopPosture | NoPosture]:
-    """Returns the answers of `choose_numeric` to many problems, those of arms with closed forms together."""
-    closed = [k for k, problem in enumerate(problems) if isinstance(problem.arm, SrsArm)]
-    answers: dict[int, StopPosture | NoPosture] = dict(
-        zip(closed, choose_postures([problems[k] for k in closed]), strict=True)
-    )
-    order: IntArray = np.arange(len(problems))
-    return [answers.get(k) or choose_numeric(problems[k]) for k in order.tolist()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -46,6 +47,11 @@ class NumericWays:
         k = len(q)
         drift, line = np.zeros((k, 2)), np.full((k, 2), np.inf)
         return cls(row, target, yaw, branch, q, drift, np.repeat(q[:, None], 2, axis=1), line)
+
+    @classmethod
+    def together(cls, some: Sequence[NumericWays]) -> NumericWays:
+        """Returns all rows of several, one after the other."""
+        return cls(*(np.concatenate([getattr(w, f.name) for w in some]) for f in fields(cls)))
 
     def __len__(self) -> int:
         """Returns the number of ways."""
