@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.self_motion import moved_along
+from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.planning.keep_clear import PLACES
 from dualarm_cli.planning.sampled_plan import Choice, SampledPlan
 from dualarm_cli.planning.sampled_stops import SampledStage

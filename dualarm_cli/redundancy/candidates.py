@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import SKELETON, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.self_motion import follow_lines
 from dualarm_cli.redundancy.line_following import Lines
 from dualarm_cli.redundancy.problem import StopPosture, StopProblem
 from dualarm_cli.redundancy.stop_batch import StopBatch, ToolPoses
-
-LEAST_STEPS = 64
-"""Steps in which the lines of general arms are followed."""
 
 
 def line_path(
@@ -60,8 +57,8 @@ def _continued(
     samples: int,
 ) -> FloatArray:
     """Returns the joints (samples, n) of a general arm along one line, from the target outward."""
-    # Continuity was checked in steps of LEAST_STEPS: the same path is followed however few samples are wanted.
-    finer = -(-LEAST_STEPS // (samples - 1))
+    # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
+    finer = -(-(SKELETON - 1) // (samples - 1))
     course = follow_lines(
         arm,
         q_target[None],

@@ -8,8 +8,8 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.self_motion import moved_along
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.redundancy.numeric_ways import (
     NumericWays,

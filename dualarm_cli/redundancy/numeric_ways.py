@@ -8,9 +8,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
-from dualarm_cli.kinematics.self_motion import branches, follow_lines, self_motions
+from dualarm_cli.kinematics.self_motion import branches, self_motions
 from dualarm_cli.redundancy.problem import StopPosture
 from dualarm_cli.redundancy.stop_batch import StopBatch, ToolPoses
 
@@ -112,7 +113,7 @@ def target_ways(
     pose, q = found.pose, found.q
     branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
     if arm.spare == 1 and curves:
-        traced = self_motions(arm, q, poses.R[pose], poses.p[pose]).q
+        traced = self_motions(arm, q, poses.R[pose], poses.p[pose])
         branch = branches(pose, q, traced)
         of = np.broadcast_to(np.arange(len(pose)), traced.shape[:2])
         good = ~np.isnan(traced[..., 0])
