@@ -15,8 +15,8 @@ SCAN_STEP = np.radians(10.0)
 def numeric_reach(arm: GeneralArm, R: FloatArray, p: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Returns which flange poses some posture within limits reaches, and by how much the others are missed [m].
 
-    The miss is the least distance found with the rotation as it should be. Only for the pose nearest to the arm that
-    is looked for more closely; the others have what the search for a posture was left with.
+    The miss is the least distance found with the rotation as it should be. Where no pose is reached it is looked for at
+    the most promising ones only, and infinite at all others.
 
     Args:
         arm: kinematics and limits.
@@ -29,7 +29,8 @@ def numeric_reach(arm: GeneralArm, R: FloatArray, p: FloatArray) -> tuple[BoolAr
     feasible = (found.miss == 0.0).all(axis=1)
     miss = np.where(feasible, 0.0, found.miss.sum(axis=1))
     if not feasible.any():
-        nearest = np.argsort(miss, kind="stable")[:4]
+        far = np.linalg.norm(flat_p - arm.p_parent_joint[0], axis=1)
+        nearest = np.unique([*np.argsort(miss, kind="stable")[:6], *np.argsort(far)[:6]])
         exact = least_distances(arm, flat_R[nearest], flat_p[nearest])
         miss = np.full(len(flat_p), np.inf)
         miss[nearest] = exact

@@ -16,7 +16,11 @@ from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.sequence_problem import sequence_problem
-from dualarm_cli.planning.serving import cell_model, served_settings
+from dualarm_cli.planning.serving import (
+    cell_model,
+    served_settings,
+    why_redundancy_unserved,
+)
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -74,6 +78,10 @@ def plan_without_bound(
     robot = job.cell.robot
     if reason := timing.why_unsupported(robot.limits):
         raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
+    if reason := why_redundancy_unserved(settings.redundancy, robot):
+        raise UnsupportedError(
+            f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
+        )
     progress("reading the robot")
     model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)

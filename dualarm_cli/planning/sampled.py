@@ -17,6 +17,7 @@ from dualarm_cli.planning.sampled_polish import holds, polished
 from dualarm_cli.planning.sampled_stops import SampledStage, StopSamples
 from dualarm_cli.planning.serving import FIXED, SAMPLED
 from dualarm_cli.planning.stage_problems import Clock
+from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.redundancy.problem import Place
 
@@ -72,13 +73,16 @@ def solve_sampled(problem: MethodProblem) -> Decided:
     samples = [{arm: stage.samples(angles, arm, most) for arm in stage.work} for stage in stages]
     plan = _searched(problem, stages, angles, samples, effort.width)
     if plan is None:
-        return Decided(
-            choose_stages(
-                problem.model, problem.job, FIXED, problem.redundancy, holding=problem.holding
-            )
-        )
+        return Decided(_greedy(problem))
     sweeps = int(np.clip(effort.refinements // len(stages), 1, MOST_SWEEPS))
-    return Decided(polished(plan, sweeps).plans(SAMPLED))
+    return Decided(polished(plan, sweeps).plans(SAMPLED), simpler=lambda: [_greedy(problem)])
+
+
+def _greedy(problem: MethodProblem) -> list[StagePlan]:
+    """Returns the plan of `fixed`."""
+    return choose_stages(
+        problem.model, problem.job, FIXED, problem.redundancy, holding=problem.holding
+    )
 
 
 def _stages(problem: MethodProblem) -> list[SampledStage]:

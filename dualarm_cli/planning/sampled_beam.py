@@ -106,7 +106,7 @@ def _expanded(
         one = samples[arm]
         move = problem.arm_law[arm](one.first[None] - states.joints[arm][:, None])
         platform = turn[:, one.ways.row]
-        each[arm] = (0.0 if free else np.maximum(move, platform)) + one.work
+        each[arm] = np.maximum(move, platform) * (not free) + one.work
     found: list[tuple[FloatArray, FloatArray, IntArray, dict[str, IntArray], IntArray]] = []
     for a in range(len(problem.angles)):
         own = {arm: np.flatnonzero(samples[arm].ways.row == a) for arm in arms}

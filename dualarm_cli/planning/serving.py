@@ -64,6 +64,11 @@ def why_no_closed_form(robot: Robot) -> str | None:
     )
 
 
+def why_redundancy_unserved(redundancy: str, robot: Robot) -> str | None:
+    """Returns why a redundancy solver serves no method on a robot, or None."""
+    return why_no_closed_form(robot) if redundancy == CLOSED_FORMS else None
+
+
 def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
     """Returns why a method with a redundancy solver does not serve a robot, or None.
 
@@ -72,7 +77,7 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
         redundancy: the solver's name.
         robot: the noun.
     """
-    if redundancy == CLOSED_FORMS and (reason := why_no_closed_form(robot)):
+    if reason := why_redundancy_unserved(redundancy, robot):
         return reason
     if goes_together(method, redundancy):
         return None
