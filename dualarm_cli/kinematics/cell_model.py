@@ -163,8 +163,8 @@ def measure_general(
         raise UnsupportedError(f"arm {arm.name} of {robot.name}: {error}") from None
 
 
-def find_false_srs(robot: Robot) -> list[str]:
-    """Returns a sentence for every arm that is called srs and is not, with what was measured.
+def find_false_kinds(robot: Robot) -> list[str]:
+    """Returns a sentence for every arm that is not of the kind it is called, with what was measured.
 
     Args:
         robot: the noun.
@@ -178,6 +178,14 @@ def find_false_srs(robot: Robot) -> list[str]:
             geometry = measure_arm(model, robot, arm, platform, base)
             if not geometry.is_srs(SRS_TOLERANCE):
                 found.append(_false_srs(robot, arm, geometry))
+        elif arm.kind == "spherical_wrist":
+            gap = measure_general(model, robot, arm, platform, base).wrist_gap
+            if gap > SRS_TOLERANCE:
+                found.append(
+                    f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
+                    f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); mend the URDF, "
+                    "or call it kind: general"
+                )
     return found
 
 

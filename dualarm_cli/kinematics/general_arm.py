@@ -168,6 +168,19 @@ class GeneralArm:
         p = p + (R.reshape(-1, 3) @ self.p_last_flange).reshape(b, 3)
         return (R.reshape(-1, 3) @ self.R_last_flange).reshape(b, 3, 3), p, z, origin
 
+    @cached_property
+    def wrist_gap(self) -> float:
+        """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
+        _, _, z, origin = self._chain(np.zeros((1, self.axes)))
+        axes, points = z[0, -3:], origin[0, -3:]
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        # Three parallel axes leave the place along them open.
+        center = np.linalg.lstsq(
+            across.sum(axis=0), (across @ points[:, :, None])[..., 0].sum(axis=0), rcond=None
+        )[0]
+        away = (across @ (points - center)[:, :, None])[..., 0]
+        return float(np.linalg.norm(away, axis=1).max())
+
     def within_limits(self, q: FloatArray) -> BoolArray:
         """Returns whether all joints (..., n) are within their limits, shape (...)."""
         return srs_limits.within_limits(q, self.lower, self.upper)

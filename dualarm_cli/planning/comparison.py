@@ -8,13 +8,14 @@ from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Verification
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan_without_bound
-from dualarm_cli.planning.serving import cell_model, goes_together
+from dualarm_cli.planning.serving import cell_model, own_redundancy
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -32,6 +33,14 @@ class Case:
     """Name of the redundancy solver."""
     timing: str
     """Name of the timing solver."""
+    named: bool = True
+    """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
+
+    def on(self, robot: Robot) -> Case:
+        """Returns the case on a robot."""
+        if self.named:
+            return self
+        return replace(self, redundancy=own_redundancy(self.method, robot))
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,7 @@ def cases(
 ) -> list[Case]:
     """Returns every combination of the named solvers, or of all of a family where none is named.
 
-    Where no redundancy solver is named, those that never go together with a method are left out.
+    Where no redundancy solver is named, every method has the one that serves the robot.
 
     Args:
         methods: names in METHODS.
@@ -66,21 +75,15 @@ def cases(
         UnknownSolverError: a name that its family does not have.
     """
     # A name given twice is one.
-    every = not redundancies
     methods = [METHODS[name].name for name in dict.fromkeys(methods or METHODS.names)]
-    redundancies = [
-        REDUNDANCY_SOLVERS[name].name
-        for name in dict.fromkeys(redundancies or REDUNDANCY_SOLVERS.names)
-    ]
+    redundancies = [REDUNDANCY_SOLVERS[name].name for name in dict.fromkeys(redundancies)]
     timings = TIMING_SOLVERS.names if "all" in timings else timings or [PlanSettings().timing]
     timings = [TIMING_SOLVERS[name].name for name in dict.fromkeys(timings)]
-    return [
-        Case(m, r, t)
-        for m in methods
-        for r in redundancies
-        if not every or goes_together(m, r)
-        for t in timings
-    ]
+    if not redundancies:
+        return [
+            Case(m, PlanSettings().redundancy, t, named=False) for m in methods for t in timings
+        ]
+    return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
 
 
 def run_cases(
@@ -103,7 +106,8 @@ def run_cases(
         clock: wall clock [s].
         progress: is told what is being done.
     """
-    for number, case in enumerate(matrix, start=1):
+    every = [case.on(job.cell.robot) for case in matrix]
+    for number, case in enumerate(every, start=1):
         name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
         if reason := _why_unserved(job, settings, case):
             yield Outcome(case, "not served", reason, None, None)

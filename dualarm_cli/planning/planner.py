@@ -78,7 +78,8 @@ def plan_without_bound(
     robot = job.cell.robot
     if reason := timing.why_unsupported(robot.limits):
         raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
-    if reason := why_redundancy_unserved(settings.redundancy, robot):
+    reason = why_redundancy_unserved(settings.redundancy, robot)
+    if reason and "redundancy" in settings.named:
         raise UnsupportedError(
             f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
         )

@@ -16,8 +16,8 @@ from dualarm_cli.planning.sampled_plan import Choice, SampledPlan
 from dualarm_cli.planning.sampled_polish import holds, polished
 from dualarm_cli.planning.sampled_stops import SampledStage, StopSamples
 from dualarm_cli.planning.serving import FIXED, SAMPLED
-from dualarm_cli.planning.stage_problems import Clock
 from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.stage_problems import Clock
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.redundancy.problem import Place
 

@@ -23,6 +23,12 @@ def goes_together(method: str, redundancy: str) -> bool:
     return redundancy in TOGETHER.get(method, (CLOSED_FORMS,))
 
 
+def own_redundancy(method: str, robot: Robot) -> str:
+    """Returns the redundancy solver that a method takes on a robot where nobody named one."""
+    possible = TOGETHER.get(method, (CLOSED_FORMS,))
+    return possible[-1] if robot.without_closed_form else possible[0]
+
+
 def cell_model(cell: Cell, redundancy: str) -> CellModel:
     """Returns a cell as a redundancy solver sees it: with its closed forms, or without any.
 
@@ -45,9 +51,10 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
     general = bool(robot.without_closed_form)
     if general and "platform" not in settings.named and settings.platform == default.platform:
         found, words = replace(found, platform=SAMPLED), f" --platform {SAMPLED}"
-    own = "redundancy" not in settings.named and settings.redundancy == default.redundancy
-    if own and (general or not goes_together(found.platform, found.redundancy)):
-        found, words = replace(found, redundancy=NUMERIC), f"{words} --redundancy {NUMERIC}"
+    own = own_redundancy(found.platform, robot)
+    free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
+    if free and own != found.redundancy:
+        found, words = replace(found, redundancy=own), f"{words} --redundancy {own}"
     if not words or not general:
         return found, []
     note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with{words}"
