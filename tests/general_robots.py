@@ -163,3 +163,47 @@ SPHERICAL = GeneralRobot(
     False,
     {"left": [0, -0.9, 1.8, 0, 0.67, 0], "right": [0, -0.9, 1.8, 0, 0.67, 0]},
 )
+ROBOTS = {"yumi": YUMI, "nextage": NEXTAGE, "spherical": SPHERICAL}
+TARGETS = {
+    "yumi": (0.1, [(0.35, 0.15, 0.3, 0.35), (0.4, 0.2, 0.25, 0.3), (0.3, 0.12, 0.2, 0.4)]),
+    "nextage": (0.8, [(0.25, 0.15, 0.2, 0.25), (0.28, 0.1, 0.15, 0.28), (0.27, 0.18, 0.2, 0.26)]),
+    "spherical": (0.1, [(0.45, 0.2, 0.4, 0.45), (0.5, 0.25, 0.35, 0.5), (0.4, 0.22, 0.3, 0.45)]),
+}
+"""Height, and x and |y| of pick and place of some tasks that both arms can do [m]."""
+
+
+def write_cell(folder: Path, name: str, tasks: int = 2, shapes: str = "", more: str = "") -> Path:
+    """Writes robot, cell and tasks of one of ROBOTS; returns the task file.
+
+    Args:
+        folder: where to.
+        name: of the robot.
+        tasks: how many for each arm.
+        shapes: of both tools, as in a cell file.
+        more: further lines of the cell file.
+    """
+    (folder / "dualarm.toml").write_text("")
+    ROBOTS[name].write(folder)
+    tool = "{tcp: {xyz: [0, 0, 100 mm]}" + (f", shapes: [{shapes}]" if shapes else "") + "}"
+    (folder / "cell.yaml").write_text(
+        f"dualarm: cell/1\nrobot: robot.yaml\ntools: {{left: {tool}, right: {tool}}}\n{more}"
+    )
+    z, places = TARGETS[name]
+    lines = [
+        "dualarm: tasks/1",
+        "cell: cell.yaml",
+        "return: true",
+        "defaults: {approach: 50 mm, retract: 50 mm, dwell: 0.1 s}",
+        "tasks:",
+    ]
+    for k, (x1, y1, x2, y2) in enumerate(places[:tasks]):
+        for arm, side in (("left", 1), ("right", -1)):
+            lines += [
+                f"  - id: {arm} {k}",
+                f"    arm: {arm}",
+                f"    pick:  {{xyz: [{x1}, {side * y1}, {z}], rpy: [180 deg, 0, 0]}}",
+                f"    place: {{xyz: [{x2}, {side * y2}, {z + 0.05}], rpy: [180 deg, 0, {side * 20} deg]}}",
+            ]
+    file = folder / "tasks.yaml"
+    file.write_text("\n".join(lines) + "\n")
+    return file

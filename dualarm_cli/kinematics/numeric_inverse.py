@@ -29,8 +29,8 @@ RESIDUAL = 1e-10
 """Error that a solution may have [m and rad]."""
 SAME = 1e-5
 """Solutions whose joints are all nearer than this are one [rad]."""
-NO_PROGRESS, MOST_DAMPING, TURNED = 0.9999, 0.02, 1e-2
-"""Where only the least distance is looked for: share as above, most damping, error of the rotation allowed [rad]."""
+NO_PROGRESS, TURNED = 0.9999, 1e-2
+"""Where only the least distance is looked for: share as above, error of the rotation allowed [rad]."""
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 
 
@@ -145,7 +145,8 @@ def descend(
         if not going.any():
             break
         active, e, J, size = active[going], e[going], J[going] * weight[:, None], size[going]
-        damping = np.minimum(0.5 * size * size, MOST_DAMPING if turned else np.inf)
+        # Where something is left over, a stretched arm swings about its best posture unless it is damped more.
+        damping = 0.5 * (np.maximum(size, size * size) if turned else size * size)
         q[active] = _stepped(arm, q[active], J, e, damping)
     return _polished(arm, R, p, q)
 

@@ -11,9 +11,10 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.clearance import ALIKE, LIKE, Barred
 from dualarm_cli.planning.keep_clear import LAST, PLACES, KeepClear
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.sampled_beam import SampledSequence, beam_search
+from dualarm_cli.planning.sampled_beam import beam_search
 from dualarm_cli.planning.sampled_plan import Choice, SampledPlan
 from dualarm_cli.planning.sampled_polish import holds, polished
+from dualarm_cli.planning.sampled_sequence import SampledSequence
 from dualarm_cli.planning.sampled_stops import SampledStage, StopSamples
 from dualarm_cli.planning.serving import FIXED, SAMPLED
 from dualarm_cli.planning.stage_plan import StagePlan

@@ -2,40 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.planning.sampled_stops import StopSamples
-
-Law = Callable[[FloatArray], FloatArray]
-"""Times [s], shape (...), of displacements (..., n) [rad]."""
-Costs = Callable[[int, FloatArray, Mapping[str, FloatArray], Mapping[str, IntArray]], FloatArray]
-"""Stage, platform angles (s, k), joints before by arm (s, n) and samples taken by arm (s,): extra costs [s], (s,)."""
-
-
-@dataclass(frozen=True)
-class SampledSequence:
-    """What the beam searches."""
-
-    angles: FloatArray
-    """Platform angles, shape (m, k); where the platform starts first."""
-    stages: Sequence[Mapping[str, StopSamples]]
-    """By stage, samples of the arms that have a stop in it."""
-    start: Mapping[str, FloatArray]
-    """Joints of each arm at the start [rad]."""
-    arm_law: Mapping[str, Law]
-    """Transfer times of each arm."""
-    platform_law: Law
-    """Times of the platform."""
-    free_start: bool
-    """Whether the first transfer is left out and a return leads to where the first approach begins."""
-    returns: bool
-    """Whether the sequence ends where it began."""
-    extra: Costs | None = None
-    """What a choice costs beyond its time."""
+from dualarm_cli.planning.sampled_sequence import SampledSequence, time_to_go
 
 
 @dataclass(frozen=True)
@@ -49,6 +22,8 @@ class _States:
     first_angle: IntArray
     chosen: Mapping[str, IntArray]
     """Sample that each arm took in the last stage, -1 for none."""
+    last: Mapping[str, IntArray]
+    """Sample that each arm took in its own last stop, -1 at the start."""
     parent: IntArray
 
 
@@ -56,15 +31,16 @@ def beam_search(problem: SampledSequence, width: int) -> list[dict[str, int]] | 
     """Returns by stage the sample that each arm takes, or None where no platform angle serves some stage.
 
     A stage lasts as long as its slower arm: max over arms of (max(transfer, platform) + lines and dwell). States are
-    (platform angle, sample of each arm); of those that lead to one state the best is kept, and of all states those
+    (platform angle, last sample of each arm); of those that lead to one state the best is kept, and of all states those
     with the least cost so far plus what each arm alone needs in any case from there on (exact, backwards over its own
-    samples; the larger of both arms). Our own combination of well-known parts.
+    samples; the larger of both arms). A beam that is wide enough finds the best sequence, but for a free start with a
+    return: what that costs depends on the first state, too. Our own combination of well-known parts.
 
     Args:
         problem: the samples.
         width: how many states are kept after each stage.
     """
-    togo = {arm: _togo(problem, arm) for arm in problem.start}
+    togo = {arm: time_to_go(problem, arm) for arm in problem.start}
     states = _States(
         np.zeros(1),
         np.zeros(1, dtype=np.int64),
@@ -72,11 +48,12 @@ def beam_search(problem: SampledSequence, width: int) -> list[dict[str, int]] | 
         {arm: q[None] for arm, q in problem.start.items()},
         np.zeros(1, dtype=np.int64),
         {},
+        dict.fromkeys(problem.start, np.full(1, -1)),
         np.zeros(1, dtype=np.int64),
     )
     history: list[_States] = []
     for k in range(len(problem.stages)):
-        states = _expanded(problem, states, k, {arm: rest[k] for arm, rest in togo.items()}, width)
+        states = _expanded(problem, states, k, _ahead(problem, togo, k), width)
         if not len(states.cost):
             return None
         history.append(states)
@@ -115,7 +92,7 @@ def _expanded(
         found.append(_at_angle(states, a, arms, own, each, rest))
     if not found:
         none = np.empty(0, dtype=np.int64)
-        return _States(np.empty(0), none, {}, {}, none, {}, none)
+        return _States(np.empty(0), none, {}, {}, none, {}, {}, none)
     cost, score, parent = (np.concatenate([one[i] for one in found]) for i in (0, 1, 2))
     angle = np.concatenate([one[4] for one in found])
     chosen = {arm: np.concatenate([one[3][arm] for one in found]) for arm in arms}
@@ -144,6 +121,9 @@ def _at_angle(
     length = each[one][:, own[one]]
     ahead = rest[one][own[one]]
     index = {one: own[one]}
+    idle = [arm for arm in states.last if arm not in arms]
+    if idle:
+        return _beside_idle(states, a, one, idle[0], length, own[one], rest)
     if len(arms) == 2:
         other = arms[1]
         length = np.maximum(length[:, :, None], each[other][:, own[other]][:, None])
@@ -155,6 +135,43 @@ def _at_angle(
     parent = total.argmin(axis=0)
     cost = total[parent, np.arange(total.shape[1])]
     return cost, cost + ahead, parent, index, np.full(len(cost), a)
+
+
+def _beside_idle(
+    states: _States,
+    a: int,
+    one: str,
+    idle: str,
+    length: FloatArray,
+    own: IntArray,
+    rest: Mapping[str, FloatArray],
+) -> tuple[FloatArray, FloatArray, IntArray, dict[str, IntArray], IntArray]:
+    """Returns what `_at_angle` does where one arm has nothing to do: states with it elsewhere are others."""
+    total = states.cost[:, None] + length
+    costs, parents, scores = [], [], []
+    for last in np.unique(states.last[idle]):
+        group = np.flatnonzero(states.last[idle] == last)
+        parent = group[total[group].argmin(axis=0)]
+        cost = total[parent, np.arange(len(own))]
+        waits = rest[idle][last] if last >= 0 and len(rest[idle]) else 0.0
+        costs.append(cost)
+        parents.append(parent)
+        scores.append(cost + np.maximum(rest[one][own], waits))
+    n = len(costs)
+    index = {one: np.tile(own, n)}
+    flat = [np.concatenate(values) for values in (costs, scores, parents)]
+    return flat[0], flat[1], flat[2], index, np.full(len(flat[0]), a)
+
+
+def _ahead(
+    problem: SampledSequence, togo: Mapping[str, list[FloatArray]], k: int
+) -> dict[str, FloatArray]:
+    """Returns what each arm needs in any case after each of its samples in a stage, or in its own last one."""
+    found = {}
+    for arm, rest in togo.items():
+        own = [n for n in range(k + 1) if arm in problem.stages[n]]
+        found[arm] = rest[own[-1]] if own else np.empty(0)
+    return found
 
 
 def _taken(
@@ -169,19 +186,19 @@ def _taken(
 ) -> _States:
     """Returns the states that are kept."""
     samples, joints, first = problem.stages[k], {}, {}
-    taken = {}
+    taken, last = {}, {}
     for arm, before in states.joints.items():
         joints[arm], first[arm] = before[parent], states.first[arm][parent]
-        taken[arm] = np.full(len(best), -1)
+        taken[arm], last[arm] = np.full(len(best), -1), states.last[arm][parent]
         if arm in chosen:
-            taken[arm] = chosen[arm][best]
+            taken[arm] = last[arm] = chosen[arm][best]
             joints[arm] = samples[arm].last[taken[arm]]
             if k == 0 and problem.free_start:
                 first[arm] = samples[arm].first[taken[arm]]
     first_angle = states.first_angle[parent]
     if k == 0 and problem.free_start:
         first_angle = angle
-    return _States(cost, angle, joints, first, first_angle, taken, parent)
+    return _States(cost, angle, joints, first, first_angle, taken, last, parent)
 
 
 def _closing(problem: SampledSequence, states: _States) -> FloatArray:
@@ -193,30 +210,3 @@ def _closing(problem: SampledSequence, states: _States) -> FloatArray:
     for arm, q in states.joints.items():
         time = np.maximum(time, problem.arm_law[arm](states.first[arm] - q))
     return time
-
-
-def _togo(problem: SampledSequence, arm: str) -> list[FloatArray]:
-    """Returns by stage what the arm alone needs in any case after each of its samples there [s], (N,).
-
-    Where it has no stop in a stage the entry is empty.
-    """
-    found: list[FloatArray] = [np.empty(0)] * len(problem.stages)
-    later: tuple[int, StopSamples] | None = None
-    for k in range(len(problem.stages) - 1, -1, -1):
-        own = problem.stages[k].get(arm)
-        if own is None:
-            continue
-        if later is None:
-            closes = problem.returns and not problem.free_start
-            move = problem.arm_law[arm](problem.start[arm] - own.last)
-            found[k] = move if closes else np.zeros(len(own.work))
-        else:
-            n, then = later
-            move = problem.arm_law[arm](then.first[None] - own.last[:, None])
-            if n == k + 1:
-                turned = problem.angles[then.ways.row][None] - problem.angles[own.ways.row][:, None]
-                move = np.maximum(move, problem.platform_law(turned))
-            after = move + then.work + found[n]
-            found[k] = after.min(axis=1) if after.shape[1] else np.full(len(own.work), np.inf)
-        later = k, own
-    return found

@@ -12,7 +12,8 @@ from dualarm_cli.kinematics.continuation import moved_along
 from dualarm_cli.planning.keep_clear import PLACES
 from dualarm_cli.planning.sampled_plan import Choice, SampledPlan
 from dualarm_cli.planning.sampled_stops import SampledStage
-from dualarm_cli.redundancy.numeric import AROUND, DENSE_SAMPLES, LINE_SAMPLES, SIDES
+from dualarm_cli.redundancy.numeric import AROUND, LINE_SAMPLES, SIDES
+from dualarm_cli.redundancy.numeric import holds as way_holds
 from dualarm_cli.redundancy.numeric_ways import NumericWays, clear_ones, followed
 from dualarm_cli.redundancy.problem import Place
 from dualarm_cli.redundancy.stop_batch import StopBatch
@@ -57,8 +58,7 @@ def holds(plan: SampledPlan, k: int) -> bool:
     stage, choice = plan.stages[k], plan.choices[k]
     for arm, way in choice.ways.items():
         batch = StopBatch(tuple(stage.problems(choice.angle[None], arm)))
-        dense = followed(batch, stage.kinematics(arm), way, DENSE_SAMPLES)
-        if not (np.isfinite(dense.line).all() and len(clear_ones(batch, dense))):
+        if not way_holds(batch, stage.kinematics(arm), way):
             return False
     return stage.keep is None or bool(stage.keep.all_apart(places(plan, k))[0])
 

@@ -17,6 +17,12 @@ def _needs_closed_form(problem: StopProblem) -> str | None:
     return "the arm has no arm angle (it is not spherical-revolute-spherical)"
 
 
+def _needs_general_arm(problem: StopProblem) -> str | None:
+    if isinstance(problem.arm, SrsArm):
+        return "the arm is measured in closed form and not as a general one"
+    return None
+
+
 REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
     "redundancy",
     "--redundancy",
@@ -33,6 +39,7 @@ REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Reg
             solve=choose_numeric,
             summary="Any arm of six joints or more: damped least squares from many starts, self-motion, continuation.",
             reference="[Sugihara2011]; branches, lines and choice: ours",
+            why_unsupported=_needs_general_arm,
         ),
     ],
 )

@@ -157,11 +157,16 @@ def _settled(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> StopPosture
     if batch.refine and (arm.spare or batch.free_yaw):
         tries += refined(batch, arm, way)
     for one in reversed(tries):
-        held = clear_ones(batch, followed(batch, arm, one, DENSE_SAMPLES))
-        if len(held) and np.isfinite(held.line).all():
-            time, _ = held.cost(batch)
-            return held.posture(0, float(time[0]))
+        if holds(batch, arm, one):
+            time, _ = one.cost(batch)
+            return one.posture(0, float(time[0]))
     return None
+
+
+def holds(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> bool:
+    """Returns whether one way's lines can be followed at DENSE_SAMPLES samples and its postures keep clear."""
+    dense = followed(batch, arm, way, DENSE_SAMPLES)
+    return bool(np.isfinite(dense.line).all()) and len(clear_ones(batch, dense)) == 1
 
 
 def refined(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> list[NumericWays]:
