@@ -9,14 +9,14 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 
-STARTS = 32
-"""Starts of a round per pose."""
+STARTS, FEW_STARTS = 32, 12
+"""Starts of a round per pose, and where a first idea of the solutions will do."""
 MOST_ROUNDS = 16
 """Rounds of starts at most; with more than six joints they end with the first solution."""
-QUIET_ROUNDS = 4
-"""With six joints they end after so many, one after the other, that brought nothing new."""
-FAR = 1e-3
-"""A pose that QUIET_ROUNDS rounds miss by more is not tried again [m and rad]."""
+QUIET_ROUNDS, FEW_ROUNDS = 4, 2
+"""With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
+FAR, HOPELESS = 1e-3, 0.05
+"""A pose that QUIET_ROUNDS rounds miss by more is not tried again, nor one that two rounds miss by so much [m and rad]."""
 ITERATIONS = 40
 """Damped steps from one start."""
 STALLED, PATIENCE = 0.7, 6
@@ -47,12 +47,17 @@ class NumericSolutions:
 
 
 def solve_poses(
-    arm: GeneralArm, R: FloatArray, p: FloatArray, *, first_only: bool = False
+    arm: GeneralArm,
+    R: FloatArray,
+    p: FloatArray,
+    *,
+    first_only: bool = False,
+    thorough: bool = True,
 ) -> NumericSolutions:
     """Returns postures within limits that reach flange poses: many for each.
 
     Levenberg's damped least squares with the damping of [Sugihara2011] (half the squared error), from starts that
-    fill the limits evenly (a Halton sequence, so that the same poses have the same solutions); a joint at a limit that
+    fill the limits evenly ([Halton1960], so that the same poses have the same solutions); a joint at a limit that
     would leave it is held in that step. What arrives is polished by undamped steps to RESIDUAL.
 
     With six joints solutions are isolated: rounds of starts go on until QUIET_ROUNDS bring nothing new. No completeness
@@ -64,6 +69,7 @@ def solve_poses(
         R: flange rotations in the carried frame, shape (m, 3, 3).
         p: flange positions [m], shape (m, 3).
         first_only: whether a pose is left alone as soon as it has a solution.
+        thorough: whether all solutions are looked for (six joints), or many; without, a first idea of them will do.
     """
     m = len(p)
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
@@ -71,12 +77,13 @@ def solve_poses(
     # Farther away than all links together there is nothing to be looked for.
     far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.length
     open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
+    count, calm = (STARTS, QUIET_ROUNDS) if thorough else (FEW_STARTS, FEW_ROUNDS)
     for k in range(MOST_ROUNDS):
         if not len(open_):
             break
         # With isolated solutions every second round passes limits on its way: their basins end elsewhere.
         descent = arm.without_limits if arm.spare == 0 and k % 2 == 1 else arm
-        starts = _halton(descent, k * STARTS, STARTS)
+        starts = _halton(descent, k * count, count)
         pose = np.repeat(open_, len(starts))
         q, error = descend(descent, R[pose], p[pose], np.tile(starts, (len(open_), 1)))
         q = arm.nearest_turns(q, arm.middle)
@@ -91,8 +98,9 @@ def solve_poses(
         now = np.bincount(found_pose, minlength=m)
         quiet = np.where(now > before, 0, quiet + 1)
         enough = arm.spare > 0 or first_only
-        done = (now > 0) if enough else (quiet >= QUIET_ROUNDS) & (now > 0)
+        done = (now > 0) if enough else (quiet >= calm) & (now > 0)
         done |= (quiet >= QUIET_ROUNDS) & (miss.max(axis=1) > FAR)
+        done |= (k > 0) & (miss.max(axis=1) > HOPELESS)
         open_ = open_[~done[open_]]
     miss[np.bincount(found_pose, minlength=m) > 0] = 0.0
     return NumericSolutions(found_pose, found_q, miss)

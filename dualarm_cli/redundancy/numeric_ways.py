@@ -100,7 +100,7 @@ def target_ways(
     Args:
         batch: the problems.
         arm: their arm.
-        curves: whether branches are told apart and sampled along their self-motion; without, it is faster.
+        curves: whether all branches are looked for and sampled along their self-motion; without, it is faster.
 
     Returns:
         The ways, and the miss of each problem's nearest target: distance [m] and angle [rad], shape (b, 2).
@@ -109,7 +109,7 @@ def target_ways(
         return _given(batch), np.zeros((len(batch.problems), 2))
     row, target, yaw = batch.turned_targets()
     poses = batch.poses(row, target, yaw)
-    found = solve_poses(arm, poses.R, poses.p)
+    found = solve_poses(arm, poses.R, poses.p, thorough=curves)
     pose, q = found.pose, found.q
     branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
     if arm.spare == 1 and curves:
