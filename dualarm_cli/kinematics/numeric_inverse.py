@@ -16,7 +16,7 @@ MOST_ROUNDS = 16
 QUIET_ROUNDS, FEW_ROUNDS = 4, 2
 """With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
 FAR, HOPELESS = 1e-3, 0.05
-"""A pose that QUIET_ROUNDS rounds miss by more is not tried again, nor one that two rounds miss by so much [m and rad]."""
+"""A pose that QUIET_ROUNDS rounds miss by more is given up, and one that two rounds miss by so much [m and rad]."""
 ITERATIONS = 40
 """Damped steps from one start."""
 STALLED, PATIENCE = 0.7, 6
