@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -17,3 +20,21 @@ ROOT = Path(__file__).parent.parent
 def tasks_folder() -> Path:
     """The shipped task files."""
     return ROOT / "tasks"
+
+
+def _general_robots() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        "general_robots", Path(__file__).parent / "general_robots.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look themselves up there
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def general_robots() -> ModuleType:
+    """Robots whose arms are not spherical-revolute-spherical: YUMI, NEXTAGE, SPHERICAL."""
+    return _general_robots()

@@ -64,14 +64,14 @@ def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
     """Returns what is wrong with the geometry: arms that are not what they are called, meshes that are no solids."""
     from dualarm_cli.collision.solids import check_meshes
     from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
-    from dualarm_cli.kinematics.cell_model import find_false_srs
+    from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
 
     cell = noun.cell if isinstance(noun, Job) else noun
     robot = cell.robot if isinstance(cell, Cell) else cell
     try:
-        messages = find_false_srs(robot)
+        messages = find_false_kinds(robot)
     except UnsupportedError as error:
         messages = [str(error)]
     if isinstance(cell, Cell):

@@ -183,7 +183,7 @@ def _one_job(
     say("lower bound")
     bound = job_bound(job, settings.effort)
     # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
-    least = bound.value if isfinite(bound.value) and bound.value > 0.0 else None
+    least = bound.value if bound.value and isfinite(bound.value) else None
     judge = partial(verify, clearance=True)
     outcomes = run_cases(job, settings, matrix, least, judge, perf_counter, say)
     return job_comparison(name, job, outcomes, least, bound.assumptions)

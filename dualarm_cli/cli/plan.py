@@ -41,14 +41,19 @@ def plan_command(
         ),
     ] = None,
     platform: Annotated[
-        str, typer.Option("--platform", help="Method that chooses the platform angles.")
-    ] = "sequence",
+        str | None,
+        typer.Option(
+            "--platform",
+            help="Method that chooses the platform angles.",
+            show_default="sequence; sampled where an arm is not SRS",
+        ),
+    ] = None,
     redundancy: Annotated[
         str | None,
         typer.Option(
             "--redundancy",
             help="Redundancy solver of stops, or of paths.",
-            show_default="arm_angle; for paths the file's",
+            show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
         ),
     ] = None,
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
@@ -82,8 +87,8 @@ def plan_command(
     job = load_job(tasks)
     if plot is not None and not job.has_paths:
         raise UsageError(f"--plot {plot}: draws paths, and {tasks} has none")
-    settings = PlanSettings(platform, timing=timing, effort=effort.value, seed=seed)
-    settings = with_redundancy(settings, redundancy)
+    settings = PlanSettings(timing=timing, effort=effort.value, seed=seed)
+    settings = with_redundancy(settings.naming(platform=platform), redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
     if rows > MAX_ROWS:

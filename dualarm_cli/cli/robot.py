@@ -11,8 +11,9 @@ import typer
 from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
+    from dualarm_cli.kinematics.platform_chain import PlatformChain
     from dualarm_cli.kinematics.srs_geometry import SrsGeometry
-    from dualarm_cli.model.robot import Robot
+    from dualarm_cli.model.robot import Arm, Robot
 
 robot_app = typer.Typer(
     name="robot", help="The robots at hand.", no_args_is_help=True, rich_markup_mode=None
@@ -107,7 +108,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
             geometry = measure_arm(model, robot, arm, platform, base)
             arms[arm.name] |= _describe_srs(geometry, geometry.is_srs(SRS_TOLERANCE))
         else:
-            arms[arm.name]["summary"] = f"kind {arm.kind}, {len(arm.joints)} axes"
+            arms[arm.name] |= _describe_general(model, robot, arm, platform)
     limits = robot.limits
     return {
         "format": "dualarm.robot_description/1",
@@ -138,7 +139,7 @@ def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
         f"measured deviation: {geometry.deviation}; "
         f"links {geometry.upper * 1000:.1f} and {geometry.fore * 1000:.1f} mm; shoulder "
         f"{radius * 1000:.2f} mm from the platform axis at {math.degrees(azimuth):.3f} deg, "
-        f"height {z * 1000:.1f} mm; inverse kinematics: closed form (arm_angle)"
+        f"height {z * 1000:.1f} mm; inverse kinematics: {'closed form (arm_angle)' if exact else 'none'}"
     )
     return {
         "upper": geometry.upper,
@@ -148,8 +149,40 @@ def _describe_srs(geometry: SrsGeometry, exact: bool) -> dict[str, Any]:
         "shoulder_height": z,
         "is_srs": exact,
         "deviation": str(geometry.deviation),
+        "inverse_kinematics": "arm_angle" if exact else None,
         "summary": summary,
     }
+
+
+def _describe_general(
+    model: Any, robot: Robot, arm: Arm, platform: PlatformChain
+) -> dict[str, Any]:
+    """Returns what serves an arm that is not called srs, and by how much it is not what it might be."""
+    import pinocchio as pin
+
+    from dualarm_cli.errors import UnsupportedError
+    from dualarm_cli.kinematics.cell_model import SRS_TOLERANCE, measure_arm, measure_general
+
+    base, n = pin.SE3.Identity(), len(arm.joints)
+    try:
+        general = measure_general(model, robot, arm, platform, base)
+    except UnsupportedError as error:
+        summary = f"kind {arm.kind}, {n} axes; not planned: {error}"
+        return {"inverse_kinematics": None, "summary": summary}
+    found: dict[str, Any] = {"inverse_kinematics": "numeric", "wrist_gap": general.wrist_gap}
+    if n == 7:
+        geometry = measure_arm(model, robot, arm, platform, base)
+        found["is_srs"] = geometry.is_srs(SRS_TOLERANCE)
+        found["deviation"] = str(geometry.deviation)
+        what = f"not spherical-revolute-spherical: {geometry.deviation}"
+        if found["is_srs"]:
+            what = "spherical-revolute-spherical by measurement: kind srs has closed forms for it"
+    elif general.wrist_gap <= SRS_TOLERANCE:
+        what = "its last three axes meet in a point"
+    else:
+        what = f"its last three axes miss a common point by {general.wrist_gap * 1000:.3g} mm"
+    summary = f"kind {arm.kind}, {n} axes; {what}; inverse kinematics: numeric (many starts)"
+    return found | {"summary": summary}
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""CellModel: a cell ready for kinematics, with its platform chain and its arms in closed form."""
+"""CellModel: a cell ready for kinematics, with its platform chain and its arms."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
-from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.kinematics.srs_geometry import SrsGeometry
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
@@ -24,16 +25,21 @@ SRS_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class ArmModel:
-    """One arm: closed-form kinematics in the carried frame, and its tool."""
+    """One arm: its kinematics in the carried frame, and its tool."""
 
     arm: Arm
     """The noun."""
-    kinematics: SrsArm
-    """Inverse kinematics in the frame that carries the arms."""
+    kinematics: SrsArm | GeneralArm
+    """Forward and inverse kinematics in the frame that carries the arms: in closed form if it is of kind srs."""
     columns: list[int]
     """Columns of its joints within the robot's joints."""
     T_flange_tcp: pin.SE3
     """Tool centre point in the flange frame."""
+
+    @property
+    def closed_form(self) -> SrsArm:
+        """Its closed forms (UnsupportedError where it has none)."""
+        return closed_form(self.kinematics)
 
 
 @dataclass(frozen=True)
@@ -50,31 +56,24 @@ class CellModel:
     """Arms by name."""
 
     @classmethod
-    def from_cell(cls, cell: Cell) -> CellModel:
+    def from_cell(cls, cell: Cell, *, numeric: bool = False) -> CellModel:
         """Measures the robot's kinematics.
 
+        Args:
+            cell: the noun.
+            numeric: whether closed forms are left aside where an arm has them.
+
         Raises:
-            UnsupportedError: an arm is not spherical-revolute-spherical.
+            UnsupportedError: an arm is not what it is called, or has fewer than six joints or one that slides.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
         platform = PlatformChain.from_model(model, robot.platform, cell.base)
         arms = {}
         for arm in robot.arms:
-            geometry = measure_arm(model, robot, arm, platform, cell.base)
-            if arm.kind != "srs":
-                hint = "; it is one by measurement: call it kind: srs"
-                raise UnsupportedError(
-                    f"arm {arm.name} of {robot.name} is of kind: {arm.kind}; this version plans "
-                    f"spherical-revolute-spherical arms (kind: srs) only"
-                    f"{hint if geometry.is_srs(SRS_TOLERANCE) else ''}"
-                )
-            if not geometry.is_srs(SRS_TOLERANCE):
-                raise UnsupportedError(_false_srs(robot, arm, geometry))
-            limits = robot.limits.select(arm.joints)
             arms[arm.name] = ArmModel(
                 arm,
-                SrsArm(geometry, limits.lower, limits.upper),
+                _kinematics(model, robot, arm, platform, cell.base, numeric),
                 robot.columns(arm.joints),
                 cell.tools[arm.name].tcp,
             )
@@ -121,8 +120,51 @@ class CellModel:
         return pin.SE3(R_world, p_world) * pin.SE3(R, p) * model.T_flange_tcp
 
 
-def find_false_srs(robot: Robot) -> list[str]:
-    """Returns a sentence for every arm that is called srs and is not, with what was measured.
+def _kinematics(
+    model: pin.Model,
+    robot: Robot,
+    arm: Arm,
+    platform: PlatformChain,
+    base: pin.SE3,
+    numeric: bool,
+) -> SrsArm | GeneralArm:
+    """Returns an arm's kinematics: closed forms if it is called srs (and is), numbers otherwise."""
+    limits = robot.limits.select(arm.joints)
+    if numeric or arm.kind != "srs":
+        return measure_general(model, robot, arm, platform, base)
+    geometry = measure_arm(model, robot, arm, platform, base)
+    if not geometry.is_srs(SRS_TOLERANCE):
+        raise UnsupportedError(_false_srs(robot, arm, geometry))
+    return SrsArm(geometry, limits.lower, limits.upper)
+
+
+def measure_general(
+    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
+) -> GeneralArm:
+    """Returns any arm of six revolute joints or more, measured on the URDF.
+
+    Args:
+        model: the whole robot.
+        robot: the noun.
+        arm: which arm.
+        platform: the chain that carries it.
+        base: pose of the model's root in the world.
+
+    Raises:
+        UnsupportedError: fewer than six joints, or one that slides.
+    """
+    limits = robot.limits.select(arm.joints)
+    T_carried_root = platform.T_world_carried.inverse() * base
+    try:
+        return GeneralArm.from_model(
+            model, arm.joints, arm.flange, T_carried_root, (limits.lower, limits.upper)
+        )
+    except UnsupportedError as error:
+        raise UnsupportedError(f"arm {arm.name} of {robot.name}: {error}") from None
+
+
+def find_false_kinds(robot: Robot) -> list[str]:
+    """Returns a sentence for every arm that is not of the kind it is called, with what was measured.
 
     Args:
         robot: the noun.
@@ -136,6 +178,14 @@ def find_false_srs(robot: Robot) -> list[str]:
             geometry = measure_arm(model, robot, arm, platform, base)
             if not geometry.is_srs(SRS_TOLERANCE):
                 found.append(_false_srs(robot, arm, geometry))
+        elif arm.kind == "spherical_wrist":
+            gap = measure_general(model, robot, arm, platform, base).wrist_gap
+            if gap > SRS_TOLERANCE:
+                found.append(
+                    f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
+                    f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); mend the URDF, "
+                    "or call it kind: general"
+                )
     return found
 
 
@@ -149,7 +199,7 @@ def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
     return (
         f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-revolute-spherical: "
         f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; mend the URDF, or call it "
-        "kind: general, which this version reads but does not plan"
+        "kind: general, which is planned with numeric inverse kinematics"
     )
 
 

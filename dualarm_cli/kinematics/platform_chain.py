@@ -53,7 +53,7 @@ class PlatformChain:
             twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
             revolute.append(bool(np.linalg.norm(twist[3:]) > 0.5))
             axis = twist[3:] if revolute[-1] else twist[:3]
-            frames.append(base * data.oMi[index] * pin.SE3(_align_z(axis), np.zeros(3)))
+            frames.append(base * data.oMi[index] * pin.SE3(align_z(axis), np.zeros(3)))
         world = pin.SE3.Identity()
         parents = [world, *frames[1:-1]] if joints else []
         steps = [
@@ -103,7 +103,7 @@ def rotation_z(angle: FloatArray) -> FloatArray:
     return R
 
 
-def _align_z(axis: FloatArray) -> FloatArray:
+def align_z(axis: FloatArray) -> FloatArray:
     """Returns a rotation that takes z to the unit vector `axis`; the identity where it is z."""
     if np.array_equal(axis, [0.0, 0.0, 1.0]):
         return np.eye(3)

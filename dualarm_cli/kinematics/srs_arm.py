@@ -231,3 +231,17 @@ class SrsArm:
         # For a positive bend the elbow's axis is -u × h = r sin psi - t cos psi.
         psi = np.arctan2((normal * r).sum(axis=0), -(normal * t).sum(axis=0))
         return srs_limits.wrap(psi).reshape(q.shape[:-1])
+
+
+def closed_form(arm: object) -> SrsArm:
+    """Returns an arm if it is spherical-revolute-spherical.
+
+    Raises:
+        UnsupportedError: it is another one.
+    """
+    if not isinstance(arm, SrsArm):
+        raise UnsupportedError(
+            "an arm that is not spherical-revolute-spherical has no closed-form inverse kinematics: "
+            "--redundancy numeric serves it"
+        )
+    return arm

@@ -59,8 +59,8 @@ TURN = 2.0 * np.pi
 class LowerBound:
     """No plan is faster."""
 
-    value: float
-    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached."""
+    value: float | None
+    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, None where none is known."""
     assumptions: tuple[str, ...]
     """What a plan must be like for the bound to hold, in sentences."""
 

@@ -133,6 +133,11 @@ class Robot:
         """Names of all moving joints, in the URDF's order."""
         return self.limits.joints
 
+    @property
+    def without_closed_form(self) -> tuple[str, ...]:
+        """Names of the arms that are not said to be spherical-revolute-spherical."""
+        return tuple(arm.name for arm in self.arms if arm.kind != "srs")
+
     def arm(self, name: str) -> Arm:
         """Returns the arm of that name (KeyError where there is none)."""
         for arm in self.arms:

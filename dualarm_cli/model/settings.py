@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 
@@ -22,7 +22,15 @@ class PlanSettings:
     """Method that finds the joints on paths; None for what the task file says."""
     seed: int = 0
     """Seed of all randomness."""
+    named: frozenset[str] = frozenset()
+    """Which of these a person asked for: others may be replaced where they do not serve a robot."""
+
+    def naming(self, **chosen: str | None) -> PlanSettings:
+        """Returns the settings with what a person asked for; None where they did not."""
+        asked = {name: value for name, value in chosen.items() if value is not None}
+        values: dict[str, Any] = {**asked, "named": self.named | asked.keys()}
+        return replace(self, **values)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the settings as they are recorded in a schedule."""
-        return asdict(self)
+        return {name: value for name, value in asdict(self).items() if name != "named"}

@@ -55,23 +55,29 @@ def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
     model = problem.model
     if model is None:
         return NoPath("its arms have no closed form", 0)
+    solved = {}
+    for name, arm in model.arms.items():
+        if not isinstance(arm.kinematics, SrsArm):
+            return NoPath(f"the {name} arm has no closed form", 0)
+        solved[name] = arm.kinematics
     position = np.tile(problem.start, (problem.instants, 1))
     stations = np.linspace(0.0, 1.0, STATIONS)
     at = np.interp(stations, problem.share, np.arange(problem.instants))
     for b, a in enumerate(np.flatnonzero(problem.follows)):
-        arm = model.arms[problem.body.arms[a]]
+        name = problem.body.arms[a]
+        arm, kinematics = model.arms[name], solved[name]
         R, p = flange_poses(model, arm, problem.start, problem.R[:, b], problem.p[:, b])
         nearest = np.round(at).astype(np.int64)
         own = problem.share[nearest]
         velocity = problem.limits.velocity[arm.columns]
         q0 = problem.start[arm.columns]
-        track = best_track(arm.kinematics, R[nearest], p[nearest], velocity, q0)
+        track = best_track(kinematics, R[nearest], p[nearest], velocity, q0)
         if track is None:
-            return _reason(arm.kinematics, problem.body.arms[a], R, p)
+            return _reason(kinematics, name, R, p)
         kept = np.concatenate([[True], np.diff(own) > 0.0])
         psi = CubicSpline(own[kept], track.psi[kept])(problem.share)
-        q, _ = arm.kinematics.solve_branch(R, p, psi, np.array(track.branch))
-        position[:, arm.columns] = arm.kinematics.nearest_turns(q, q0)
+        q, _ = kinematics.solve_branch(R, p, psi, np.array(track.branch))
+        position[:, arm.columns] = kinematics.nearest_turns(q, q0)
     return within_limits(problem, position)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.verification import Verification
@@ -17,6 +17,7 @@ from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.redundancy_choice import with_redundancy
+from dualarm_cli.planning.serving import cell_model, own_redundancy, served_settings
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -34,6 +35,14 @@ class Case:
     """Name of the redundancy solver, or of the follower of paths."""
     timing: str
     """Name of the timing solver."""
+    named: bool = True
+    """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
+
+    def on(self, robot: Robot) -> Case:
+        """Returns the case on a robot."""
+        if self.named:
+            return self
+        return replace(self, redundancy=own_redundancy(self.method, robot))
 
 
 @dataclass(frozen=True)
@@ -57,6 +66,8 @@ def cases(
 ) -> list[Case]:
     """Returns every combination of the named solvers, or of all of a family where none is named.
 
+    Where no redundancy solver is named, every method has the one that serves the robot.
+
     Args:
         methods: names in METHODS.
         redundancies: names of redundancy solvers.
@@ -67,12 +78,13 @@ def cases(
     """
     # A name given twice is one.
     methods = [METHODS[name].name for name in dict.fromkeys(methods or METHODS.names)]
-    redundancies = [
-        REDUNDANCY_SOLVERS[name].name
-        for name in dict.fromkeys(redundancies or REDUNDANCY_SOLVERS.names)
-    ]
+    redundancies = [REDUNDANCY_SOLVERS[name].name for name in dict.fromkeys(redundancies)]
     timings = TIMING_SOLVERS.names if "all" in timings else timings or [PlanSettings().timing]
     timings = [TIMING_SOLVERS[name].name for name in dict.fromkeys(timings)]
+    if not redundancies:
+        return [
+            Case(m, PlanSettings().redundancy, t, named=False) for m in methods for t in timings
+        ]
     return [Case(m, r, t) for m in methods for r in redundancies for t in timings]
 
 
@@ -98,26 +110,23 @@ def job_cases(
     """
     for name in redundancies:
         with_redundancy(PlanSettings(), name)
-    own = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
+    own = served_settings(PlanSettings(), job.cell.robot)[0].platform
     if not job.has_paths:
-        found = cases(methods, own, timings) if own or not redundancies else []
-        others = [name for name in dict.fromkeys(redundancies) if name not in own]
-        return found + [
-            replace(case, redundancy=name)
-            for name in others
-            for case in cases(methods, (), timings)
-        ]
+        of_stops = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
+        found = cases(methods, of_stops, timings) if of_stops or not redundancies else []
+        others = [name for name in dict.fromkeys(redundancies) if name not in of_stops]
+        return found + _with_each(others, cases(methods, (), timings))
     if methods or redundancies:
-        every = cases(methods or [PlanSettings().platform], (), timings)
-        names = [*dict.fromkeys(redundancies or PATH_SOLVERS.names)]
-        return [replace(case, redundancy=name) for case in every for name in names]
-    default = cases([PlanSettings().platform], (), timings)
-    found = [replace(case, redundancy=name) for case in default for name in PATH_SOLVERS.names]
+        names = list(dict.fromkeys(redundancies or PATH_SOLVERS.names))
+        return _with_each(names, cases(methods or [own], (), timings))
+    found = _with_each(PATH_SOLVERS.names, cases([own], (), timings))
     if all(task.path is not None for task in job.tasks):
         return found
-    return found + [
-        case for case in cases((), (), timings) if case.method != PlanSettings().platform
-    ]
+    return found + [case for case in cases((), (), timings) if case.method != own]
+
+
+def _with_each(names: Sequence[str], every: Sequence[Case]) -> list[Case]:
+    return [replace(case, redundancy=name, named=True) for name in names for case in every]
 
 
 def run_cases(
@@ -140,13 +149,18 @@ def run_cases(
         clock: wall clock [s].
         progress: is told what is being done.
     """
-    model = CellModel.from_cell(job.cell)
-    for number, case in enumerate(matrix, start=1):
+    every = [case.on(job.cell.robot) for case in matrix]
+    for number, case in enumerate(every, start=1):
         name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
-        if reason := _why_unserved(model, job, settings, case):
+        if reason := _why_unserved(job, settings, case):
             yield Outcome(case, "not served", reason, None, None)
             continue
-        wanted = replace(settings, platform=case.method, timing=case.timing)
+        wanted = replace(
+            settings, platform=case.method, timing=case.timing, named=frozenset({"platform"})
+        )
+        if case.redundancy not in REDUNDANCY_SOLVERS.names:
+            own = own_redundancy(case.method, job.cell.robot)
+            wanted = replace(wanted, redundancy=own)
         wanted = with_redundancy(wanted, case.redundancy)
         progress(f"{name}: planning")
         begin = clock()
@@ -163,11 +177,14 @@ def run_cases(
         yield _judged(case, replace(schedule, lower_bound=bound), job, judge, taken)
 
 
-def _why_unserved(model: CellModel, job: Job, settings: PlanSettings, case: Case) -> str | None:
+def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
     """Returns why a case cannot be run on a job, or None."""
-    if case.redundancy not in REDUNDANCY_SOLVERS.names and not job.has_paths:
-        return f"{case.redundancy} follows paths, and the job has none"
-    redundancy = with_redundancy(settings, case.redundancy).redundancy
+    redundancy = case.redundancy
+    if redundancy not in REDUNDANCY_SOLVERS.names:
+        if not job.has_paths:
+            return f"{redundancy} follows paths, and the job has none"
+        redundancy = own_redundancy(case.method, job.cell.robot)
+    model = cell_model(job.cell, redundancy)
     problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)
     return METHODS[case.method].why_unsupported(problem) or TIMING_SOLVERS[
         case.timing

@@ -41,9 +41,9 @@ def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int)
     """Returns points of Bezier curves, shape (..., count, 7) [rad].
 
     Args:
-        start: where they begin [rad], shape (7,).
+        start: where they begin [rad], shape (n,).
         controls: control points between [rad], shape (..., c, 7).
-        goal: where they end [rad], shape (7,).
+        goal: where they end [rad], shape (n,).
         count: how many points, equally spaced in the parameter.
     """
     basis = _bernstein(controls.shape[-2] + 1, count)
@@ -72,14 +72,14 @@ def quick_curves(
     seed: int,
     tool: ToolTimes | None = None,
 ) -> list[FloatArray]:
-    """Returns control points (CONTROLS, 7) of the quickest free curves found, best first; none where none is free.
+    """Returns control points (CONTROLS, n) of the quickest free curves found, best first; none where none is free.
 
     The cross-entropy method [Rubinstein1999] over the control points, with what is missing of the clearance as a
     penalty: normal distributions about the best of every round.
 
     Args:
-        start: where they begin [rad], shape (7,).
-        goal: where they end [rad], shape (7,).
+        start: where they begin [rad], shape (n,).
+        goal: where they end [rad], shape (n,).
         limits: of the joints.
         least: time below which a curve gains nothing [s].
         missing: how much clearance curves lack.
@@ -88,16 +88,16 @@ def quick_curves(
         seed: of the random curves.
         tool: how long the tool needs along them; None where its speed has no cap.
     """
-    random = np.random.default_rng(seed)
+    random, n = np.random.default_rng(seed), len(start)
     share = np.linspace(0.0, 1.0, CONTROLS + 2)[1:-1, None]
     straight = start + share * (goal - start)
     # Most first curves bulge as a whole; the ends of their bulges differ.
-    bulge = random.normal(size=(len(SPREADS), FIRST, 1, 7)) + 0.5 * random.normal(
-        size=(len(SPREADS), FIRST, CONTROLS, 7)
+    bulge = random.normal(size=(len(SPREADS), FIRST, 1, n)) + 0.5 * random.normal(
+        size=(len(SPREADS), FIRST, CONTROLS, n)
     )
-    drawn = straight + (np.array(SPREADS)[:, None, None, None] * bulge).reshape(-1, CONTROLS, 7)
+    drawn = straight + (np.array(SPREADS)[:, None, None, None] * bulge).reshape(-1, CONTROLS, n)
     drawn = np.clip(drawn, limits.lower, limits.upper)
-    best: FloatArray = np.empty((0, CONTROLS, 7))
+    best: FloatArray = np.empty((0, CONTROLS, n))
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(ROUNDS):
@@ -110,7 +110,7 @@ def quick_curves(
         spread = best.std(axis=0) * 1.1 + LEAST_SPREAD
         if spread.max() < 2.0 * LEAST_SPREAD:
             break
-        drawn = best.mean(axis=0) + spread * random.normal(size=(POPULATION, CONTROLS, 7))
+        drawn = best.mean(axis=0) + spread * random.normal(size=(POPULATION, CONTROLS, n))
         drawn = np.clip(drawn, limits.lower, limits.upper)
     return [controls for controls, lack in zip(best, lacking, strict=True) if lack == 0.0]
 

@@ -12,13 +12,12 @@ from dualarm_cli.planning.peer_methods import (
     solve_ipopt,
     solve_swarm,
 )
+from dualarm_cli.planning.sampled import solve_sampled
 from dualarm_cli.planning.sequence import solve_sequence
+from dualarm_cli.planning.serving import FIXED, SAMPLED, why_unserved
 from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS
 from dualarm_cli.registry import Registry, Solver
-
-OWN_REDUNDANCY = "arm_angle"
-"""The redundancy solver whose arm angles the whole-sequence methods choose themselves."""
 
 
 def _needs_turntable(problem: MethodProblem) -> str | None:
@@ -27,10 +26,16 @@ def _needs_turntable(problem: MethodProblem) -> str | None:
     return "it is not two arms on one turning platform"
 
 
-def _needs_arm_angles(problem: MethodProblem) -> str | None:
-    if problem.redundancy == OWN_REDUNDANCY:
-        return None
-    return f"it chooses the arm angles itself: leave out --redundancy {problem.redundancy}"
+def _served(
+    name: str, own: Callable[[MethodProblem], str | None] = lambda _: None
+) -> Callable[[MethodProblem], str | None]:
+    """Returns why a method does not serve a problem: by itself, or together with its redundancy solver."""
+
+    def why(problem: MethodProblem) -> str | None:
+        robot = problem.job.cell.robot
+        return why_unserved(name, problem.redundancy, robot) or own(problem)
+
+    return why
 
 
 def _greedy(platform: str) -> Callable[[MethodProblem], Decided]:
@@ -52,21 +57,21 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
             solve=solve_sequence,
             summary="Platform angles and both arms' postures together over the whole cycle, by least time.",
             reference="ours: node grid, coupled dynamic programming, beam, linear steps",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served("sequence"),
         ),
         Solver(
             name=MINIMUM_TIME,
             solve=_greedy(MINIMUM_TIME),
             summary="Stage by stage: the platform angle and postures of least time for this stage alone.",
             reference="ours",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served(MINIMUM_TIME),
         ),
         Solver(
             name="continuous",
             solve=solve_continuous,
             summary="The plan of `sequence`, refined as one nonlinear program in CasADi by IPOPT.",
             reference="ours; IPOPT [Waechter2006]",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served("continuous"),
         ),
         *(
             Solver(
@@ -74,30 +79,39 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 solve=_greedy(solver.name),
                 summary=f"Stage by stage: {solver.summary[0].lower()}{solver.summary[1:]}",
                 reference=solver.reference,
-                **({} if solver.name == "fixed" else {"why_unsupported": _needs_turntable}),
+                why_unsupported=_served(solver.name)
+                if solver.name == FIXED
+                else _served(solver.name, _needs_turntable),
             )
             for solver in PLATFORM_SOLVERS
+        ),
+        Solver(
+            name=SAMPLED,
+            solve=solve_sampled,
+            summary="Any arms: platform angles and sampled postures of all stages by beam search, then refined.",
+            reference="ours: dynamic programming per arm as the beam's bound, coordinate descent",
+            why_unsupported=_served(SAMPLED),
         ),
         Solver(
             name="grid",
             solve=solve_grid,
             summary="Peer: local search over single decisions, from the plan of `minimum_time`.",
             reference="compass search [Kolda2003]",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served("grid"),
         ),
         Solver(
             name="swarm",
             solve=solve_swarm,
             summary="Peer: particle swarm over all continuous decisions from the plan of `fixed`.",
             reference="[Clerc2002]",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served("swarm"),
         ),
         Solver(
             name="ipopt",
             solve=solve_ipopt,
             summary="Peer: one nonlinear program over all joints by IPOPT, from the plan of `fixed`.",
             reference="IPOPT [Waechter2006]",
-            why_unsupported=_needs_arm_angles,
+            why_unsupported=_served("ipopt"),
         ),
     ],
 )

@@ -237,6 +237,7 @@ def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:
     numbers = (
         plan.arrival[model.platform_columns],
         seen.start,
+        made.q_target,
         [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
     )
     return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()

@@ -18,6 +18,11 @@ from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.path_words import check_followers
 from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.serving import (
+    cell_model,
+    served_settings,
+    why_redundancy_unserved,
+)
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -27,6 +32,8 @@ PATH_BOUND = (
     "transfers to where paths begin and from where they end count nothing"
 )
 """What a bound with paths assumes."""
+NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
+"""What is said where there is no bound."""
 
 
 def plan(
@@ -46,20 +53,22 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
-    model = CellModel.from_cell(job.cell)
+    general = bool(job.cell.robot.without_closed_form)
+    if general and not job.has_paths:
+        return LowerBound(None, (NO_BOUND,))
     if not job.has_paths:
-        return lower_bound(sequence_problem(model, job), effort)
+        return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in job.sections():
         work = section[0].path
         if work is not None:
             value += work.length / (work.speed * job.speed)
-            continue
-        # Where a section starts is for the plan to choose, and what comes after it does not count.
-        alone = replace(job, tasks=section, start="free", returns=False)
-        bound = lower_bound(sequence_problem(model, alone), effort)
-        value += bound.value
-        assumptions |= dict.fromkeys(bound.assumptions)
+        elif not general:
+            # Where a section starts is for the plan to choose, and what comes after it does not count.
+            alone = replace(job, tasks=section, start="free", returns=False)
+            bound = lower_bound(sequence_problem(CellModel.from_cell(job.cell), alone), effort)
+            value += bound.value if bound.value is not None else 0.0
+            assumptions |= dict.fromkeys(bound.assumptions)
     return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
@@ -83,14 +92,20 @@ def plan_without_bound(
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
+    settings, replaced = served_settings(settings, job.cell.robot)
     timing = TIMING_SOLVERS[settings.timing]
     REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
     method = METHODS[settings.platform]
     robot = job.cell.robot
     if reason := timing.why_unsupported(robot.limits):
         raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
+    reason = why_redundancy_unserved(settings.redundancy, robot)
+    if reason and "redundancy" in settings.named:
+        raise UnsupportedError(
+            f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
+        )
     progress("reading the robot")
-    model = CellModel.from_cell(job.cell)
+    model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
@@ -111,6 +126,7 @@ def plan_without_bound(
         clearance_cost=found.cost,
         notes=(
             *job.notes,
+            *replaced,
             *_job_notes(job),
             *found.decided.notes,
             *_platform_notes(model, stages),

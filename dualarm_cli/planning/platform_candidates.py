@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.redundancy import StopProblem
 
@@ -50,7 +51,7 @@ def stage_problem(
     angle = float(position[model.platform_columns][0])
     shoulder, upper, fore, wrist, elbow = [], [], [], [], []
     for name, stop in stops.items():
-        arm = model.arms[name].kinematics
+        arm = model.arms[name].closed_form
         upper.append(arm.geometry.upper)
         fore.append(arm.geometry.fore)
         before = _wrist_before_approach(stop)
@@ -81,7 +82,7 @@ def _wrist_before_approach(stop: StopProblem) -> FloatArray:
     """Returns the wrist centre at the start of the approach in the carried frame [m], (3,)."""
     R_tool = stop.R_base_tool[0]
     p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
-    wrist: FloatArray = stop.arm.wrist_center(
+    wrist: FloatArray = closed_form(stop.arm).wrist_center(
         R_tool @ stop.R_tool_flange, p_tool + R_tool @ stop.p_tool_flange
     )
     return wrist

@@ -11,6 +11,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.platform_candidates import in_axis_frame, stage_problem
+from dualarm_cli.planning.serving import why_no_closed_form
 from dualarm_cli.planning.stages import choose_stages, stop_problems
 from dualarm_cli.platform_angle import PlatformProblem
 
@@ -37,6 +38,8 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         raise UnsupportedError(
             f"{job.cell.robot.name} is not two arms on one turning platform: no angle to choose"
         )
+    if reason := why_no_closed_form(job.cell.robot):
+        raise UnsupportedError(f"{job.cell.robot.name} has no elbows to balance: {reason}")
     work = job.stages()
     if not 1 <= stage <= len(work):
         raise UsageError(f"--stage {stage}: the tasks have stages 1 to {len(work)}")
@@ -53,6 +56,6 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
     angle = float(position[model.platform_columns][0])
     before = [
         in_axis_frame(arm.wrist_center(*arm.forward(stops[name].start)), angle)
-        for name, arm in ((name, model.arms[name].kinematics) for name in stops)
+        for name, arm in ((name, model.arms[name].closed_form) for name in stops)
     ]
     return stage_problem(model, position, stops), np.array(before)

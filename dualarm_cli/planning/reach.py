@@ -1,4 +1,4 @@
-"""Where an arm can make a stop at all: over all platform angles, exactly over the arm angle."""
+"""Where an arm can make a stop at all: over all platform angles, exactly over the arm angle where there is one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.srs_arm import closed_form
+from dualarm_cli.planning import numeric_reach
 from dualarm_cli.redundancy import StopProblem
 
 SCAN_STEP = np.radians(1.0)
@@ -55,6 +58,8 @@ def reachable_positions(
     turn = angles - here
     near = np.ones(len(angles), dtype=np.bool_)
     for stop in stops.values():
+        if isinstance(stop.arm, GeneralArm):
+            continue  # no test is quicker than the search itself
         near &= np.logical_and.reduce(
             [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, turn)]
         )
@@ -94,6 +99,11 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         where = f"at best, with the platform at {np.degrees(angles[a]):.1f} deg"
         if not model.platform.is_turntable:
             where = "with the platform where it is" if model.platform.joints else "from its base"
+        if isinstance(stop.arm, GeneralArm):
+            return (
+                f"no posture within limits brings the flange nearer to {point.name} than "
+                f"{miss * 1000:.1f} mm, turned as asked ({where}); move the target or free its yaw"
+            )
         if miss > 0:
             return f"{point.name} is {miss * 1000:.1f} mm beyond the arm's reach ({where})"
         if miss < 0:
@@ -112,7 +122,9 @@ def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
     limits = model.cell.robot.limits.select(model.platform.joints)
     here = float(position[model.platform_columns][0])
     low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
-    return np.append(np.arange(low, high, SCAN_STEP), high), here
+    numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
+    step = numeric_reach.SCAN_STEP if numeric else SCAN_STEP
+    return np.append(np.arange(low, high, step), high), here
 
 
 def _together(points: list[_PointReach]) -> BoolArray:
@@ -130,6 +142,9 @@ def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
         names.append(f"the end of the {stop.retract * 1000:g} mm retract")
     points = []
     for name, (R, p) in zip(names, turned_flanges(stop, turn), strict=True):
+        if isinstance(stop.arm, GeneralArm):
+            points.append(_PointReach(name, *numeric_reach.numeric_reach(stop.arm, R, p)))
+            continue
         feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
         points.append(_PointReach(name, feasible, _miss(stop, R, p)))
     return points
@@ -141,8 +156,9 @@ def _misses(stop: StopProblem, turn: FloatArray) -> list[FloatArray]:
 
 
 def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
-    least, most = stop.arm.reach
-    distance = np.linalg.norm(stop.arm.wrist_center(R, p) - stop.arm.geometry.shoulder, axis=-1)
+    arm = closed_form(stop.arm)
+    least, most = arm.reach
+    distance = np.linalg.norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
     return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
 
 

@@ -27,5 +27,5 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
         known = [*dict.fromkeys([*REDUNDANCY_SOLVERS.names, *PATH_SOLVERS.names])]
         raise UnknownSolverError("--redundancy", name, known)
     if stops:
-        settings = replace(settings, redundancy=name)
+        settings = settings.naming(redundancy=name)
     return replace(settings, follower=name) if paths else settings

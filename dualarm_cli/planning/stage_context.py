@@ -91,7 +91,7 @@ def missing_clearance(
         context: the stage.
         name: the arm.
         way: what is known of how it gets along a curve.
-        points: of that curve [rad], shape (s, 7).
+        points: of that curve [rad], shape (s, n).
         with_other: whether the other arm counts.
     """
     stage, instants = _meanwhile(context, name, way, points)
@@ -145,5 +145,5 @@ def _meanwhile(
 def _beside(context: StageContext, name: str, others: FloatArray, curves: FloatArray) -> FloatArray:
     """Returns all joints with an arm on curves (c, s, 7) and all others at (s, columns), shape (c s, columns) [rad]."""
     rows = np.tile(others, (len(curves), 1))
-    rows[:, context.model.arms[name].columns] = curves.reshape(-1, 7)
+    rows[:, context.model.arms[name].columns] = curves.reshape(-1, curves.shape[-1])
     return rows

@@ -119,13 +119,13 @@ def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
 
 
 def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns where an arm's transfer begins and ends, and random postures (n, 7) about the way between."""
+    """Returns where an arm's transfer begins and ends, and random postures (k, n) about the way between."""
     arm = context.model.arms[name]
     start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
     random = np.random.default_rng(context.seed)
     share = random.uniform(0.25, 0.75, (len(SPREADS) * DRAWN, 1))
     spread = np.repeat(SPREADS, DRAWN)[:, None]
-    posture = start + share * (goal - start) + random.normal(size=(len(share), 7)) * spread
+    posture = start + share * (goal - start) + random.normal(size=(len(share), len(start))) * spread
     return start, goal, posture
 
 

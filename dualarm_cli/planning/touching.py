@@ -9,6 +9,8 @@ import numpy as np
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.planning.keep_clear import PLACES, KeepClear
 from dualarm_cli.redundancy import StopProblem
 from dualarm_cli.redundancy.problem import Place
@@ -86,14 +88,17 @@ def explain_touching(
 
 
 def _postures(problem: StopProblem, place: Place) -> FloatArray:
-    """Returns joints within limits at a place, over branches, arm angles and yaws, shape (n, 7)."""
+    """Returns joints within limits at a place, over branches, arm angles and yaws, shape (k, n)."""
     batch = StopBatch((problem,))
     if problem.configurations is not None:
-        return problem.configurations if place == "target" else np.empty((0, 7))
+        return problem.configurations if place == "target" else np.empty((0, len(problem.start)))
     yaw = problem.yaw[:: max(1, len(problem.yaw) // YAWS)]
     depth = {"approach": problem.approach, "target": 0.0, "retract": problem.retract}[place]
     zero = np.zeros(len(yaw), dtype=np.int64)
     poses = batch.poses(zero, zero, yaw)
+    if isinstance(problem.arm, GeneralArm):
+        reached_q = solve_poses(problem.arm, poses.R, poses.p - poses.z * depth).q
+        return problem.arm.nearest_turns(reached_q, problem.start)
     psi = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
     p = (poses.p - poses.z * depth)[:, None, None]
     q, reached = problem.arm.solve_branch(

@@ -4,9 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.redundancy.arm_angle import choose_posture, choose_postures
+from dualarm_cli.redundancy.numeric import choose_numeric
 from dualarm_cli.redundancy.problem import NoPosture, StopPosture, StopProblem
 from dualarm_cli.registry import Registry, Solver
+
+
+def _needs_closed_form(problem: StopProblem) -> str | None:
+    if isinstance(problem.arm, SrsArm):
+        return None
+    return "the arm has no arm angle (it is not spherical-revolute-spherical)"
+
+
+def _needs_general_arm(problem: StopProblem) -> str | None:
+    if isinstance(problem.arm, SrsArm):
+        return "the arm is measured in closed form and not as a general one"
+    return None
+
 
 REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
     "redundancy",
@@ -17,6 +32,14 @@ REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Reg
             solve=choose_posture,
             summary="Closed form over branches and arm angle; the posture of least stage time.",
             reference="[Shimizu2008]; choice by closed-form move time: ours",
+            why_unsupported=_needs_closed_form,
+        ),
+        Solver(
+            name="numeric",
+            solve=choose_numeric,
+            summary="Any arm of six joints or more: damped least squares from many starts, self-motion, continuation.",
+            reference="[Sugihara2011]; branches, lines and choice: ours",
+            why_unsupported=_needs_general_arm,
         ),
     ],
 )

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import SKELETON, follow_lines
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.redundancy.line_following import Lines
 from dualarm_cli.redundancy.problem import StopPosture, StopProblem
-from dualarm_cli.redundancy.stop_batch import StopBatch
+from dualarm_cli.redundancy.stop_batch import StopBatch, ToolPoses
 
 
 def line_path(
@@ -22,7 +24,7 @@ def line_path(
         samples: number of equidistant samples, at least 2.
 
     Returns:
-        Joints [rad], shape (samples, 7), exact inverse kinematics at every sample, and lengths [m],
+        Joints [rad], shape (samples, n), exact inverse kinematics at every sample, and lengths [m],
         shape (samples,).
     """
     away = line == "retract"
@@ -31,6 +33,9 @@ def line_path(
     batch = StopBatch((problem,))
     row, target = np.zeros(1, dtype=np.int64), np.array([posture.target])
     poses = batch.poses(row, target, np.array([posture.yaw]))
+    if isinstance(problem.arm, GeneralArm):
+        q = _continued(problem.arm, poses, posture.q_target, length, psi_end, samples)
+        return (q if away else q[::-1]), np.linspace(0.0, length, samples)
     reference = batch.configurations(row, target) if batch.given else batch.start
     lines = Lines.of(batch, poses, np.array([length]), samples)
     followed = lines.follow(
@@ -41,6 +46,29 @@ def line_path(
     )
     q = np.broadcast_to(followed.q[:, :, 0, 0], (samples, 7))
     return (q if away else q[::-1]), np.linspace(0.0, length, samples)
+
+
+def _continued(
+    arm: GeneralArm,
+    poses: ToolPoses,
+    q_target: FloatArray,
+    length: float,
+    drift: float,
+    samples: int,
+) -> FloatArray:
+    """Returns the joints (samples, n) of a general arm along one line, from the target outward."""
+    # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
+    finer = -(-(SKELETON - 1) // (samples - 1))
+    course = follow_lines(
+        arm,
+        q_target[None],
+        poses.R,
+        poses.p,
+        -poses.z * length,
+        np.array([drift]),
+        finer * (samples - 1) + 1,
+    )
+    return course.q[::finer, 0]
 
 
 def flange_poses(

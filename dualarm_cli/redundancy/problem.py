@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs_arm import SrsArm
 
 Place = Literal["approach", "target", "retract"]
@@ -21,7 +22,7 @@ class StopProblem:
     runs from the target shifted by -L z to the target.
     """
 
-    arm: SrsArm
+    arm: SrsArm | GeneralArm
     """The arm's kinematics and position limits."""
     R_base_tool: FloatArray
     """Rotation of the tool centre point at each nominal target, shape (m, 3, 3)."""
@@ -32,7 +33,7 @@ class StopProblem:
     p_tool_flange: FloatArray
     """Position of the flange in the tool frame [m], shape (3,)."""
     configurations: FloatArray | None
-    """Joint configurations that are the targets themselves [rad], shape (m, 7); None where any
+    """Joint configurations that are the targets themselves [rad], shape (m, n); None where any
     posture that reaches the target will do."""
     yaw: FloatArray
     """Turns about the tool's z axis that may be tried [rad], shape (y,)."""
@@ -43,17 +44,17 @@ class StopProblem:
     retract: float
     """Length of the straight retract [m]."""
     start: FloatArray
-    """Where the arm's joints are before [rad], shape (7,)."""
+    """Where the arm's joints are before [rad], shape (n,)."""
     waiting: float
     """Time that the transfer takes in any case, because the platform turns [s]."""
     joint_times: Callable[[FloatArray], FloatArray]
-    """Closed-form rest-to-rest time of each joint [s] for joint displacements [rad], both (..., 7)."""
+    """Closed-form rest-to-rest time of each joint [s] for joint displacements [rad], both (..., n)."""
     line_time: Callable[[FloatArray, FloatArray], FloatArray]
-    """Estimated time [s], shape (n,), of lines q (n, s, 7) [rad] over their length (s,) [m]."""
+    """Estimated time [s], shape (k,), of k lines q (k, s, n) [rad] over their length (s,) [m]."""
     refine: bool = True
     """Whether the best posture is refined between the grid's arm angles; without, it is found faster."""
     clear: Callable[[FloatArray, Place], BoolArray] | None = None
-    """Whether joints (n, 7) [rad] at a place keep clear of everything, shape (n,); None where nothing has to."""
+    """Whether joints (k, n) [rad] at a place keep clear of everything, shape (k,); None where nothing has to."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
@@ -68,14 +69,18 @@ class StopProblem:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     def transfer_time(self, displacement: FloatArray) -> FloatArray:
-        """Returns the time of the slowest joint [s], shape (...), for displacements (..., 7) [rad]."""
+        """Returns the time of the slowest joint [s], shape (...), for displacements (..., n) [rad]."""
         slowest: FloatArray = self.joint_times(displacement).max(axis=-1)
         return slowest
 
 
 @dataclass(frozen=True)
 class StopPosture:
-    """How the arm makes the stop: one branch, an arm angle at each end of its lines."""
+    """How the arm makes the stop: one branch, an arm angle at each end of its lines.
+
+    An arm without closed forms has no arm angle. Its posture at the target is what its lines are followed from, and
+    the arm angles are ways along the self-motion, counted from there (`follow_lines`); without a spare joint all are 0.
+    """
 
     target: int
     """Which nominal target was taken."""
@@ -90,11 +95,11 @@ class StopPosture:
     psi_retract: float
     """Arm angle where the retract ends [rad]; it varies linearly along the line."""
     q_approach: FloatArray
-    """Joints where the approach starts [rad], shape (7,)."""
+    """Joints where the approach starts [rad], shape (n,)."""
     q_target: FloatArray
-    """Joints at the target [rad], shape (7,)."""
+    """Joints at the target [rad], shape (n,)."""
     q_retract: FloatArray
-    """Joints where the retract ends [rad], shape (7,)."""
+    """Joints where the retract ends [rad], shape (n,)."""
     cost: float
     """Time of transfer, approach and retract, and of nothing else [s]: closed forms, the lines as estimated."""
 

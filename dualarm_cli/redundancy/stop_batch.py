@@ -10,7 +10,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.redundancy.problem import StopProblem
 
 
@@ -41,8 +41,12 @@ class StopBatch:
 
     @property
     def arm(self) -> SrsArm:
-        """The arm of them all."""
-        return self.problems[0].arm
+        """The arm of them all, where it has closed forms.
+
+        Raises:
+            UnsupportedError: it has none.
+        """
+        return closed_form(self.problems[0].arm)
 
     @property
     def free_yaw(self) -> bool:
@@ -110,6 +114,16 @@ class StopBatch:
         R_tool = R_nominal[index] @ rotation_z(yaw)
         p = p_nominal[index] + R_tool @ one.p_tool_flange
         return ToolPoses(row, R_tool @ one.R_tool_flange, p, R_tool[..., :, 2])
+
+    def turned_targets(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Returns problem, target and yaw of every target of every problem under every yaw."""
+        owner, target, yaw = [], [], []
+        for row, problem in enumerate(self.problems):
+            targets = len(problem.p_base_tool)
+            owner.append(np.full(targets * len(problem.yaw), row, dtype=np.int64))
+            target.append(np.repeat(np.arange(targets, dtype=np.int64), len(problem.yaw)))
+            yaw.append(np.tile(problem.yaw, targets))
+        return np.concatenate(owner), np.concatenate(target), np.concatenate(yaw)
 
     def take(self, rows: Sequence[int]) -> StopBatch:
         """Returns the batch of some of the problems."""

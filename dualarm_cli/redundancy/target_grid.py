@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.srs_arm import closed_form
 from dualarm_cli.kinematics.srs_limits import LIMIT_SLACK
 from dualarm_cli.redundancy.line_following import FLIPPED
 from dualarm_cli.redundancy.problem import NoPosture, StopProblem
@@ -50,7 +51,7 @@ def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
     """
     if batch.given:
         return [_given(batch, row) for row in range(len(batch.problems))]
-    owner, target, yaw = _poses(batch)
+    owner, target, yaw = batch.turned_targets()
     poses = batch.poses(owner, target, yaw)
     slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], _ARM_ANGLES)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
@@ -147,7 +148,7 @@ def _transfer_times(
         start: where the joints are before [rad], shape (k, 7).
         angles: arm angles [rad], shape (a,).
     """
-    arm = problem.arm
+    arm = closed_form(problem.arm)
     curves = arm.curves(R[:, None], p[:, None])
     values = np.array(curves.pairs(np.sin(angles), np.cos(angles))).transpose(1, 2, 3, 0)
     values = arm.nearest_turns(values, start[:, None])
@@ -158,17 +159,6 @@ def _transfer_times(
     for joint in range(1, 7):
         np.maximum(slowest, time[_SECOND[:, joint], :, :, joint], out=slowest)
     return np.moveaxis(slowest, 0, -1)
-
-
-def _poses(batch: StopBatch) -> tuple[IntArray, IntArray, FloatArray]:
-    """Returns problem, target and yaw of every target of every problem under every yaw."""
-    owner, target, yaw = [], [], []
-    for row, problem in enumerate(batch.problems):
-        targets = len(problem.p_base_tool)
-        owner.append(np.full(targets * len(problem.yaw), row, dtype=np.int64))
-        target.append(np.repeat(np.arange(targets, dtype=np.int64), len(problem.yaw)))
-        yaw.append(np.tile(problem.yaw, targets))
-    return np.concatenate(owner), np.concatenate(target), np.concatenate(yaw)
 
 
 def _quickest(time: FloatArray, count: int) -> IntArray:

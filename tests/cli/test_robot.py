@@ -81,8 +81,83 @@ def test_solvers_lists_every_family_with_references(capsys):
         ("platform", "linearised"),
         ("platform", "exact"),
         ("redundancy", "arm_angle"),
+        ("redundancy", "numeric"),
+        ("method", "sampled"),
         ("timing", "ruckig"),
         ("timing", "toppra"),
         ("timing", "trapezoid"),
     } <= names
     assert all(row["reference"] and row["summary"] for row in rows)
+
+
+def test_show_says_what_serves_arms_that_are_not_srs(general_robots, tmp_path, capsys):
+    """The YuMi's offsets of its data sheet: 30, 30, 41.88, 40.5, 27, 27 mm; six axes without a wrist centre."""
+    general_robots.YUMI.write(tmp_path)
+    assert run(["robot", "show", str(tmp_path / "robot.yaml"), "--json"]) == 0
+    left = json.loads(capsys.readouterr().out)["arms"]["left"]
+    assert left["inverse_kinematics"] == "numeric"
+    assert not left["is_srs"]
+    assert "each other by 30, 30, 41.9, 40.5, 27, 27 mm" in left["summary"]
+    general_robots.NEXTAGE.write(tmp_path)
+    assert run(["robot", "show", str(tmp_path / "robot.yaml")]) == 0
+    text = capsys.readouterr().out
+    assert (
+        "left arm: kind general, 6 axes; its last three axes miss a common point by 45 mm" in text
+    )
+    assert "inverse kinematics: numeric" in text
+    assert run(["robot", "show", "sda10f", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["arms"]["left"]["inverse_kinematics"] == "arm_angle"
+
+
+def test_check_measures_a_spherical_wrist(general_robots, tmp_path, capsys):
+    """Good where there is one; the Nextage's 45 mm are told where it is called one."""
+    general_robots.SPHERICAL.write(tmp_path)
+    assert run(["check", str(tmp_path / "robot.yaml")]) == 0
+    general_robots.NEXTAGE.write(tmp_path)
+    file = tmp_path / "robot.yaml"
+    file.write_text(file.read_text().replace("kind: general", "kind: spherical_wrist"))
+    assert run(["check", str(file)]) == 2
+    words = capsys.readouterr()
+    assert "called kind: spherical_wrist" in words.out + words.err
+    assert "45 mm" in words.out + words.err
+
+
+def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_path, capsys):
+    """Exit 0 with a note; exit 3 with task, arm and miss; exit 2 with the reason for a method that was named."""
+    file = general_robots.write_cell(tmp_path, "spherical", tasks=1)
+    out = ["--out", str(tmp_path / "plan"), "--force", "--effort", "quick"]
+    assert run(["plan", str(file), *out]) == 0
+    text = capsys.readouterr().out
+    assert "planned with --platform sampled --redundancy numeric" in text.replace("\n", " ")
+    settings = json.loads((tmp_path / "plan" / "schedule.json").read_text())["provenance"][
+        "settings"
+    ]
+    assert (settings["platform"], settings["redundancy"]) == ("sampled", "numeric")
+    assert "named" not in settings
+    assert run(["plan", str(file), *out, "--platform", "sequence"]) == 2
+    assert "--platform sequence does not serve Two six-axis arms" in capsys.readouterr().err
+    file.write_text(file.read_text().replace("[0.45, 0.2, 0.1]", "[1.2, 0.3, 0.4]"))
+    assert run(["plan", str(file), *out]) == 3
+    error = capsys.readouterr().err.replace("\n", " ")
+    assert "task 'left 0': left arm cannot pick" in error
+    assert "mm, turned as asked" in error
+
+
+def test_an_arm_of_five_axes_is_described_and_refused(general_robots, tmp_path, capsys):
+    """It cannot hold a tool in any pose."""
+    robot = general_robots.SPHERICAL
+    rows = general_robots.spherical_wrist_arm
+    tool = general_robots.FORWARD
+    chains = [
+        general_robots.chain(side, rows(sign)[:5], "base", tool)
+        for side, sign in (("left", 1), ("right", -1))
+    ]
+    home = {side: values[:5] for side, values in robot.home.items()}
+    urdf = f'<robot name="r"><link name="base"/>{chains[0]}{chains[1]}</robot>'
+    five = general_robots.GeneralRobot("Five", urdf, 5, "general", False, home)
+    file = general_robots.write_cell(tmp_path, "spherical", tasks=1)
+    five.write(tmp_path)
+    assert run(["robot", "show", str(tmp_path / "robot.yaml")]) == 0
+    assert "not planned: arm left of Five: the arm has 5 joints" in capsys.readouterr().out
+    assert run(["plan", str(file), "--out", str(tmp_path / "plan")]) == 2
+    assert "6 are needed to hold a tool in any pose" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.cell_model import CellModel, find_false_srs
+from dualarm_cli.kinematics.cell_model import CellModel, find_false_kinds
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
@@ -67,13 +67,13 @@ def test_a_chain_of_any_axes_is_where_pinocchio_has_it():
 def test_an_arm_called_srs_that_is_not_is_found_out():
     """The SDA10F with its left elbow 5 mm off: the sentence names the arm and the measured offset."""
     robot = load_robot("sda10f").robot
-    assert find_false_srs(robot) == []
+    assert find_false_kinds(robot) == []
     import dataclasses
     import re
 
     joint = re.compile(r'(<joint name="left_u".*?<origin xyz=")0 0 0(")', re.DOTALL)
     urdf, count = joint.subn(r"\g<1>0.005 0 0\2", robot.urdf)
     assert count == 1
-    (message,) = find_false_srs(dataclasses.replace(robot, urdf=urdf))
+    (message,) = find_false_kinds(dataclasses.replace(robot, urdf=urdf))
     assert "arm left of Yaskawa" in message
     assert "kind: general" in message

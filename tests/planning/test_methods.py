@@ -12,6 +12,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.planning.serving import cell_model, own_redundancy
 from dualarm_cli.reporting.console import summary_lines
 from dualarm_cli.reporting.report import build_report
 from dualarm_cli.verification import verify
@@ -71,7 +72,8 @@ def test_a_method_gives_the_same_twice(job, name):
 def test_methods_say_whom_they_do_not_serve(tasks_folder, name):
     """Two robots with bases of their own: no angle to choose, postures still."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", "quick")
+    redundancy = own_redundancy(name, job.cell.robot)
+    problem = MethodProblem(cell_model(job.cell, redundancy), job, redundancy, "quick")
     reason = METHODS[name].why_unsupported(problem)
     if name in ("exact", "linearised"):
         assert "turning platform" in reason

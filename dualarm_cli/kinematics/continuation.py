@@ -1,0 +1,208 @@
+"""Continuation of general arms along lines of the flange, and to postures next to others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
+from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
+
+NEWTON_STEPS = 6
+"""Steps of Newton's method within which a sample of a line must be met."""
+LARGEST_STEP = 0.7
+"""A joint that turns more between two samples has jumped [rad]."""
+BEND, BEND_SLACK = 0.6, 0.02
+"""A sample may differ from the extrapolated one by this share of the step, and a little [rad]: more is a jump."""
+LEAST_PIVOT = 1e-5
+"""A system whose determinant, in metres and rad, is smaller has met a singularity."""
+SKELETON = 17
+"""Samples of a line that are found one after the other; more are filled in between all at once."""
+
+
+def spare_directions(arm: GeneralArm, q: FloatArray) -> FloatArray:
+    """Returns orthonormal directions of self-motion, shape (b, s, n) with s spare joints.
+
+    The sign is such that the largest component is positive.
+
+    Args:
+        arm: the arm.
+        q: joints [rad], shape (b, n).
+    """
+    if not arm.spare:
+        return np.empty((len(q), 0, arm.axes))
+    _, _, Vt = np.linalg.svd(arm.jacobian(q))
+    W: FloatArray = Vt[:, 6:]
+    largest = np.take_along_axis(W, np.abs(W).argmax(axis=2)[..., None], axis=2)
+    return W * np.where(largest < 0.0, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Joints of b postures along something."""
+
+    q: FloatArray
+    """At its samples [rad], the first one given, shape (s, b, n)."""
+    ok: BoolArray
+    """Whether all of it can be followed, shape (b,)."""
+
+
+def follow_lines(
+    arm: GeneralArm,
+    start: FloatArray,
+    R: FloatArray,
+    p: FloatArray,
+    shift: FloatArray,
+    drift: FloatArray,
+    samples: int,
+) -> Course:
+    """Returns the joints of b flanges that are shifted along straight lines without turning.
+
+    Where joints are spare, the flange's pose at a share u of the line leaves open where on its self-motion the arm
+    is. That is decided by planes: W (q(u) - q(0)) = (u drift, 0, ...), W the directions of self-motion at the start. So
+    joints at a share depend on the start alone and not on how finely a line is sampled; drift [rad] is the way along
+    the self-motion that comes with the line, as the change of the arm angle is for a spherical-revolute-spherical arm.
+    Our own derivation.
+
+    Continuity is checked and not hoped for: a line is dropped where Newton's method from the extrapolated sample does
+    not arrive, where its result is far from that in relation to the step, where the determinant of the system changes
+    its sign or nearly vanishes (a singularity), or where a limit is passed.
+
+    Args:
+        arm: kinematics and limits.
+        start: joints where the lines begin [rad], shape (b, n).
+        R: flange rotations, shape (b, 3, 3).
+        p: flange positions at the beginning [m], shape (b, 3).
+        shift: from the lines' beginnings to their ends [m], shape (b, 3).
+        drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
+        samples: how many samples, at equidistant shares.
+    """
+    W = spare_directions(arm, start)
+    ahead = np.zeros((len(start), arm.spare))
+    ahead[:, :1] = drift[:, None]
+    line = _Line(arm, start, R, p, shift, W, ahead)
+    if samples <= SKELETON:
+        return line.followed(samples)
+    return line.filled(line.followed(SKELETON), samples)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """What defines the joints along b lines; names as in `follow_lines`."""
+
+    arm: GeneralArm
+    start: FloatArray
+    R: FloatArray
+    p: FloatArray
+    shift: FloatArray
+    W: FloatArray
+    ahead: FloatArray
+
+    def followed(self, samples: int) -> Course:
+        """Returns the joints sample by sample, each from those before."""
+        q = np.empty((samples, *self.start.shape))
+        q[0] = self.start
+        ok, sign = self._starts()
+        for k, share in enumerate(np.linspace(0.0, 1.0, samples)[1:], start=1):
+            guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
+            found, good = self._met(guess, np.full(len(guess), share), np.arange(len(guess)), sign)
+            step = np.abs(found - q[k - 1]).max(axis=1)
+            ok &= good & (step <= LARGEST_STEP)
+            if k > 1:
+                ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
+            q[k] = np.where(ok[:, None], found, q[k - 1])
+        return Course(q, ok)
+
+    def filled(self, course: Course, samples: int) -> Course:
+        """Returns the joints at more samples, all at once from between those of a course."""
+        coarse, b = len(course.q) - 1, len(self.start)
+        shares = np.linspace(0.0, 1.0, samples)
+        at = np.minimum((shares * coarse).astype(np.int64), coarse - 1)
+        part = (shares * coarse - at)[:, None, None]
+        guess = (1.0 - part) * course.q[at] + part * course.q[at + 1]
+        _, sign = self._starts()
+        row = np.tile(np.arange(b), samples)
+        share = np.repeat(shares, b)
+        found, good = self._met(guess.reshape(-1, self.arm.axes), share, row, sign)
+        q = found.reshape(samples, b, -1)
+        q[0] = self.start
+        # Samples lie between those of the course: what has gone elsewhere is farther away than these from each other.
+        width = np.abs(np.diff(course.q, axis=0)).max(axis=2)[at]
+        near = np.abs(q - guess).max(axis=2) <= BEND * width + BEND_SLACK
+        return Course(q, course.ok & (good.reshape(samples, b) & near).all(axis=0))
+
+    def _starts(self) -> tuple[BoolArray, FloatArray]:
+        """Returns which lines begin within limits, and the signs of their determinants."""
+        _, _, J = self.arm.linearised(self.start)
+        return self.arm.within_limits(self.start), np.sign(_determinant(J, self.W))
+
+    def _met(
+        self, guess: FloatArray, share: FloatArray, row: IntArray, sign: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Returns joints of lines (rows) at shares, and which are found on the same side of all singularities."""
+        W = self.W[row]
+        wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
+        p = self.p[row] + share[:, None] * self.shift[row]
+        q, met, det = newton(self.arm, guess, self.R[row], p, W, wanted)
+        same = (np.sign(det) == sign[row]) & (np.abs(det) > LEAST_PIVOT)
+        return q, met & same & self.arm.within_limits(q)
+
+
+def moved_along(
+    arm: GeneralArm,
+    start: FloatArray,
+    R: FloatArray,
+    p: FloatArray,
+    along: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Returns the postures (b, n) that reach poses a way along the self-motion from others, and which of them do.
+
+    Args:
+        arm: the arm.
+        start: postures that reach nearly the same poses [rad], shape (b, n).
+        R: flange rotations, shape (b, 3, 3).
+        p: flange positions [m], shape (b, 3).
+        along: how far [rad], shape (b,).
+    """
+    W = spare_directions(arm, start)
+    wanted = np.einsum("bsn,bn->bs", W, start)
+    wanted[:, :1] += along[:, None]
+    guess = start + (W[:, 0] * along[:, None] if arm.spare else 0.0)
+    q, met, det = newton(arm, guess, R, p, W, wanted)
+    near = np.abs(q - start).max(axis=1) <= LARGEST_STEP
+    return q, met & near & arm.within_limits(q) & (np.abs(det) > LEAST_PIVOT)
+
+
+def newton(
+    arm: GeneralArm,
+    guess: FloatArray,
+    R: FloatArray,
+    p: FloatArray,
+    W: FloatArray,
+    wanted: FloatArray,
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Returns postures at poses and on planes W q = wanted, whether they are met, and the systems' determinants."""
+    q, det = guess, np.zeros(len(guess))
+    met = np.zeros(len(guess), dtype=np.bool_)
+    for k in range(NEWTON_STEPS):
+        R_now, p_now, J = arm.linearised(q)
+        e = pose_error(R_now, p_now, R, p)
+        off = wanted - np.einsum("bsn,bn->bs", W, q)
+        met = (np.abs(e).max(axis=1) <= 0.1 * RESIDUAL) & (np.abs(off) <= 1e-9).all(axis=1)
+        if met.all() or k == NEWTON_STEPS - 1:
+            det = _determinant(J, W)
+            break
+        A = np.concatenate([J, W], axis=1)
+        A[:, range(arm.axes), range(arm.axes)] += 1e-14
+        step = np.linalg.solve(A, np.concatenate([e, off], axis=1)[..., None])[..., 0]
+        # A step so long leads nowhere near; what is cut does not arrive and is dropped.
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        q = q + step * np.minimum(1.0, 1.0 / np.maximum(longest, 1e-300))
+    return q, met, det
+
+
+def _determinant(J: FloatArray, W: FloatArray) -> FloatArray:
+    det: FloatArray = np.linalg.det(np.concatenate([J, W], axis=1))
+    return det

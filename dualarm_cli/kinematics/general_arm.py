@@ -1,0 +1,220 @@
+"""Forward kinematics and Jacobians of any serial arm of revolute joints, for many postures at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.kinematics import srs_limits
+from dualarm_cli.kinematics.platform_chain import align_z
+
+LEAST_JOINTS = 6
+"""Joints that an arm needs to hold a tool in any pose."""
+
+
+@dataclass(frozen=True)
+class GeneralArm:
+    """An arm of n >= 6 revolute joints without closed forms, in the frame that carries it.
+
+    Every joint frame is turned so that its axis is z: frame k is R_parent_joint[k], p_parent_joint[k] in frame k - 1,
+    then turned about z by joint k.
+    """
+
+    R_parent_joint: FloatArray
+    """Constant rotation before each joint's motion, shape (n, 3, 3)."""
+    p_parent_joint: FloatArray
+    """Constant translation before each joint's motion [m], shape (n, 3)."""
+    R_last_flange: FloatArray
+    """Rotation of the flange in the last joint's frame, shape (3, 3)."""
+    p_last_flange: FloatArray
+    """Position of the flange in the last joint's frame [m], shape (3,)."""
+    lower: FloatArray
+    """Lowest joint positions [rad], shape (n,), -inf allowed."""
+    upper: FloatArray
+    """Highest joint positions [rad], shape (n,), inf allowed."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays.
+
+        Raises:
+            UnsupportedError: fewer than six joints.
+        """
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.axes < LEAST_JOINTS:
+            raise UnsupportedError(
+                f"the arm has {self.axes} joints; {LEAST_JOINTS} are needed to hold a tool in any pose"
+            )
+
+    @classmethod
+    def from_model(
+        cls,
+        model: pin.Model,
+        joints: Sequence[str],
+        flange: str,
+        T_carried_root: pin.SE3,
+        limits: tuple[FloatArray, FloatArray],
+    ) -> GeneralArm:
+        """Measures an arm on a pinocchio model.
+
+        Args:
+            model: the whole robot, one position per joint.
+            joints: the arm's joints from base to flange, each moved by the one before.
+            flange: link to which the tool is bolted.
+            T_carried_root: the model's root in the frame that carries the arm, all platform joints at zero.
+            limits: lowest and highest joint positions [rad], each of shape (n,).
+
+        Raises:
+            UnsupportedError: a joint slides, or there are fewer than six.
+        """
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        pin.updateFramePlacements(model, data)
+        frames = [pin.SE3.Identity()]
+        for name in joints:
+            index = model.getJointId(name)
+            twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
+            if abs(np.linalg.norm(twist[3:]) - 1.0) > 1e-9:
+                raise UnsupportedError(
+                    f"joint {name} slides; arms of revolute joints are planned only"
+                )
+            turned = pin.SE3(align_z(twist[3:]), np.zeros(3))
+            frames.append(T_carried_root * data.oMi[index] * turned)
+        steps = [parent.inverse() * frame for parent, frame in pairwise(frames)]
+        last = frames[-1].inverse() * T_carried_root * data.oMf[model.getFrameId(flange)]
+        return cls(
+            np.array([step.rotation for step in steps]),
+            np.array([step.translation for step in steps]),
+            last.rotation,
+            last.translation,
+            *limits,
+        )
+
+    @property
+    def axes(self) -> int:
+        """Number of joints."""
+        return len(self.p_parent_joint)
+
+    @property
+    def spare(self) -> int:
+        """Number of joints beyond the six that a pose asks for: dimension of the self-motion."""
+        return self.axes - LEAST_JOINTS
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Middle of each joint's range [rad], 0 where it has no end, shape (n,)."""
+        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
+        low, high = np.where(bounded, self.lower, 0.0), np.where(bounded, self.upper, 0.0)
+        return readonly(0.5 * (low + high))
+
+    @cached_property
+    def without_limits(self) -> GeneralArm:
+        """The same arm with joints that may be anywhere."""
+        free = np.full(self.axes, np.inf)
+        return replace(self, lower=-free, upper=free)
+
+    @cached_property
+    def length(self) -> float:
+        """Greatest distance that the flange can be away from the first axis' origin [m]."""
+        links = np.linalg.norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
+        return float(links.sum())
+
+    def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., n)."""
+        q = np.asarray(q, dtype=np.float64)
+        shape = q.shape[:-1]
+        R, p, _, _ = self._chain(q.reshape(-1, self.axes))
+        return R.reshape(*shape, 3, 3), p.reshape(*shape, 3)
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """Returns Jacobians (..., 6, n): linear velocity of the flange above angular, in the carried frame."""
+        q = np.asarray(q, dtype=np.float64)
+        return self.linearised(q.reshape(-1, self.axes))[2].reshape(*q.shape[:-1], 6, self.axes)
+
+    def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns flange rotations (b, 3, 3), positions (b, 3) [m] and Jacobians (b, 6, n) for joints (b, n)."""
+        R, p, z, origin = self._chain(q)
+        arm = p[:, None] - origin
+        J = np.empty((len(q), 6, self.axes))
+        J[:, 0] = z[..., 1] * arm[..., 2] - z[..., 2] * arm[..., 1]
+        J[:, 1] = z[..., 2] * arm[..., 0] - z[..., 0] * arm[..., 2]
+        J[:, 2] = z[..., 0] * arm[..., 1] - z[..., 1] * arm[..., 0]
+        J[:, 3:] = np.swapaxes(z, 1, 2)
+        return R, p, J
+
+    def _chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Returns flange rotations and positions, and axes and origins of all joints (b, n, 3)."""
+        b = len(q)
+        cos, sin = np.cos(q), np.sin(q)
+        z, origin = np.empty((b, self.axes, 3)), np.empty((b, self.axes, 3))
+        R = np.broadcast_to(np.eye(3), (b, 3, 3))
+        p = np.zeros((b, 3))
+        for k in range(self.axes):
+            p = p + (R.reshape(-1, 3) @ self.p_parent_joint[k]).reshape(b, 3)
+            M = (R.reshape(-1, 3) @ self.R_parent_joint[k]).reshape(b, 3, 3)
+            R = np.empty((b, 3, 3))
+            c, s = cos[:, k, None], sin[:, k, None]
+            R[:, :, 0] = c * M[:, :, 0] + s * M[:, :, 1]
+            R[:, :, 1] = c * M[:, :, 1] - s * M[:, :, 0]
+            R[:, :, 2] = M[:, :, 2]
+            z[:, k], origin[:, k] = M[:, :, 2], p
+        p = p + (R.reshape(-1, 3) @ self.p_last_flange).reshape(b, 3)
+        return (R.reshape(-1, 3) @ self.R_last_flange).reshape(b, 3, 3), p, z, origin
+
+    @cached_property
+    def wrist_gap(self) -> float:
+        """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
+        _, _, z, origin = self._chain(np.zeros((1, self.axes)))
+        axes, points = z[0, -3:], origin[0, -3:]
+        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        # Three parallel axes leave the place along them open.
+        center = np.linalg.lstsq(
+            across.sum(axis=0), (across @ points[:, :, None])[..., 0].sum(axis=0), rcond=None
+        )[0]
+        away = (across @ (points - center)[:, :, None])[..., 0]
+        return float(np.linalg.norm(away, axis=1).max())
+
+    def within_limits(self, q: FloatArray) -> BoolArray:
+        """Returns whether all joints (..., n) are within their limits, shape (...)."""
+        return srs_limits.within_limits(q, self.lower, self.upper)
+
+    def nearest_turns(self, q: FloatArray, reference: FloatArray) -> FloatArray:
+        """Returns q with whole turns added: nearest to the reference among those within limits.
+
+        A joint that no turn brings within its limits keeps its value.
+
+        Args:
+            q: joints [rad], shape (..., n).
+            reference: joints to be near to [rad], broadcast against q.
+        """
+        return srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+
+
+def pose_error(
+    R: FloatArray, p: FloatArray, R_wanted: FloatArray, p_wanted: FloatArray
+) -> FloatArray:
+    """Returns the displacements that take poses to wanted ones, shape (b, 6): [m] above rotation vectors [rad].
+
+    Args:
+        R: rotations, shape (b, 3, 3).
+        p: positions [m], shape (b, 3).
+        R_wanted: wanted rotations, broadcast against R.
+        p_wanted: wanted positions [m], broadcast against p.
+    """
+    E = R_wanted @ np.swapaxes(R, -1, -2)
+    axis = 0.5 * np.stack(
+        [E[..., 2, 1] - E[..., 1, 2], E[..., 0, 2] - E[..., 2, 0], E[..., 1, 0] - E[..., 0, 1]],
+        axis=-1,
+    )
+    sine = np.linalg.norm(axis, axis=-1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(E, axis1=-2, axis2=-1) - 1.0))
+    # At half a turn the axis is lost to rounding: any direction makes progress there.
+    scale = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
+    return np.concatenate([p_wanted - p, axis * scale[..., None]], axis=-1)

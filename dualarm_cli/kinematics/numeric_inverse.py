@@ -1,0 +1,239 @@
+"""Inverse kinematics of general arms by damped least squares from many starts, all targets and starts in arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
+
+STARTS, FEW_STARTS = 32, 12
+"""Starts of a round per pose, and where a first idea of the solutions will do."""
+MOST_ROUNDS = 16
+"""Rounds of starts at most; with more than six joints they end with the first solution."""
+QUIET_ROUNDS, FEW_ROUNDS = 4, 2
+"""With six joints they end after so many, one after the other, that brought nothing new; and for a first idea."""
+FAR, HOPELESS = 1e-3, 0.05
+"""A pose that QUIET_ROUNDS rounds miss by more is given up, and one that two rounds miss by so much [m and rad]."""
+ITERATIONS = 40
+"""Damped steps from one start."""
+STALLED, PATIENCE = 0.7, 6
+"""A start is given up when in so many steps its error does not fall below this share of what it was."""
+LARGEST_STEP = 1.0
+"""Longest step of a joint in an iteration [rad]."""
+CLOSE = 1e-12
+"""Weighted error at which a start has arrived, before it is polished."""
+RESIDUAL = 1e-10
+"""Error that a solution may have [m and rad]."""
+SAME = 1e-5
+"""Solutions whose joints are all nearer than this are one [rad]."""
+NO_PROGRESS, TURNED = 0.9999, 1e-2
+"""Where only the least distance is looked for: share as above, error of the rotation allowed [rad]."""
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+
+
+@dataclass(frozen=True)
+class NumericSolutions:
+    """Postures within limits that reach some of m poses; no two of one pose are alike."""
+
+    pose: IntArray
+    """Which pose each of them reaches, ascending, shape (k,)."""
+    q: FloatArray
+    """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
+    miss: FloatArray
+    """What the best start of each pose was left with: distance [m] and angle [rad], 0 where solved, shape (m, 2)."""
+
+
+def solve_poses(
+    arm: GeneralArm,
+    R: FloatArray,
+    p: FloatArray,
+    *,
+    first_only: bool = False,
+    thorough: bool = True,
+) -> NumericSolutions:
+    """Returns postures within limits that reach flange poses: many for each.
+
+    Levenberg's damped least squares with the damping of [Sugihara2011] (half the squared error), from starts that
+    fill the limits evenly ([Halton1960], so that the same poses have the same solutions); a joint at a limit that
+    would leave it is held in that step. What arrives is polished by undamped steps to RESIDUAL.
+
+    With six joints solutions are isolated: rounds of starts go on until QUIET_ROUNDS bring nothing new. No completeness
+    is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
+    its own on the curves of self-motion; rounds go on until there is one.
+
+    Args:
+        arm: kinematics and limits.
+        R: flange rotations in the carried frame, shape (m, 3, 3).
+        p: flange positions [m], shape (m, 3).
+        first_only: whether a pose is left alone as soon as it has a solution.
+        thorough: whether all solutions are looked for (six joints), or many; without, a first idea of them will do.
+    """
+    m = len(p)
+    found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
+    miss = np.full((m, 2), np.inf)
+    # Farther away than all links together there is nothing to be looked for.
+    far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.length
+    open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
+    count, calm = (STARTS, QUIET_ROUNDS) if thorough else (FEW_STARTS, FEW_ROUNDS)
+    for k in range(MOST_ROUNDS):
+        if not len(open_):
+            break
+        # With isolated solutions every second round passes limits on its way: their basins end elsewhere.
+        descent = arm.without_limits if arm.spare == 0 and k % 2 == 1 else arm
+        starts = _halton(descent, k * count, count)
+        pose = np.repeat(open_, len(starts))
+        q, error = descend(descent, R[pose], p[pose], np.tile(starts, (len(open_), 1)))
+        q = arm.nearest_turns(q, arm.middle)
+        inside = arm.within_limits(q)
+        miss = _least_miss(miss, pose[inside], error[inside])
+        good = (error <= RESIDUAL).all(axis=1) & inside
+        q = q[good]
+        before = np.bincount(found_pose, minlength=m)
+        found_pose, found_q = _distinct(
+            np.concatenate([found_pose, pose[good]]), np.concatenate([found_q, q])
+        )
+        now = np.bincount(found_pose, minlength=m)
+        quiet = np.where(now > before, 0, quiet + 1)
+        enough = arm.spare > 0 or first_only
+        done = (now > 0) if enough else (quiet >= calm) & (now > 0)
+        done |= (quiet >= QUIET_ROUNDS) & (miss.max(axis=1) > FAR)
+        done |= (k > 0) & (miss.max(axis=1) > HOPELESS)
+        open_ = open_[~done[open_]]
+    miss[np.bincount(found_pose, minlength=m) > 0] = 0.0
+    return NumericSolutions(found_pose, found_q, miss)
+
+
+def least_distances(arm: GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
+    """Returns the least distances found between the flange, turned as it should be, and poses out of reach [m], (m,).
+
+    Descents from many starts in which rotation counts so much more than position that it is met.
+
+    Args:
+        arm: kinematics and limits.
+        R: flange rotations, shape (m, 3, 3).
+        p: flange positions [m], shape (m, 3).
+    """
+    starts = _halton(arm, 0, 2 * STARTS)
+    pose = np.repeat(np.arange(len(p)), len(starts))
+    _, error = descend(arm, R[pose], p[pose], np.tile(starts, (len(p), 1)), turned=True)
+    distance = np.where(error[:, 1] < TURNED, error[:, 0], np.inf)
+    least: FloatArray = distance.reshape(len(p), -1).min(axis=1)
+    return least
+
+
+def descend(
+    arm: GeneralArm, R: FloatArray, p: FloatArray, starts: FloatArray, *, turned: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Returns where descents from starts end, (b, n), and their errors (b, 2): distance [m] and angle [rad].
+
+    Args:
+        arm: kinematics and limits.
+        R: wanted rotations, shape (b, 3, 3).
+        p: wanted positions [m], shape (b, 3).
+        starts: joints within limits [rad], shape (b, n).
+        turned: whether rotation is to be met in any case, and distance then made as small as it gets.
+    """
+    q = np.array(starts)
+    weight = np.concatenate([np.full(3, 2.0 / arm.length), np.full(3, 50.0 if turned else 1.0)])
+    active = np.arange(len(q))
+    last = np.full(len(q), np.inf)
+    for k in range(5 * ITERATIONS if turned else ITERATIONS):
+        R_now, p_now, J = arm.linearised(q[active])
+        e = pose_error(R_now, p_now, R[active], p[active]) * weight
+        size = np.linalg.norm(e, axis=1)
+        going = size > CLOSE
+        if k and k % PATIENCE == 0:
+            going &= size < (NO_PROGRESS if turned else STALLED) * last[active]
+            last[active] = size
+        elif k == 0:
+            last[active] = size
+        if not going.any():
+            break
+        active, e, J, size = active[going], e[going], J[going] * weight[:, None], size[going]
+        # Where something is left over, a stretched arm swings about its best posture unless it is damped more.
+        damping = 0.5 * (np.maximum(size, size * size) if turned else size * size)
+        q[active] = _stepped(arm, q[active], J, e, damping)
+    return _polished(arm, R, p, q)
+
+
+def _stepped(
+    arm: GeneralArm, q: FloatArray, J: FloatArray, e: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Returns joints after one damped step (Levenberg in the dual form, joints at their limits held)."""
+    gradient = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
+    held = ((q <= arm.lower) & (gradient < 0.0)) | ((q >= arm.upper) & (gradient > 0.0))
+    J = np.where(held[:, None], 0.0, J)
+    A = J @ np.swapaxes(J, 1, 2)
+    A[:, range(6), range(6)] += (damping + 1e-14)[:, None]
+    step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(A, e[:, :, None]))[..., 0]
+    longest = np.abs(step).max(axis=1, keepdims=True)
+    step *= np.minimum(1.0, LARGEST_STEP / np.maximum(longest, 1e-300))
+    return np.clip(q + step, arm.lower, arm.upper)
+
+
+def _polished(
+    arm: GeneralArm, R: FloatArray, p: FloatArray, q: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns joints after undamped steps where these help, and what they miss."""
+    q, best = np.array(q), np.full((len(q), 2), np.inf)
+    trial = q
+    for _ in range(3):
+        R_now, p_now, J = arm.linearised(trial)
+        e = pose_error(R_now, p_now, R, p)
+        error = np.stack(
+            [np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1
+        )
+        better = error.sum(axis=1) < best.sum(axis=1)
+        q[better], best[better] = trial[better], error[better]
+        near = best.sum(axis=1) < 1e-4
+        if not near.any():
+            break
+        A = J @ np.swapaxes(J, 1, 2)
+        A[:, range(6), range(6)] += 1e-15
+        step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(A, e[:, :, None]))[..., 0]
+        trial = np.clip(np.where(near[:, None], q + step, q), arm.lower, arm.upper)
+    return q, best
+
+
+def _halton(arm: GeneralArm, first: int, count: int) -> FloatArray:
+    """Returns starts (count, n) that fill the limits evenly, at most a turn of each joint."""
+    index = np.arange(first + 20, first + 20 + count)
+    share = np.zeros((count, arm.axes))
+    for k in range(arm.axes):
+        base, left, digit = PRIMES[k % len(PRIMES)], index.copy(), 1.0
+        while left.any():
+            digit /= base
+            share[:, k] += digit * (left % base)
+            left //= base
+    low = np.maximum(arm.lower, arm.middle - np.pi)
+    high = np.minimum(arm.upper, arm.middle + np.pi)
+    return low + share * (high - low)
+
+
+def _least_miss(miss: FloatArray, pose: IntArray, error: FloatArray) -> FloatArray:
+    """Returns the least error of each pose so far, by the sum of metres and rad."""
+    order = np.lexsort((error.sum(axis=1), pose))
+    first = order[np.diff(pose[order], prepend=-1) > 0]
+    found = miss.copy()
+    better = error[first].sum(axis=1) < miss[pose[first]].sum(axis=1)
+    found[pose[first][better]] = error[first][better]
+    return found
+
+
+def _distinct(pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Returns solutions by pose without those that are there already, the order of the rest kept."""
+    order = np.argsort(pose, kind="stable")
+    pose, q = pose[order], q[order]
+    kept: BoolArray = np.ones(len(pose), dtype=np.bool_)
+    # Entry k against the one d places before it, as long as any two of those belong to one pose.
+    for d in range(1, len(pose)):
+        alike = pose[d:] == pose[:-d]
+        if not alike.any():
+            break
+        turned = q[d:] - q[:-d]
+        turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
+        kept[d:] &= ~(alike & (np.abs(turned).max(axis=1) < SAME))
+    return pose[kept], q[kept]

@@ -1,0 +1,131 @@
+"""A sequence of chosen ways, with its time by closed forms, and as stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.sampled_stops import SampledStage
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.redundancy.numeric_ways import NumericWays
+
+RETURN = "return"
+"""What the solver of the last transfer is called."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is decided about one stage."""
+
+    angle: FloatArray
+    """Where the platform stands, shape (k,)."""
+    ways: dict[str, NumericWays]
+    """How each arm at work makes its stop: one way each."""
+
+
+@dataclass(frozen=True)
+class SampledPlan:
+    """All stages of a job, decided."""
+
+    job: Job
+    """What is to be done."""
+    stages: Sequence[SampledStage]
+    """Its stages."""
+    choices: tuple[Choice, ...]
+    """By stage."""
+
+    def with_choice(self, k: int, choice: Choice) -> SampledPlan:
+        """Returns the plan with another choice in one stage."""
+        return replace(self, choices=(*self.choices[:k], choice, *self.choices[k + 1 :]))
+
+    @property
+    def free_start(self) -> bool:
+        """Whether the plan begins where its first approaches do."""
+        return self.job.start == "free"
+
+    @property
+    def start(self) -> FloatArray:
+        """All joints in the beginning [rad], shape (n,)."""
+        model = self.stages[0].model
+        position = np.array(self.stages[0].position)
+        if self.free_start:
+            position[model.platform_columns] = self.choices[0].angle
+            for arm, way in self.choices[0].ways.items():
+                position[model.arms[arm].columns] = way.ends[0, 0]
+        return position
+
+    def positions(self) -> list[FloatArray]:
+        """Returns all joints before each stage and after the last one [rad], each (n,)."""
+        model, position = self.stages[0].model, self.start
+        found = [position]
+        for choice in self.choices:
+            position = np.array(position)
+            position[model.platform_columns] = choice.angle
+            for arm, way in choice.ways.items():
+                position[model.arms[arm].columns] = way.ends[0, 1]
+            found.append(position)
+        return found
+
+    def plans(self, solver: str) -> list[StagePlan]:
+        """Returns the stages as every method decides them, the return last where there is one.
+
+        Args:
+            solver: name of the method.
+        """
+        model, clock = self.stages[0].model, self.stages[0].clock
+        positions, found = self.positions(), []
+        for k, (stage, choice) in enumerate(zip(self.stages, self.choices, strict=True)):
+            before = positions[k]
+            turn = choice.angle - before[model.platform_columns]
+            waiting = float(clock.platform_times(turn[None])[0])
+            arrival, stops, longest = np.array(positions[k + 1]), {}, 0.0
+            for arm, way in choice.ways.items():
+                columns = model.arms[arm].columns
+                arrival[columns] = way.ends[0, 0]
+                moved = arrival[columns] - before[columns]
+                skips = self.free_start and k == 0
+                move = 0.0 if skips else float(clock.arms[arm].law.duration(moved))
+                time = max(move, waiting) + float(way.line.sum())
+                [problem] = stage.problems(choice.angle[None], arm)
+                problem = replace(problem, start=before[columns], waiting=waiting)
+                task, stop = stage.work[arm]
+                stops[arm] = ArmStop(arm, task, stop, problem, way.posture(0, time))
+                longest = max(longest, time + stop.dwell.total)
+            found.append(StagePlan(before, arrival, positions[k + 1], stops, solver, longest))
+        if self.job.returns:
+            moved = positions[0] - positions[-1]
+            times = [float(clock.platform_times(moved[model.platform_columns][None])[0])]
+            for arm, one in model.arms.items():
+                times.append(float(clock.arms[arm].law.duration(moved[one.columns])))
+            first = positions[0]
+            found.append(StagePlan(positions[-1], first, first, {}, RETURN, max(times)))
+        return found
+
+    @property
+    def duration(self) -> float:
+        """Time of the whole sequence by closed forms and estimated lines [s]."""
+        model, clock = self.stages[0].model, self.stages[0].clock
+        positions = self.positions()
+        total = 0.0
+        for k, (stage, choice) in enumerate(zip(self.stages, self.choices, strict=True)):
+            before, longest = positions[k], 0.0
+            turn = choice.angle - before[model.platform_columns]
+            waiting = float(clock.platform_times(turn[None])[0])
+            for arm, way in choice.ways.items():
+                moved = way.ends[0, 0] - before[model.arms[arm].columns]
+                skips = self.free_start and k == 0
+                move = 0.0 if skips else float(clock.arms[arm].law.duration(moved))
+                dwell = stage.work[arm][1].dwell.total
+                longest = max(longest, max(move, waiting) + float(way.line.sum()) + dwell)
+            total += longest
+        if self.job.returns:
+            moved = positions[0] - positions[-1]
+            closing = float(clock.platform_times(moved[model.platform_columns][None])[0])
+            for arm, one in model.arms.items():
+                closing = max(closing, float(clock.arms[arm].law.duration(moved[one.columns])))
+            total += closing
+        return total

@@ -1,0 +1,100 @@
+"""Which methods serve a robot, and which ones are taken where nobody named any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.settings import PlanSettings
+
+CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
+"""Redundancy solvers: of arms with closed forms, and of any arms."""
+SAMPLED, FIXED = "sampled", "fixed"
+"""Methods that serve arms without closed forms."""
+TOGETHER: Mapping[str, tuple[str, ...]] = {SAMPLED: (NUMERIC,), FIXED: (CLOSED_FORMS, NUMERIC)}
+"""Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
+
+
+def goes_together(method: str, redundancy: str) -> bool:
+    """Returns whether there is any robot that a method and a redundancy solver serve together."""
+    return redundancy in TOGETHER.get(method, (CLOSED_FORMS,))
+
+
+def own_redundancy(method: str, robot: Robot) -> str:
+    """Returns the redundancy solver that a method takes on a robot where nobody named one."""
+    possible = TOGETHER.get(method, (CLOSED_FORMS,))
+    return possible[-1] if robot.without_closed_form else possible[0]
+
+
+def cell_model(cell: Cell, redundancy: str) -> CellModel:
+    """Returns a cell as a redundancy solver sees it: with its closed forms, or without any.
+
+    Raises:
+        UnsupportedError: an arm is not what it is called, or has too few joints.
+    """
+    return CellModel.from_cell(cell, numeric=redundancy == NUMERIC)
+
+
+def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings, list[str]]:
+    """Returns settings that serve a robot, and what was taken in place of the defaults.
+
+    Only what nobody named is replaced: a solver that was asked for and does not serve has its reason told.
+
+    Args:
+        settings: as they were asked for.
+        robot: the noun.
+    """
+    default, found, words = PlanSettings(), settings, ""
+    general = bool(robot.without_closed_form)
+    if general and "platform" not in settings.named and settings.platform == default.platform:
+        found, words = replace(found, platform=SAMPLED), f" --platform {SAMPLED}"
+    own = own_redundancy(found.platform, robot)
+    free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
+    if free and own != found.redundancy:
+        found, words = replace(found, redundancy=own), f"{words} --redundancy {own}"
+    if not words or not general:
+        return found, []
+    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with{words}"
+    return found, [note]
+
+
+def why_no_closed_form(robot: Robot) -> str | None:
+    """Returns why nothing that needs closed forms serves a robot, or None."""
+    if not robot.without_closed_form:
+        return None
+    return (
+        f"{_which(robot)} not spherical-revolute-spherical; --platform {SAMPLED} and --platform {FIXED} "
+        f"serve any arms, with --redundancy {NUMERIC}"
+    )
+
+
+def why_redundancy_unserved(redundancy: str, robot: Robot) -> str | None:
+    """Returns why a redundancy solver serves no method on a robot, or None."""
+    return why_no_closed_form(robot) if redundancy == CLOSED_FORMS else None
+
+
+def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
+    """Returns why a method with a redundancy solver does not serve a robot, or None.
+
+    Args:
+        method: its name.
+        redundancy: the solver's name.
+        robot: the noun.
+    """
+    if reason := why_redundancy_unserved(redundancy, robot):
+        return reason
+    if goes_together(method, redundancy):
+        return None
+    if method == SAMPLED:
+        return f"it samples numeric inverse kinematics: leave out --redundancy {redundancy}"
+    if reason := why_no_closed_form(robot):
+        return reason
+    return f"it chooses the arm angles itself: leave out --redundancy {redundancy}"
+
+
+def _which(robot: Robot) -> str:
+    names = robot.without_closed_form
+    return f"{' and '.join(names)} {'arm is' if len(names) == 1 else 'arms are'}"
