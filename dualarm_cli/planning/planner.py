@@ -111,7 +111,7 @@ def plan_without_bound(
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     if job.has_paths:
         check_followers(job, settings.follower)
-        return _with_paths(job, settings, problem, progress, clear=clear)
+        return _with_paths(job, settings, problem, replaced, progress, clear=clear)
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
@@ -139,6 +139,7 @@ def _with_paths(
     job: Job,
     settings: PlanSettings,
     problem: MethodProblem,
+    replaced: list[str],
     progress: Callable[[str], None],
     *,
     clear: bool,
@@ -158,6 +159,7 @@ def _with_paths(
         clearance_cost=planned.clearance_cost,
         notes=(
             *job.notes,
+            *(replaced if planned.stage_plans else ()),
             *_job_notes(job),
             *dict.fromkeys(planned.notes),
             *_platform_notes(problem.model, planned.stage_plans),
