@@ -25,6 +25,8 @@ JERK_SHARE = 0.8
 """Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
 MARGIN = 1e-3
 """Share of every limit that is kept free: knots are joined by curves."""
+TORQUE_SHARE = 0.98
+"""Share of the torque limits that is used: evening out and curves between instants change accelerations a little."""
 BRAKING = 0.15
 """Share of the time at the end in which self-motion dies out."""
 ORDER = 3.0
@@ -117,6 +119,7 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
             return NoPath(
                 f"no accelerations within the joints' limits follow the path{singular_words(problem, q)}",
                 k,
+                np.inf,
             )
         acceleration, correction = found
         # The tools' errors are corrected by feedback as well; here what it leaves, for the answer alone.
@@ -208,4 +211,5 @@ class AccelerationStep:
             return None
         mass, rest = problem.dynamics(q, qd)
         free, limit = self._free, problem.torque
+        limit = limit * TORQUE_SHARE
         return mass[np.ix_(free, free)], (-limit - rest)[free], (limit - rest)[free]

@@ -128,5 +128,5 @@ class NoPath:
     """In words."""
     instant: int
     """Number of the instant."""
-    excess: float = np.inf
-    """By what factor the motion would have to be slower for the limits of rates; infinite where that is no help."""
+    excess: float = 0.0
+    """By what factor the motion would have to be slower; infinite where that is not known, 0 where it is no help."""

@@ -14,16 +14,14 @@ from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job, PathWork
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.problem import Spring
-from dualarm_cli.path_following.velocity import pose_error
 from dualarm_cli.planning.path_clock import PathClock
+from dualarm_cli.planning.path_joining import Joined, instants, strays
 from dualarm_cli.planning.path_smoothing import evened_out
 from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
-from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 STEP = 1e-3
 """Time between the instants at which joints are found [s], at most."""
@@ -31,18 +29,22 @@ PER_KNOT = (4, 8)
 """Instants per knot of the trajectory."""
 SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
 """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
+HOPELESS, HOPELESS_YET = 3.0, 1.3
+"""Factors too fast above which no evening out helps, or slowing down is tried first."""
 TOLERATED = 0.5
 """Share of its tolerance by which the trajectory may leave a path between knots."""
-CHECKED = 3
-"""Every so many instants the tools are compared with their paths."""
-GENTLER = (1.0, 2.0, 4.0)
-"""How many times as long as usual ramps take that are tried where the file leaves them open."""
+GENTLER = (2.0, 4.0)
+"""How many times as long as usual ramps take that are tried next where the file leaves them open."""
 SLOWER = 0.9
 """Share of the speed that is tried next where limits do not say how much slower it has to be."""
 SLOWEST = 0.05
 """Least share of its speed at which a path is tried."""
-ROUNDS = 8
+ROUNDS = 16
 """How often a path is tried slower."""
+EASED = 8
+"""How often it is tried slower only where it was too fast."""
+AMPLE = 1.02
+"""By how much more than needed speed is reduced."""
 
 
 @dataclass(frozen=True)
@@ -164,24 +166,47 @@ def follow_path(
         start: joints where it begins [rad], shape (n,).
     """
     pace, open_ramps = context.pace(work), work.acceleration is None or work.jerk is None
-    gentler = list(GENTLER if open_ramps else GENTLER[:1])
-    gentle = gentler.pop(0)
-    refused = Refused("it cannot be followed", 0.0)
-    for _ in range(ROUNDS):
-        clock = PathClock.of(work, pace, gentle)
-        found, excess = _once(context, work, follower, start, clock)
-        if isinstance(found, Trajectory):
-            return Followed(found, clock, pace)
-        refused = found
-        if gentler:
-            gentle = gentler.pop(0)
-            continue
-        if not work.slower or not excess > 1.0:
+    clock = PathClock.of(work, pace)
+    tried = _once(context, work, follower, start, clock)
+    for gentle in GENTLER if open_ramps else ():
+        if tried.slower_helps:
+            clock = PathClock.of(work, pace, gentle)
+            tried = _once(context, work, follower, start, clock)
+    full = clock.duration
+    for k in range(ROUNDS if work.slower else 0):
+        if not tried.slower_helps:
             break
-        pace *= min(SLOWER, 0.999 / excess) if np.isfinite(excess) else SLOWER
-        if pace < SLOWEST:
-            break
-    return refused
+        if tried.profile is not None and k < EASED:
+            clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE)
+        else:
+            # It is not known where, or easing off there does not do: slower all along.
+            pace *= (
+                min(SLOWER, 1.0 / (AMPLE * tried.excess)) if np.isfinite(tried.excess) else SLOWER
+            )
+            if pace < SLOWEST * context.pace(work):
+                break
+            clock = PathClock.of(work, pace, GENTLER[-1] if open_ramps else 1.0)
+        tried = _once(context, work, follower, start, clock, HOPELESS_YET)
+    if tried.trajectory is None:
+        return tried.refused
+    return Followed(tried.trajectory, clock, min(1.0, full / clock.duration))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """What came of following a path once."""
+
+    trajectory: Trajectory | None
+    refused: Refused
+    excess: float = 0.0
+    """By what factor it would have to be slower, infinite where that is not known, 0 where it is no help."""
+    profile: Joined | None = None
+    """Where it was too fast, where that is known."""
+
+    @property
+    def slower_helps(self) -> bool:
+        """Whether there is no trajectory, and slower there may be one."""
+        return self.trajectory is None and self.excess > 1.0
 
 
 def _once(
@@ -190,90 +215,34 @@ def _once(
     follower: Follower,
     start: FloatArray,
     clock: PathClock,
-) -> tuple[Trajectory | Refused, float]:
-    """Returns the trajectory, or why there is none and how much slower would do, 0 where slower is no help."""
+    hopeless: float = HOPELESS,
+) -> _Tried:
+    """Returns the trajectory by one clock, or why there is none; above a factor too fast nothing is evened out."""
     problem = context.problem(work, start, clock)
     found = follower.solve(problem)
     if isinstance(found, NoPath):
         share = float(problem.share[found.instant])
-        time = found.instant * problem.step
-        return _refused(work, found.reason, time, share), found.excess
-    joined = []
+        refused = _refused(work, found.reason, found.instant * problem.step, share)
+        return _Tried(None, refused, found.excess)
+    joined: list[Joined] = []
     for window in SMOOTHED:
+        if joined and min(curve.worst for curve in joined) > hopeless:
+            break
         even = evened_out(problem, found, window)
         for stride in PER_KNOT:
-            curve = _Joined.of(problem, even, stride)
+            curve = Joined.of(problem, even, stride)
             joined.append(curve)
-            if curve.excess > 1.0:
+            if curve.worst > 1.0:
                 continue
-            if _strays(problem, found, curve.trajectory) <= TOLERATED * work.tolerance:
-                return curve.trajectory, 1.0
-    curve = min(joined, key=lambda one: one.excess)
-    if curve.excess <= 1.0:
+            if strays(problem, found, curve.trajectory) <= TOLERATED * work.tolerance:
+                return _Tried(curve.trajectory, Refused("", 1.0))
+    curve = min(joined, key=lambda one: one.worst)
+    if curve.worst <= 1.0:
+        # Only what strays from the path keeps the limits.
         curve = joined[0]
-    share = float(np.interp(curve.time, np.arange(problem.instants) * problem.step, problem.share))
-    return _refused(work, curve.reason, curve.time, share), curve.excess
-
-
-@dataclass(frozen=True)
-class _Joined:
-    """Joints at instants joined by a spline, and by how much it exceeds the limits of its rates."""
-
-    trajectory: Trajectory
-    excess: float
-    """By what factor it would have to be slower."""
-    reason: str
-    """Which joint would need what, where it exceeds a limit."""
-    time: float
-    """When [s]."""
-
-    @classmethod
-    def of(cls, problem: PathProblem, found: PathMotion, stride: int) -> _Joined:
-        """Returns the spline through every so many-th instant."""
-        limits = problem.limits
-        time = instants(problem.instants, problem.step)[::stride]
-        q, v, a = rest_to_rest_spline(time, found.position[::stride])
-        rates = largest_rates(time, v, a)
-        allowed = (limits.velocity, limits.acceleration, limits.jerk)
-        shares = np.array(
-            [
-                (rate / most) ** power
-                for rate, most, power in zip(rates, allowed, (1.0, 0.5, 1.0 / 3.0), strict=True)
-            ]
-        )
-        kind, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
-        values = (v, a, np.diff(a, axis=0) / np.diff(time)[:, None])[kind]
-        reason = (
-            f"joint {limits.joints[joint]} would need {rates[kind][joint]:.4g} {UNITS[kind]}, "
-            f"allowed {allowed[kind][joint]:.4g}"
-        )
-        when = float(time[int(np.argmax(np.abs(values[:, joint])))])
-        trajectory = Trajectory(limits.joints, time, q, v, a)
-        return cls(trajectory, float(shares.max()), reason, when)
-
-
-def _strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> float:
-    """Returns how far the tools are from where the method has them between the knots, turns by TURN_LENGTH [m]."""
-    looked_at = np.arange(CHECKED // 2, problem.instants, CHECKED)
-    position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
-    which = np.flatnonzero(problem.follows)
-    worst = 0.0
-    for k, q in zip(looked_at, position, strict=True):
-        R, p = problem.body.tools(q)
-        R_there, p_there = problem.body.tools(found.position[k])
-        error = pose_error(R_there[which], p_there[which], R[which], p[which]).reshape(-1, 6)
-        worst = max(worst, float(np.linalg.norm(error[:, :3], axis=1).max()))
-        worst = max(worst, TURN_LENGTH * float(np.linalg.norm(error[:, 3:], axis=1).max()))
-    return worst
-
-
-UNITS = ("rad/s", "rad/s²", "rad/s³")
-
-
-def instants(count: int, step: float) -> FloatArray:
-    """Returns so many instants a step apart from 0 on [s], shape (count,)."""
-    found: FloatArray = np.arange(count, dtype=np.float64) * step
-    return found
+    share = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
+    refused = _refused(work, curve.reason, curve.when, share)
+    return _Tried(None, refused, curve.worst if curve.slower_helps else 0.0, curve)
 
 
 def _refused(work: PathWork, reason: str, time: float, share: float) -> Refused:

@@ -1,0 +1,117 @@
+"""From joints at instants to a trajectory, with every limit of its rates and torques looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.tool_path import TURN_LENGTH
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.path_following import PathMotion, PathProblem
+from dualarm_cli.path_following.velocity import pose_error
+from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
+
+CHECKED = 3
+"""Every so many instants the tools are compared with where they should be."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Joints at instants joined by a spline, and by how much it exceeds the limits of its rates."""
+
+    trajectory: Trajectory
+    excess: FloatArray
+    """By what factor it would have to be slower, at every knot, shape (k,)."""
+    worst: float
+    """The same for the whole of it."""
+    reason: str
+    """Which joint would need what, where it exceeds a limit."""
+    when: float
+    """When [s]."""
+    slower_helps: bool
+    """Whether it is too fast; torques that hold a posture are not."""
+
+    @property
+    def time(self) -> FloatArray:
+        """The knots [s], shape (k,)."""
+        return self.trajectory.time
+
+    @classmethod
+    def of(cls, problem: PathProblem, found: PathMotion, stride: int) -> Joined:
+        """Returns the spline through every so many-th instant."""
+        limits = problem.limits
+        time = instants(problem.instants, problem.step)[::stride]
+        q, v, a = rest_to_rest_spline(time, found.position[::stride])
+        trajectory = Trajectory(limits.joints, time, q, v, a)
+        jerk = np.abs(np.diff(a, axis=0)) / np.diff(time)[:, None]
+        # A knot has the larger jerk of the intervals beside it.
+        jerk = np.maximum(np.vstack([jerk[:1], jerk]), np.vstack([jerk, jerk[-1:]]))
+        needed = np.stack([np.abs(v), np.abs(a), jerk])
+        allowed = np.stack([limits.velocity, limits.acceleration, limits.jerk])
+        shares = (needed / allowed[:, None]) ** (1.0 / np.arange(1.0, 4.0))[:, None, None]
+        kind, knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
+        reason = (
+            f"joint {limits.joints[joint]} would need {needed[kind, knot, joint]:.4g} {UNITS[kind]}, "
+            f"allowed {allowed[kind, joint]:.4g}"
+        )
+        # Between knots velocity may be larger: the spline's own extrema decide.
+        exact = largest_rates(time, v, a)
+        worst = float(max((exact[i] / allowed[i]).max() ** (1.0 / (i + 1)) for i in range(3)))
+        curve = cls(trajectory, shares.max(axis=(0, 2)), worst, reason, float(time[knot]), True)
+        return curve if worst > 1.0 else curve._with_torques(problem)
+
+    def _with_torques(self, problem: PathProblem) -> Joined:
+        """Returns the same, refused where torques exceed their limits."""
+        if problem.torque is None or problem.dynamics is None:
+            return self
+        motion = self.trajectory
+        torques = np.empty_like(motion.position)
+        for k, (q, v, a) in enumerate(
+            zip(motion.position, motion.velocity, motion.acceleration, strict=True)
+        ):
+            mass, rest = problem.dynamics(q, v)
+            torques[k] = mass @ a + rest
+        share = np.abs(torques) / problem.torque
+        share[:, ~problem.free] = 0.0
+        knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
+        if share[knot, joint] <= 1.0:
+            return self
+        reason = (
+            f"joint {problem.limits.joints[joint]} would need {abs(torques[knot, joint]):.4g} N m, "
+            f"allowed {problem.torque[joint]:.4g}"
+        )
+        holding = np.abs(problem.dynamics(motion.position[knot], np.zeros(len(problem.free)))[1])
+        return replace(
+            self,
+            excess=share.max(axis=1),
+            worst=float(share[knot, joint]),
+            reason=reason,
+            when=float(motion.time[knot]),
+            slower_helps=bool(holding[joint] < problem.torque[joint]),
+        )
+
+
+def strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> float:
+    """Returns how far the tools are from where the method has them between the knots, turns by TURN_LENGTH [m]."""
+    looked_at = np.arange(CHECKED // 2, problem.instants, CHECKED)
+    position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
+    which = np.flatnonzero(problem.follows)
+    worst = 0.0
+    for k, q in zip(looked_at, position, strict=True):
+        R, p = problem.body.tools(q)
+        R_there, p_there = problem.body.tools(found.position[k])
+        error = pose_error(R_there[which], p_there[which], R[which], p[which]).reshape(-1, 6)
+        worst = max(worst, float(np.linalg.norm(error[:, :3], axis=1).max()))
+        worst = max(worst, TURN_LENGTH * float(np.linalg.norm(error[:, 3:], axis=1).max()))
+    return worst
+
+
+UNITS = ("rad/s", "rad/s²", "rad/s³")
+
+
+def instants(count: int, step: float) -> FloatArray:
+    """Returns so many instants a step apart from 0 on [s], shape (count,)."""
+    found: FloatArray = np.arange(count, dtype=np.float64) * step
+    return found
