@@ -117,7 +117,8 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
         found = step.solve(q, qd, acceleration, k - 1)
         if found is None:
             return NoPath(
-                f"no accelerations within the joints' limits follow the path{singular_words(problem, q)}",
+                f"no accelerations within the joints' limits follow the path{_holding_words(problem, q)}"
+                f"{singular_words(problem, q)}",
                 k,
                 np.inf,
             )
@@ -129,6 +130,21 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
         position[k] = q
     position[-1] += step.correction(q, problem.instants - 1)
     return within_limits(problem, position)
+
+
+def _holding_words(problem: PathProblem, q: FloatArray) -> str:
+    """Returns which joint cannot even hold a posture (n,) [rad], or nothing."""
+    if problem.torque is None or problem.dynamics is None:
+        return ""
+    rest = np.abs(problem.dynamics(q, np.zeros_like(q))[1])
+    share = np.where(problem.free, rest / (problem.torque * TORQUE_SHARE), 0.0)
+    joint = int(np.argmax(share))
+    if share[joint] <= 1.0:
+        return ""
+    return (
+        f"; to hold the posture alone joint {problem.limits.joints[joint]} needs {rest[joint]:.4g} N m, "
+        f"allowed {problem.torque[joint]:.4g}"
+    )
 
 
 class AccelerationStep:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body_reach import Reached
 from dualarm_cli.model.job import Job, PathWork, Task
 from dualarm_cli.path_following import PATH_SOLVERS
@@ -12,7 +13,7 @@ from dualarm_cli.planning.path_motion import Followed, PathContext, Refused
 
 
 def check_followers(job: Job, asked: str | None) -> None:
-    """Raises where a path names a method that there is not.
+    """Raises where a path asks for what there is not: a method, or torque limits.
 
     Args:
         job: with paths.
@@ -40,6 +41,19 @@ def check_followers(job: Job, asked: str | None) -> None:
         )
         for place, name in found.items()
     ]
+    asks = {task.path.place for task in job.tasks if task.path is not None and task.path.torque}
+    if asks and (unknown := Dynamics(job.cell).unknown):
+        findings += [
+            Diagnostic(
+                place.file,
+                place.line,
+                place.column,
+                "E300",
+                "torque: limited needs a torque limit (effort) and masses in the URDF; missing for "
+                f"{', '.join(unknown)}",
+            )
+            for place in asks
+        ]
     if findings:
         raise InputError(findings)
 

@@ -38,6 +38,7 @@ from dualarm_cli.verification.tool_checks import (
 )
 from dualarm_cli.verification.tool_model import ToolModel
 from dualarm_cli.verification.tool_speed import check_tool_speed
+from dualarm_cli.verification.torque_checks import check_torques
 
 
 def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = False) -> Verification:
@@ -82,6 +83,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_events(known, model),
         *check_lines(known, job, model),
         *check_paths(schedule, job, model),
+        check_torques(schedule, job),
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule),
