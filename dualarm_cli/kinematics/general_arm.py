@@ -17,6 +17,8 @@ from dualarm_cli.kinematics.platform_chain import align_z
 
 LEAST_JOINTS = 6
 """Joints that an arm needs to hold a tool in any pose."""
+FEW = 64
+"""Up to so many postures their chains are products of matrices (measured)."""
 
 
 @dataclass(frozen=True)
@@ -141,38 +143,70 @@ class GeneralArm:
     def linearised(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns flange rotations (b, 3, 3), positions (b, 3) [m] and Jacobians (b, 6, n) for joints (b, n)."""
         R, p, z, origin = self._chain(q)
-        arm = p[:, None] - origin
+        arm = p.T[:, None] - origin
         J = np.empty((len(q), 6, self.axes))
-        J[:, 0] = z[..., 1] * arm[..., 2] - z[..., 2] * arm[..., 1]
-        J[:, 1] = z[..., 2] * arm[..., 0] - z[..., 0] * arm[..., 2]
-        J[:, 2] = z[..., 0] * arm[..., 1] - z[..., 1] * arm[..., 0]
-        J[:, 3:] = np.swapaxes(z, 1, 2)
+        J[:, 0] = (z[1] * arm[2] - z[2] * arm[1]).T
+        J[:, 1] = (z[2] * arm[0] - z[0] * arm[2]).T
+        J[:, 2] = (z[0] * arm[1] - z[1] * arm[0]).T
+        J[:, 3:] = z.transpose(2, 0, 1)
         return R, p, J
 
     def _chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Returns flange rotations and positions, and axes and origins of all joints (b, n, 3)."""
-        b = len(q)
-        cos, sin = np.cos(q), np.sin(q)
-        z, origin = np.empty((b, self.axes, 3)), np.empty((b, self.axes, 3))
-        R = np.broadcast_to(np.eye(3), (b, 3, 3))
-        p = np.zeros((b, 3))
-        for k in range(self.axes):
-            p = p + (R.reshape(-1, 3) @ self.p_parent_joint[k]).reshape(b, 3)
-            M = (R.reshape(-1, 3) @ self.R_parent_joint[k]).reshape(b, 3, 3)
-            R = np.empty((b, 3, 3))
-            c, s = cos[:, k, None], sin[:, k, None]
-            R[:, :, 0] = c * M[:, :, 0] + s * M[:, :, 1]
-            R[:, :, 1] = c * M[:, :, 1] - s * M[:, :, 0]
-            R[:, :, 2] = M[:, :, 2]
-            z[:, k], origin[:, k] = M[:, :, 2], p
-        p = p + (R.reshape(-1, 3) @ self.p_last_flange).reshape(b, 3)
-        return (R.reshape(-1, 3) @ self.R_last_flange).reshape(b, 3, 3), p, z, origin
+        """Returns flange rotations and positions, and axes and origins of all joints, both (3, n, b).
+
+        Few postures are quickest as products of 4 x 4 matrices, many with the postures last in memory.
+        """
+        return self._chain_of_few(q) if len(q) <= FEW else self._chain_of_many(q)
+
+    @cached_property
+    def _steps(self) -> FloatArray:
+        """Every constant step and the flange's as a homogeneous matrix, shape (n + 1, 4, 4)."""
+        steps = np.zeros((self.axes + 1, 4, 4))
+        steps[:-1, :3, :3], steps[:-1, :3, 3] = self.R_parent_joint, self.p_parent_joint
+        steps[-1, :3, :3], steps[-1, :3, 3] = self.R_last_flange, self.p_last_flange
+        steps[:, 3, 3] = 1.0
+        return readonly(steps)
+
+    def _chain_of_few(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        n, steps = self.axes, self._steps
+        c, s = np.cos(q)[..., None], np.sin(q)[..., None]
+        turned = np.empty((len(q), n, 4, 4))
+        turned[..., 0] = c * steps[:n, :, 0] + s * steps[:n, :, 1]
+        turned[..., 1] = c * steps[:n, :, 1] - s * steps[:n, :, 0]
+        turned[..., 2:] = steps[:n, :, 2:]
+        T = np.empty((n + 1, len(q), 4, 4))
+        T[0] = turned[:, 0]
+        for k in range(1, n):
+            np.matmul(T[k - 1], turned[:, k], out=T[k])
+        np.matmul(T[n - 1], steps[n], out=T[n])
+        z, origin = (T[:n, :, :3, i].transpose(2, 0, 1) for i in (2, 3))
+        return T[n, :, :3, :3], T[n, :, :3, 3], z, origin
+
+    def _chain_of_many(
+        self, q: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        n, b = q.shape[1], len(q)
+        c, s = np.cos(q.T), np.sin(q.T)
+        # Columns of the frame so far, each (3, b), and where it is.
+        frame = np.repeat(np.eye(3)[:, :, None], b, axis=2)
+        p = np.zeros((3, b))
+        z, origin = np.empty((3, n, b)), np.empty((3, n, b))
+        for k, step in enumerate(self._steps):
+            # Columns of the next frame and the way to it are combinations of the columns so far.
+            x, y, z_next, way = (step[:3].T @ frame.reshape(3, -1)).reshape(4, 3, b)
+            p = p + way
+            if k == n:
+                break
+            frame = np.empty((3, 3, b))
+            frame[0], frame[1], frame[2] = c[k] * x + s[k] * y, c[k] * y - s[k] * x, z_next
+            z[:, k], origin[:, k] = z_next, p
+        return np.stack([x, y, z_next]).transpose(2, 1, 0), p.T, z, origin
 
     @cached_property
     def wrist_gap(self) -> float:
         """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
         _, _, z, origin = self._chain(np.zeros((1, self.axes)))
-        axes, points = z[0, -3:], origin[0, -3:]
+        axes, points = z[:, -3:, 0].T, origin[:, -3:, 0].T
         across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
         # Three parallel axes leave the place along them open.
         center = np.linalg.lstsq(

@@ -23,6 +23,8 @@ ETA = 20.0
 """eta_1 of [Zhang2024] Eq. 23 [1/s]; eta_2 is a quarter of it."""
 JERK_SHARE = 0.8
 """Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
+KEPT_FREE = 5e-4
+"""Distance from the position limits that is kept [rad]."""
 MARGIN = 1e-3
 """Share of every limit that is kept free: knots are joined by curves."""
 TORQUE_SHARE = 0.98
@@ -55,9 +57,10 @@ class Bounds:
         """Returns the bounds of a problem's limits."""
         limits, share = problem.limits, 1.0 - MARGIN
         eta = np.minimum(ETA, JERK_SHARE * limits.jerk / limits.acceleration)
+        room = np.minimum(KEPT_FREE, (limits.upper - limits.lower) / 4.0)
         return cls(
-            limits.lower,
-            limits.upper,
+            limits.lower + room,
+            limits.upper - room,
             limits.velocity * share,
             limits.acceleration * share,
             eta,
@@ -185,16 +188,18 @@ class AccelerationStep:
         left = (problem.instants - 1 - k) * problem.step
         braking = BRAKING * (problem.instants - 1) * problem.step
         aim = self._rest(J, qd, left) if left < braking else self._wanted(state.S, qd)
-        least, most = self._bounds.at(q, qd)
-        least = np.maximum(least, before - self._jerk)
-        most = np.minimum(most, before + self._jerk)
+        low, high = self._bounds.at(q, qd)
+        least = np.maximum(low, before - self._jerk)
+        most = np.minimum(high, before + self._jerk)
         # Where a limit and the jerk exclude one another the limit counts.
         crossed = least > most
-        least[crossed] = most[crossed] = np.clip(0.0, least, most)[crossed]
+        least[crossed] = most[crossed] = np.clip(before, low, high)[crossed]
         found = np.zeros_like(q)
-        solved = self._program.solve(
-            aim[free], J[:, free], A, least[free], most[free], self._torques(q, qd)
-        )
+        rows, torques = J[:, free], self._torques(q, qd)
+        solved = self._program.solve(aim[free], rows, A, least[free], most[free], torques)
+        if solved is None:
+            # Without the jerk limits, which are for the curve through the instants to keep.
+            solved = self._program.solve(aim[free], rows, A, low[free], high[free], torques)
         if solved is None:
             return None
         found[free] = solved

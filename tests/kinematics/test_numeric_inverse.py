@@ -90,9 +90,9 @@ def test_what_is_out_of_reach_is_missed_by_what_arithmetic_says(general_robots):
 
 
 def test_a_pose_has_the_same_solutions_alone_and_among_others(general_robots):
-    """Bit for bit."""
+    """But for rounding: few postures are computed otherwise than many."""
     arm = arm_of(general_robots, "yumi")
     R, p = arm.forward(np.random.default_rng(2).uniform(arm.lower, arm.upper, (5, 7)))
     together = solve_poses(arm, R, p)
     alone = solve_poses(arm, R[3:4], p[3:4])
-    assert np.array_equal(together.q[together.pose == 3], alone.q)
+    assert np.allclose(together.q[together.pose == 3], alone.q, rtol=0.0, atol=1e-8)
