@@ -109,12 +109,11 @@ def test_mended_bounds_keep_a_position_limit_and_the_printed_ones_break_it() -> 
     assert braked(printed=True) > 5e-3
 
 
-def test_no_weight_is_least_acceleration_with_damping(zhang, coarser) -> None:
+def test_no_weight_is_least_acceleration(suite) -> None:
     """With a_2 = 0 and k = 0 the wish is no acceleration: both methods are one, until they brake."""
-    problem = coarser(zhang[1], 2)
-    none = replace(problem, weights=ManipulabilityWeights(0.0, 0.0))
-    ours, least = follow_manipulability(none), follow_min_acceleration(problem)
-    assert isinstance(ours, PathMotion) and isinstance(least, PathMotion)
+    problem, _, least, _ = suite[0]
+    ours = follow_manipulability(replace(problem, weights=ManipulabilityWeights(0.0, 0.0)))
+    assert isinstance(ours, PathMotion)
     np.testing.assert_allclose(ours.position, least.position, atol=1e-9)
 
 
