@@ -9,12 +9,19 @@ from dualarm_cli.cli.output import JsonOption, print_json, stdout_console
 
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
+    from dualarm_cli.path_following import PATH_SOLVERS
     from dualarm_cli.planning.methods import METHODS
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
     from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
     from dualarm_cli.timing import TIMING_SOLVERS
 
-    families: list[Any] = [METHODS, PLATFORM_SOLVERS, REDUNDANCY_SOLVERS, TIMING_SOLVERS]
+    families: list[Any] = [
+        METHODS,
+        PLATFORM_SOLVERS,
+        REDUNDANCY_SOLVERS,
+        PATH_SOLVERS,
+        TIMING_SOLVERS,
+    ]
     rows = [
         {"family": family.family, "name": s.name, "summary": s.summary, "reference": s.reference}
         for family in families

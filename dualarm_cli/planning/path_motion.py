@@ -168,7 +168,8 @@ def follow_path(
     pace, open_ramps = context.pace(work), work.acceleration is None or work.jerk is None
     clock = PathClock.of(work, pace)
     tried = _once(context, work, follower, start, clock)
-    for gentle in GENTLER if open_ramps else ():
+    # Where it may be slower it eases off in its ramps as anywhere.
+    for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
             clock = PathClock.of(work, pace, gentle)
             tried = _once(context, work, follower, start, clock)
@@ -185,7 +186,7 @@ def follow_path(
             )
             if pace < SLOWEST * context.pace(work):
                 break
-            clock = PathClock.of(work, pace, GENTLER[-1] if open_ramps else 1.0)
+            clock = PathClock.of(work, pace)
         tried = _once(context, work, follower, start, clock, HOPELESS_YET)
     if tried.trajectory is None:
         return tried.refused

@@ -66,7 +66,7 @@ def _draw_forces(axes: Any, path: PathSamples) -> None:
             path.work.stiffness * path.least[m], color=COLOURS.get(arm, "k"), linestyle=":"
         )
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("contraction force K D (dotted: least possible)")
+    axes.set_ylabel("contraction force K D (dotted: least)")
     axes.legend(fontsize=7)
 
 
@@ -74,7 +74,7 @@ def _draw_manipulability(axes: Any, path: PathSamples) -> None:
     for m, arm in enumerate(path.arms):
         axes.plot(path.time, path.alone[:, m], color=COLOURS.get(arm, "k"), label=arm)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("manipulability of each arm [m³ per rad⁶]")
+    axes.set_ylabel("manipulability of each arm [m³/rad⁶]")
     axes.set_ylim(bottom=0.0)
     axes.legend(fontsize=7)
 
@@ -100,4 +100,4 @@ def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
     for edge in (-1.0, 1.0):
         axes.axhline(edge, color="0.5", linestyle="--")
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"joint {what} as a share of its limits (black: platform)")
+    axes.set_ylabel(f"{what} / limit (black: platform)")

@@ -74,13 +74,17 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
     model = ToolModel(schedule)
     known = _of_known_arms(schedule)
+    # Where tools end on paths is judged with the paths, by their own tolerance.
+    stops = known
+    if job is not None:
+        stops = replace(known, events=tuple(e for e in known.events if e.action != "path"))
     checks: list[Check] = [
         *numbers,
         *check_agreement(trajectory),
         *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints)),
         check_rest(trajectory),
         check_arms(schedule),
-        *check_events(known, model),
+        *check_events(stops, model),
         *check_lines(known, job, model),
         *check_paths(schedule, job, model),
         check_torques(schedule, job),

@@ -36,7 +36,7 @@ def postures(cell: Cell, count: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["openarm", "sda10f", "yumi", "nextage"])
 def test_gradient_and_rate_are_finite_differences(name: str) -> None:
-    """d log M / dq by differences of log det at the tools, and its rate by differences of the gradient."""
+    """D log M / dq by differences of log det at the tools, and its rate by differences of the gradient."""
     body, cell = body_of(name)
     random = np.random.default_rng(0)
     for q in postures(cell, 4, 1):
@@ -44,7 +44,9 @@ def test_gradient_and_rate_are_finite_differences(name: str) -> None:
         found = manipulability_rates(body, body.at(q).S, qd)
         assert found.logarithm == pytest.approx(np.log(manipulability(body.at(q).J)), abs=1e-9)
         slope = [
-            np.log(manipulability(body.at(q + STEP * e).J) / manipulability(body.at(q - STEP * e).J))
+            np.log(
+                manipulability(body.at(q + STEP * e).J) / manipulability(body.at(q - STEP * e).J)
+            )
             / (2 * STEP)
             for e in np.eye(len(q))
         ]
@@ -66,9 +68,7 @@ def test_brackets_are_pinocchios_kinematic_hessian(name: str) -> None:
     order = [cell.robot.joints.index(joint) for joint in list(model.names)[1:]]
     for q in postures(cell, 2, 2):
         pin.computeJointJacobians(model, data, q[order])
-        pin.computeForwardKinematicsDerivatives(
-            model, data, q[order], np.zeros(nv), np.zeros(nv)
-        )
+        pin.computeForwardKinematicsDerivatives(model, data, q[order], np.zeros(nv), np.zeros(nv))
         pin.computeJointKinematicHessians(model, data)
         ours = screw_hessian(body.at(q).S, body.before)
         for arm in cell.robot.arms:

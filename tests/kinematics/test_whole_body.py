@@ -54,7 +54,9 @@ def test_jacobians_are_finite_differences(name: str) -> None:
                 slope = (after.elbow[a] - before.elbow[a]) / (2 * STEP)
                 np.testing.assert_allclose(J_elbow[a, :, joint], slope, atol=1e-8)
             there, back = (body.carried_points(state, points)[0] for state in (after, before))
-            np.testing.assert_allclose(J_points[:, :, joint], (there - back) / (2 * STEP), atol=1e-8)
+            np.testing.assert_allclose(
+                J_points[:, :, joint], (there - back) / (2 * STEP), atol=1e-8
+            )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -96,7 +98,7 @@ def test_drift_and_screw_rates_are_derivatives_along_a_motion(name: str) -> None
 
 
 def test_the_cobracket_is_the_transpose_of_the_bracket() -> None:
-    """y . ad(x)^T z = z . [x, y] for random screws, and [x, x] = 0."""
+    """Y . ad(x)^T z = z . [x, y] for random screws, and [x, x] = 0."""
     x, y, z = np.random.default_rng(3).normal(size=(3, 50, 6))
     left, right = (z * bracket(x, y)).sum(axis=1), (y * cobracket(x, z)).sum(axis=1)
     np.testing.assert_allclose(left, right, atol=1e-12)
@@ -117,7 +119,9 @@ def test_an_idle_arm_moves_no_other_tool(tasks_folder) -> None:
 def test_shoulders_of_the_amiro_like_robot_are_the_published_lengths_apart() -> None:
     """570 mm from waist pitch axis to shoulder, 350 mm (half of 700 mm) upper arm; Choi et al. Table 1."""
     robot = load_robot("amiro_like").robot
-    cell = Cell(robot, pin.SE3.Identity(), {arm.name: Tool(pin.SE3.Identity()) for arm in robot.arms})
+    cell = Cell(
+        robot, pin.SE3.Identity(), {arm.name: Tool(pin.SE3.Identity()) for arm in robot.arms}
+    )
     places, upper = WholeBody(cell).shoulders()
     np.testing.assert_allclose(places[:, 2], 0.570, atol=1e-9)
     np.testing.assert_allclose(upper, 0.350, atol=1e-9)

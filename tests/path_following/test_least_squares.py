@@ -31,7 +31,9 @@ def test_impossible_programs_and_no_numbers_have_no_solution() -> None:
     program, A = LeastSquares(), np.ones((1, 3))
     one = np.ones(3)
     assert program.solve(np.zeros(3), A, np.array([4.0]), -one, one) is None
-    assert program.solve(np.zeros(3), A, np.array([1.0]), -one, np.array([1.0, np.nan, 1.0])) is None
+    assert (
+        program.solve(np.zeros(3), A, np.array([1.0]), -one, np.array([1.0, np.nan, 1.0])) is None
+    )
     assert program.solve(np.array([np.nan, 0.0, 0.0]), A, np.array([1.0]), -one, one) is None
     x = program.solve(np.zeros(3), A, np.array([1.5]), -one, one)
     np.testing.assert_allclose(x, 0.5, atol=1e-7)

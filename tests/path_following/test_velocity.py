@@ -83,7 +83,7 @@ def test_peak_speeds_stay_within_limits(followed) -> None:
 
 
 def test_the_gradient_is_that_of_half_the_squared_distances(choi) -> None:
-    """v = -gain grad (D_L² + D_R²) / 2 by central differences, at random postures."""
+    """V = -gain grad (D_L² + D_R²) / 2 by central differences, at random postures."""
     problem = choi[1]
     body, limits = problem.body, problem.limits
     spring = replace(problem.spring, gain=3.0)
@@ -94,9 +94,7 @@ def test_the_gradient_is_that_of_half_the_squared_distances(choi) -> None:
     random = np.random.default_rng(0)
     for _ in range(5):
         q = random.uniform(limits.lower, limits.upper)
-        slope = [
-            (potential(q + 1e-6 * e) - potential(q - 1e-6 * e)) / 2e-6 for e in np.eye(len(q))
-        ]
+        slope = [(potential(q + 1e-6 * e) - potential(q - 1e-6 * e)) / 2e-6 for e in np.eye(len(q))]
         found = spring_gradient(body, body.at(q), spring)[0]
         np.testing.assert_allclose(found, -3.0 * np.array(slope), atol=1e-8)
 
