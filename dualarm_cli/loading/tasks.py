@@ -89,8 +89,14 @@ def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings
     """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file."""
     next_stage: dict[str, int] = {}
     spans: dict[str, tuple[str, int, int]] = {}
+    sections: dict[str, int] = {}
+    paths = 0
     for task in tasks:
         first = next_stage.get(task.arm, 0)
+        # Nothing else is done while a path is followed: it and what comes after wait for all before.
+        if task.path is not None and task.id not in sections:
+            paths += 1
+        sections.setdefault(task.id, 2 * paths - (task.path is not None))
         next_stage[task.arm] = first + len(task.stops)
         spans[task.id] = task.arm, first, next_stage[task.arm]
     entries = document.data.get("tasks")
@@ -100,6 +106,8 @@ def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings
         arm, first, _ = spans[task.id]
         for k, name in enumerate(task.after):
             if name not in spans or name == task.id or first >= spans[name][2]:
+                continue
+            if sections[name] < sections[task.id]:
                 continue
             if spans[name][0] != arm:
                 notes.append(

@@ -258,10 +258,15 @@ def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ..
     return tuple(range(samples.position.shape[1]))
 
 
-def clearance_notes(found: Found) -> list[str]:
-    """Returns what was done for clearance, and what it cost against the plan where nothing could touch."""
+def clearance_notes(found: Found, first: int = 1) -> list[str]:
+    """Returns what was done for clearance, and what it cost against the plan where nothing could touch.
+
+    Args:
+        found: a plan.
+        first: number of its first stage.
+    """
     done = []
-    for k, stage in enumerate(found.cleared.plans, 1):
+    for k, stage in enumerate(found.cleared.plans, first):
         done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
         for arm, detour in stage.detours.items():
             waits = f" and waits there {detour.pause:.2f} s" if detour.pause else ""

@@ -12,7 +12,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Task
 from dualarm_cli.path_following import PATH_SOLVERS
-from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.planning.clear_plan import Found, quickest_clear
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
@@ -82,7 +82,9 @@ class SectionPlanner:
         first = record.pieces[0].position[0]
         assert here is not None  # a job has at least one task
         if job.returns and np.abs(first - here).max() > 0.0:
-            record.add(self._transfer(here, first, record))
+            found = self._transfer(here, first)
+            record.add(found.cleared.motion)
+            record.count(found)
         trajectory = concatenate(record.pieces)
         motion = Motion(
             trajectory,
@@ -101,8 +103,7 @@ class SectionPlanner:
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
         record.add(found.cleared.motion)
-        record.cost += found.cost or 0.0
-        record.notes += [*found.decided.notes, *clearance_notes(found)]
+        record.count(found)
         record.stage_plans += found.cleared.plans
 
     def _add_path(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
@@ -118,6 +119,7 @@ class SectionPlanner:
         start = home if here is None else here
         holding = Holding.of(self._problem((), start).job) if self.clear else None
         refusals: list[Refused] = []
+        best: tuple[Found | None, Followed] | None = None
         starts = path_starts(context, work, start, self.problem.seed)
         for q in starts.configurations[:MOST_STARTS]:
             found = follow_path(context, work, follower, q)
@@ -128,32 +130,37 @@ class SectionPlanner:
             if touching is not None:
                 refusals.append(touching)
                 continue
-            begin = record.clock
+            transfer = None
             if here is not None and np.abs(q - here).max() > 0.0:
                 try:
-                    transfer = self._transfer(here, q, record)
+                    transfer = self._transfer(here, q)
                 except InfeasibleError as error:
                     refusals.append(Refused(f"no way to where it begins: {error}", 0.0))
                     continue
-                add_transfer(record, transfer, section)
-            add_followed(record, context, section, found, name, begin)
-            record.notes += path_notes(context, task, work, found, name)
-            return
-        raise InfeasibleError(why_not(section, work, name, refusals, starts.nearest))
+            if best is None or _time(transfer, found) < _time(*best):
+                best = transfer, found
+            if self.problem.effort != "thorough":
+                break
+        if best is None:
+            raise InfeasibleError(why_not(section, work, name, refusals, starts.nearest))
+        transfer, found = best
+        begin = record.clock
+        if transfer is not None:
+            add_transfer(record, transfer.cleared.motion, section)
+            record.count(transfer)
+        add_followed(record, context, section, found, name, begin)
+        record.notes += path_notes(context, task, work, found, name)
 
-    def _transfer(self, here: FloatArray, there: FloatArray, record: Record) -> Motion:
+    def _transfer(self, here: FloatArray, there: FloatArray) -> Found:
         """Returns the motion of all joints from one configuration to another that keeps clear."""
         problem = self._problem((), here)
         limits = problem.job.cell.robot.limits.scaled(problem.job.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
         duration = float(law.duration(there - here))
         stage = StagePlan(here, there, there, {}, "transfer", duration)
-        found = quickest_clear(
+        return quickest_clear(
             problem, lambda _: Decided([stage]), self.timing, self.progress, clear=self.clear
         )
-        record.cost += found.cost or 0.0
-        record.notes += clearance_notes(found)
-        return found.cleared.motion
 
     def _problem(self, tasks: tuple[Task, ...], here: FloatArray | None) -> MethodProblem:
         """Returns the problem of some of the tasks, starting where the robot is."""
@@ -166,6 +173,12 @@ class SectionPlanner:
         job = replace(job, cell=cell, tasks=tasks, start=start, returns=False)
         model = replace(self.problem.model, cell=cell)
         return replace(self.problem, job=job, model=model)
+
+
+def _time(transfer: Found | None, followed: Followed) -> float:
+    """Returns how long a path takes with the transfer to it [s]."""
+    there = 0.0 if transfer is None else transfer.cleared.motion.trajectory.duration
+    return there + followed.trajectory.duration
 
 
 def default_follower(context: PathContext) -> str:

@@ -23,8 +23,10 @@ from dualarm_cli.planning.path_smoothing import evened_out
 from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
 
-STEP = 1e-3
-"""Time between the instants at which joints are found [s], at most."""
+STEP, LONGEST_STEP = 1e-3, 4e-3
+"""Time between the instants at which joints are found [s]; on long paths more, up to the second."""
+MOST = 12_000
+"""Instants beyond which the time between them grows."""
 PER_KNOT = (4, 8)
 """Instants per knot of the trajectory."""
 SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
@@ -115,7 +117,8 @@ class PathContext:
             clock: where the tools are when.
         """
         widest = PER_KNOT[-1]
-        count = widest * max(5, int(np.ceil(clock.duration / (STEP * widest))))
+        step = min(max(STEP, clock.duration / MOST), LONGEST_STEP)
+        count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
         step = clock.duration / count
         share, pace = clock.at(instants(count + 1, step))
         arms = [arm for arm in self.body.arms if arm in work.paths]

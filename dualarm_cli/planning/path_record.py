@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from dualarm_cli.model.job import Task
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.clear_plan import Found, clearance_notes
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.path_motion import Followed, PathContext
 from dualarm_cli.planning.stage_plan import StagePlan
@@ -17,13 +18,21 @@ class Record:
     """What is planned so far."""
 
     pieces: list[Trajectory] = field(default_factory=list)
+    """Motions, one after the other."""
     stages: list[Stage] = field(default_factory=list)
+    """In time order."""
     segments: list[Segment] = field(default_factory=list)
+    """In time order for each arm."""
     events: list[Event] = field(default_factory=list)
+    """In time order."""
     notes: list[str] = field(default_factory=list)
+    """What a reader should know."""
     stage_plans: list[StagePlan] = field(default_factory=list)
+    """The stages of stops."""
     clock: float = 0.0
+    """Length of all motions [s]."""
     cost: float = 0.0
+    """How much longer they are than without clearance, paths not counted [s]."""
 
     def add(self, motion: Motion) -> None:
         """Appends a motion as it is."""
@@ -34,16 +43,29 @@ class Record:
         self.events += [replace(e, time=e.time + t) for e in motion.events]
         self.clock += motion.trajectory.duration
 
+    def count(self, found: Found) -> None:
+        """Notes what keeping the motion that was added last clear costs, and what a reader should know of it."""
+        first = len(self.stages) - len(found.cleared.plans) + 1
+        self.cost += found.cost or 0.0
+        self.notes += [*found.decided.notes, *clearance_notes(found, first)]
+
 
 def add_transfer(record: Record, motion: Motion, section: tuple[Task, ...]) -> None:
-    """Appends the transfer to where a path begins; its stage becomes that of the path."""
+    """Appends the transfer to where a path begins; its stage becomes that of the path.
+
+    Args:
+        record: what is planned so far.
+        motion: the transfer, one stage.
+        section: the path's tasks, one per arm that follows.
+    """
     names = {task.arm: task.id for task in section}
     segments = tuple(
-        replace(s, kind="transfer", task=names[s.arm], action="path")
-        if s.kind == "return" and s.arm in names
-        else replace(s, kind="transfer")
-        if s.kind == "return"
-        else s
+        replace(
+            s,
+            kind="transfer" if s.kind == "return" else s.kind,
+            task=names.get(s.arm, ""),
+            action="path" if s.arm in names else "",
+        )
         for s in motion.segments
     )
     record.add(replace(motion, segments=segments))
@@ -57,7 +79,16 @@ def add_followed(
     name: str,
     begin: float,
 ) -> None:
-    """Appends the path itself: one stage with its transfer, one segment per arm, and an event where each tool ends."""
+    """Appends the path itself: one stage with its transfer, one segment per arm, and an event where each tool ends.
+
+    Args:
+        record: what is planned so far.
+        context: the job.
+        section: the path's tasks, one per arm that follows.
+        found: the path as it is followed.
+        name: of the method.
+        begin: when its stage begins, with the transfer where there is one [s].
+    """
     clock, end = record.clock, record.clock + found.trajectory.duration
     followers = {task.arm: task for task in section}
     for arm in context.job.cell.robot.arms:
