@@ -26,6 +26,7 @@ tasks:
     arm: left
     path:
       speed: 100 mm/s
+      posture: home
       through:
         - {xyz: [0.45, 0.25, 0.90], rpy: [180 deg, 0, 0]}
         - {xyz: [0.46, 0.25, 0.90]}

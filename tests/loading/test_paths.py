@@ -454,5 +454,7 @@ def test_all_mistakes_of_a_file_of_poses_come_at_once(both: Path, messages: Mess
 def test_a_quaternion_of_nearly_unit_length_is_normalised(both: Path) -> None:
     """Within 1e-3, as elsewhere: 1.0005 is scaled, so that the tool's rotation is one."""
     (both / "right.csv").write_text(COLUMNS + "0,0,0,1.0005,0,0,0\n0.1,0,0,1,0,0,0\n")
-    R = work_of(load_job("tasks.yaml")).paths["right"].pose(0.0).rotation
+    (spline,) = work_of(load_job("tasks.yaml")).paths["right"].pieces
+    assert isinstance(spline, Spline)
+    R = spline.poses[0].rotation
     assert np.abs(R - np.diag([1.0, -1.0, -1.0])).max() < 1e-12

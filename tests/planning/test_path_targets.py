@@ -122,19 +122,33 @@ def test_both_junctions_of_an_arc_between_lines_are_rounded():
     assert np.linalg.norm(p - exact, axis=1).max() <= SHARE * TOLERANCE * 1.01
 
 
-def test_rotations_are_rounded_like_positions():
-    """A tool that turns evenly along its way, on a hook: its rotation stays that of its place."""
-    rate = 2.0  # rad per metre: 0.2 of its length, so that the way counts
-    first = Line(pose(0, 0), pin.SE3(pin.utils.rotate("z", 0.2 * rate), np.array([0.2, 0, 0])))
+def turning_hook(length, rate):
+    """A line of that length and a quarter circle on which the tool turns about z, evenly along its way."""
+    R = pin.utils.rotate("z", length * rate)
+    first = Line(pose(0, 0), pin.SE3(R, np.array([length, 0, 0])))
     axis, angle = np.array([0.0, 0.0, 1.0]), np.pi / 2
     second = Turn(
-        first.end, np.array([0.2, RADIUS, 0.0]), axis, angle, rate * RADIUS * angle * axis
+        first.end, np.array([length, RADIUS, 0.0]), axis, angle, rate * RADIUS * angle * axis
     )
-    path = ToolPath((first, second))
+    return ToolPath((first, second))
+
+
+def test_rotations_stay_with_their_places():
+    """2 rad/m at constant speed: the mean of an angle that grows evenly is the angle in the middle."""
+    path = turning_hook(0.2, 2.0)
     assert path.corners == ()
-    R, p, _, _, share = targets(path)
+    R, _, _, _, share = targets(path)
     heading = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-    # Averaging an angle that grows evenly changes nothing.
-    assert heading == pytest.approx(rate * share * path.length, abs=1e-4)
+    assert heading == pytest.approx(2.0 * share * path.length, abs=1e-4)
     assert np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() < 1e-14
-    assert len(p) == len(R)
+
+
+def test_rotations_are_rounded_like_positions():
+    """Where the tool speeds up the mean is ahead of it: by the same share of its turn as of its way."""
+    # Full speed is reached after 0.2 m/s x 0.3 s / 2 = 30 mm only; the junction is at 20 mm.
+    path = turning_hook(0.02, 2.0)
+    R, p, (_, exact), _, _ = targets(path)
+    on_line = p[:, 0] < 0.015
+    assert np.linalg.norm(p - exact, axis=1)[on_line].max() > 1e-6
+    heading = np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    assert heading[on_line] == pytest.approx(2.0 * p[on_line, 0], abs=1e-12)

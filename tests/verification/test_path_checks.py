@@ -182,6 +182,17 @@ def test_stopping_short_fails_the_progress(planned):
     assert checks["path_progress"].measured == pytest.approx(missing, rel=0.01)
 
 
+def test_starting_late_fails_the_progress(planned):
+    """The motion begins 40 knots behind the path's start."""
+    time, q, v, a = knots(planned.schedule)
+    schedule = with_motion(planned.schedule, time[40:] - time[40], q[40:], v[40:], a[40:])
+    checks = paths(schedule, planned.job)
+    assert failed(checks) == {"path_progress"}
+    start = planned.job.tasks[0].path.paths["left"].pose(0.0).translation
+    missing = np.linalg.norm(ToolModel(schedule).poses("left", q[[40]])[1][0] - start)
+    assert checks["path_progress"].measured == pytest.approx(missing, rel=0.01)
+
+
 def test_a_squeezed_clock_fails_the_speed(planned):
     """In 0.8 of the time everything is 1.25 times as fast: a quarter too fast where the speed is constant."""
     time, q, v, a = knots(planned.schedule)
@@ -225,6 +236,19 @@ def test_a_segment_of_another_kind_is_no_path(planned):
     segments = tuple(dataclasses.replace(s, kind="transfer") for s in planned.schedule.segments)
     schedule = dataclasses.replace(planned.schedule, segments=segments)
     assert "path_progress" in failed(paths(schedule, planned.job))
+
+
+def test_the_shorter_path_is_to_be_followed_slower(planned):
+    """The right tool in 0.8 of the time, then resting: 68 mm/s are less than 100, but its share is 54 mm/s."""
+    time, q, v, a = knots(planned.schedule)
+    right = [k for k, j in enumerate(planned.schedule.trajectory.joints) if j.startswith("right")]
+    fast = planned.schedule.trajectory.at(time / 0.8)
+    for values, early, factor in zip((q, v, a), fast, (1.0, 0.8, 0.64), strict=True):
+        values[:, right] = early[:, right] / factor
+    checks = paths(with_motion(planned.schedule, time, q, v, a), planned.job)
+    assert failed(checks) == {"path_speed", "paths_together"}
+    assert "seam (right)" in checks["path_speed"].detail
+    assert checks["path_speed"].measured == pytest.approx(0.25, abs=0.005)
 
 
 def test_an_arm_that_comes_later_fails_together(planned):
