@@ -458,3 +458,33 @@ def test_a_quaternion_of_nearly_unit_length_is_normalised(both: Path) -> None:
     assert isinstance(spline, Spline)
     R = spline.poses[0].rotation
     assert np.abs(R - np.diag([1.0, -1.0, -1.0])).max() < 1e-12
+
+
+def test_choi_s_circles_are_mirrored_and_take_what_the_file_says(tasks_folder: Path) -> None:
+    """Radius 0.1 m about (0.42, ±0.32, 1.05), 375 degrees: 0.6545 m; left and right swap with the sign of y."""
+    work = work_of(load_job(tasks_folder / "papers" / "choi_circles" / "tasks.yaml"))
+    assert work.length == pytest.approx(0.1 * np.radians(375.0))
+    s = np.linspace(0.0, work.length, 101)
+    (R_left, left), (R_right, right) = (work.paths[arm].at(s) for arm in ("left", "right"))
+    assert left == pytest.approx(right * [1.0, -1.0, 1.0], abs=1e-12)
+    assert np.linalg.norm(left - [0.42, 0.32, 1.05], axis=1) == pytest.approx(0.1)
+    assert np.ptp(R_left, axis=0).max() < 1e-15
+    assert np.ptp(R_right, axis=0).max() < 1e-15
+    # The outermost point comes first: half around is on the far side, (0.42, 0.42, 1.05).
+    half = work.paths["left"].pose(0.1 * np.pi).translation
+    assert half == pytest.approx([0.42, 0.42, 1.05], abs=1e-12)
+
+
+def test_zhang_s_tools_hold_one_rigid_part_all_the_way(tasks_folder: Path) -> None:
+    """Their relative pose never changes: 200 mm apart along the axis, facing each other; a ring of 100 mm by 180 degrees."""
+    work = work_of(load_job(tasks_folder / "papers" / "zhang_turn" / "tasks.yaml"))
+    assert work.length == pytest.approx(0.1 * np.pi)
+    for s in np.linspace(0.0, work.length, 21):
+        left, right = (work.paths[arm].pose(float(s)) for arm in ("left", "right"))
+        between = left.actInv(right)
+        assert between.translation == pytest.approx([0.0, 0.0, 0.2], abs=1e-12)
+        # z of the one against z of the other.
+        assert between.rotation[2, 2] == pytest.approx(-1.0)
+        grasp = (left.translation + right.translation) / 2
+        assert np.linalg.norm(grasp - [0.5, 0.0, 0.9]) == pytest.approx(0.1)
+    assert grasp == pytest.approx([0.6, 0.0, 0.9], abs=1e-12)
