@@ -261,6 +261,7 @@ ARC = "{arc: {via: {xyz: [0.6, 0.2, 0.9]}, to: {xyz: [0.5, 0.3, 0.9]}}}"
 SPLINE = "{spline: [{xyz: [0.8, 0.5, 0.9]}, {xyz: [0.9, 0.4, 1.0]}]}"
 SPEED = "speed: 50 mm/s"
 FRAMES = "E300 the cell has no frame 'bun', did you mean 'bin'? It has: bin, bin.slot, world"
+BACK = "E300 the curve turns back at once near {}, where the tool would have to stop; end the curve there and begin another piece"
 MARK = "¦"
 """Stands in front of what a message shall point at."""
 
@@ -335,6 +336,7 @@ def refused(
         ("{xyz: [0.9, 0.4, 1.0]}", "¦{xyz: [0.8, 0.5, 0.9]}", "E300 the same pose as the one before; remove it"),
         ("{xyz: [0.9, 0.4, 1.0]}", "¦{rpy: [0, 0, 1]}", "E300 no position; give xyz"),
         ("{xyz: [0.9, 0.4, 1.0]}", "{xyz: [0.9, 0.4, 1.0], in: ¦bun}", FRAMES),
+        ("[0.9, 0.4, 1.0]}]", "[0.9, 0.5, 0.9]}, ¦{xyz: [1.0, 0.5, 0.9]}, {xyz: [0.9, 0.5, 0.9]}, {xyz: [0.8, 0.5, 0.9]}, {xyz: [0.7, 0.5, 0.9]}]", BACK.format("this pose")),
         (SPLINE, "{spline: ¦[]}", "E200 a list of 0 is too short; at least 1 belong here"),
     ],
 )  # fmt: skip
@@ -437,6 +439,15 @@ def test_each_mistake_of_a_file_of_poses_is_reported_at_its_line(
     """Exact text; nothing else is reported."""
     (both / "right.csv").write_text(text)
     assert messages(lambda: load_job("tasks.yaml")) == [f"right.csv:{expected}"]
+
+
+def test_a_file_of_poses_that_turns_back_is_refused(both: Path, messages: Messages) -> None:
+    """There and back on one line; the message points at the file's name in the task file and counts poses."""
+    rows = "".join(f"{x},0,0,0,0,0,1\n" for x in (0, 0.1, 0.2, 0.1, 0))
+    (both / "right.csv").write_text(COLUMNS + rows)
+    assert messages(lambda: load_job("tasks.yaml")) == [
+        f"tasks.yaml:13:16: {BACK.format('its pose number 3')}"
+    ]
 
 
 def test_all_mistakes_of_a_file_of_poses_come_at_once(both: Path, messages: Messages) -> None:

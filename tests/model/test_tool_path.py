@@ -255,6 +255,31 @@ def test_a_spline_through_two_poses_is_the_line():
     assert spline.at(s)[0] == pytest.approx(line.at(s)[0], abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("x", "pose_number"),
+    [((0, 0.1, 0), 1), ((0, 0.1, 0.2, 0.1, 0), 2), ((0, 0.1, 0.05, 0.2), 1), ((0, 0.3, 0.29), 1)],
+)
+def test_a_spline_that_reverses_on_a_line_turns_back_there(x, pose_number):
+    """On a line there is no way around: its direction flips, exactly at a pose or near one."""
+    assert Spline(tuple(pose(value, 0, 0) for value in x)).turns_back == pose_number
+
+
+@pytest.mark.parametrize("width", [0.1, 0.01, 0.001, 0.0001])
+def test_a_spline_with_room_to_turn_does_not_turn_back(width):
+    """A hairpin, however narrow, has poses on both sides; a tool may also turn on the spot between two ways."""
+    points = ((0, 0), (0.1, 0), (0.1, width), (0, width))
+    assert Spline(tuple(pose(*point, 0) for point in points)).turns_back is None
+    assert Spline(WAVE).turns_back is None
+    angles, x = (0.0, 1.0, 2.0, 3.0), (0.0, 0.02, 0.03, 0.01)
+    turning = tuple(turned(a, value, 0, 0) for a, value in zip(angles, x, strict=True))
+    assert Spline(turning).turns_back is None
+
+
+def test_a_turn_back_and_forth_on_the_spot_turns_back():
+    """Rotations reverse like positions."""
+    assert Spline(tuple(turned(a, 0, 0, 0) for a in (0.0, 1.0, 0.0))).turns_back == 1
+
+
 def tangent_arc(R_end=DOWN):
     """A line of 0.3 m along x, then a quarter circle of radius 0.1 that goes on in its direction."""
     line = Line(pose(0, 0, 0), pose(0.3, 0, 0))
