@@ -143,7 +143,13 @@ class PathReader:
                 return None
             arc = Turn.through(here, via, to)
             if arc is None:
-                self._note((*loc, "arc"), "start, via and end lie on a line; write it as a line")
+                closed = float(np.linalg.norm(to.translation - here.translation)) < SHORTEST
+                message = (
+                    "an arc cannot end where it starts; write a full circle as a turn"
+                    if closed
+                    else "start, via and end lie on a line; write it as a line"
+                )
+                self._note((*loc, "arc"), message)
             return arc
         if section.turn is not None:
             return self._turn(section.turn, (*loc, "turn"), here)

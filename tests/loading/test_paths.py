@@ -320,6 +320,7 @@ def refused(
         ("{xyz: [0.5, 0.1, 0.9]}", "{xyz: ¦[0.5, 0.1]}", "E200 a list of 2 is too short; at least 3 belong here"),
         # Arcs.
         ("{arc: {via: {xyz: [0.6, 0.2, 0.9]}", "{arc: ¦{via: {xyz: [0.5, 0.2, 0.9]}", "E300 start, via and end lie on a line; write it as a line"),
+        ("arc: {via: {xyz: [0.6, 0.2, 0.9]}, to: {xyz: [0.5, 0.3, 0.9]}}", "arc: ¦{via: {xyz: [0.6, 0.2, 0.9]}, to: {xyz: [0.5, 0.1, 0.9]}}", "E300 an arc cannot end where it starts; write a full circle as a turn"),
         ("via: {xyz: [0.6, 0.2, 0.9]}", "via: {xyz: [0.6, 0.2, 0.9], in: ¦bun}", FRAMES),
         ("to: {xyz: [0.5, 0.3, 0.9]}", "to: {xyz: [0.5, 0.3, 0.9], in: ¦bun}", FRAMES),
         ("to: {xyz: [0.5, 0.3, 0.9]}", "to: ¦{rpy: [0, 0, 0]}", "E300 no position; give xyz"),
