@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.errors import InputError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.loading.cell_frames import frame_pose
 from dualarm_cli.loading.diagnostics import Findings
-from dualarm_cli.loading.fields import QUATERNION_TOLERANCE, FramedPose
+from dualarm_cli.loading.fields import FramedPose
+from dualarm_cli.loading.pose_files import SHORTEST, read_poses
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
 from dualarm_cli.loading.schema_paths import (
@@ -24,16 +25,11 @@ from dualarm_cli.loading.schema_paths import (
     PointSection,
     TurnSection,
 )
-from dualarm_cli.loading.text_source import TextSource, quote, suggest
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import PathWork, Place
 from dualarm_cli.model.tool_path import Line, Piece, Spline, ToolPath, Turn
-
-SHORTEST = 1e-6
-"""Pieces shorter than this are none [m]."""
-COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-"""Columns of a CSV file of poses."""
 
 
 class PathReader:
@@ -112,9 +108,8 @@ class PathReader:
     def _curve(self, curve: CurveSection, loc: Loc) -> ToolPath | None:
         if curve.poses is not None:
             poses = self._file(curve.poses, (*loc, "poses"))
-            if poses is None:
-                return None
-            return ToolPath((Spline(tuple(poses)),))
+            spline = None if poses is None else self._smooth(poses, (*loc, "poses"), listed=False)
+            return None if spline is None else ToolPath((spline,))
         return self._pieces(curve.through or [], (*loc, "through"))
 
     def _pieces(self, sections: list[PieceSection], loc: Loc) -> ToolPath | None:
@@ -148,7 +143,13 @@ class PathReader:
                 return None
             arc = Turn.through(here, via, to)
             if arc is None:
-                self._note((*loc, "arc"), "start, via and end lie on a line; write it as a line")
+                closed = float(np.linalg.norm(to.translation - here.translation)) < SHORTEST
+                message = (
+                    "an arc cannot end where it starts; write a full circle as a turn"
+                    if closed
+                    else "start, via and end lie on a line; write it as a line"
+                )
+                self._note((*loc, "arc"), message)
             return arc
         if section.turn is not None:
             return self._turn(section.turn, (*loc, "turn"), here)
@@ -177,7 +178,27 @@ class PathReader:
                 self._note((*loc, k), "the same pose as the one before; remove it")
                 return None
             poses.append(pose)
-        return Spline(tuple(poses))
+        return self._smooth(poses, loc, listed=True)
+
+    def _smooth(self, poses: list[pin.SE3], loc: Loc, listed: bool) -> Spline | None:
+        """Returns the spline through poses, or None after noting that it turns back at once.
+
+        Args:
+            poses: with the one where it starts.
+            loc: where they stand.
+            listed: whether all but the first are listed there, so that each has a place of its own.
+        """
+        spline = Spline(tuple(poses))
+        back = spline.turns_back
+        if back is None:
+            return spline
+        where = "this pose" if listed else f"its pose number {back + 1}"
+        message = (
+            f"the curve turns back at once near {where}, where the tool would have to stop; "
+            "end the curve there and begin another piece"
+        )
+        self._note((*loc, max(back - 1, 0)) if listed else loc, message)
+        return None
 
     def _pose(self, section: FramedPose, loc: Loc, before: pin.SE3 | None) -> pin.SE3 | None:
         """Returns a pose in the world; without a rotation of its own it keeps the one before."""
@@ -219,63 +240,6 @@ def _critical_point(section: CriticalPoint) -> FloatArray:
         return np.array(section.xyz)
     radius, angle, height = section.radius or 0.0, section.angle or 0.0, section.height or 0.0
     return np.array([radius * math.cos(angle), radius * math.sin(angle), height])
-
-
-def read_poses(source: TextSource) -> list[pin.SE3]:
-    """Returns the poses of a CSV file: a header with x, y, z, qx, qy, qz, qw, then one pose a line [m].
-
-    Args:
-        source: the file.
-
-    Raises:
-        InputError: everything wrong with it.
-    """
-    lines = source.text.splitlines()
-    names = [name.strip() for name in (lines[0] if lines else "").split(",")]
-    missing = [name for name in COLUMNS if name not in names]
-    if missing:
-        message = f"the first line must name the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
-        raise InputError([Diagnostic(source.name, 1, 1, "E300", message)])
-    findings: list[Diagnostic] = []
-    poses: list[pin.SE3] = []
-    for number, line in enumerate(lines[1:], 2):
-        if not line.strip():
-            continue
-        pose, wrong = _row(line, names)
-        if pose is not None and poses and Line(poses[-1], pose).length < SHORTEST:
-            pose, wrong = None, "the same pose as the one before; remove it"
-        if pose is None:
-            findings.append(Diagnostic(source.name, number, 1, "E300", wrong))
-        else:
-            poses.append(pose)
-    if not findings and len(poses) < 2:
-        findings.append(Diagnostic(source.name, 0, 0, "E300", "a path needs two poses or more"))
-    if findings:
-        raise InputError(findings)
-    return poses
-
-
-def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
-    """Returns the pose of one line, or what is wrong with it."""
-    fields = line.split(",")
-    if len(fields) != len(names):
-        return None, f"{len(fields)} values; the first line names {len(names)} columns"
-    values: dict[str, float] = {}
-    for name, field in zip(names, fields, strict=True):
-        if name not in COLUMNS:
-            continue
-        try:
-            values[name] = float(field)
-        except ValueError:
-            return None, f"{name}: {quote(field.strip())} is not a number"
-        if not math.isfinite(values[name]) or abs(values[name]) > 1e3:
-            return None, f"{name}: {quote(field.strip())} is outside the range of -1000 to 1000"
-    norm = math.sqrt(sum(values[name] ** 2 for name in COLUMNS[3:]))
-    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        return None, f"a quaternion must have length 1, not {norm:.6g}; divide by its length"
-    x, y, z, w = (values[name] / norm for name in COLUMNS[3:])
-    rotation = pin.Quaternion(w, x, y, z).toRotationMatrix()
-    return pin.SE3(rotation, np.array([values[name] for name in COLUMNS[:3]])), ""
 
 
 def check_arms(arms: Mapping[str, object], section: PathSection, task_arm: str | None) -> str:

@@ -15,6 +15,8 @@ from dualarm_cli.model.tool_path import ToolPath
 Action = Literal["pick", "place", "move", "path"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
+SAME_SHARE = 1e-9
+"""Difference of two shares of a way that count as one."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +133,12 @@ class PathWork:
 
     def corners(self) -> tuple[float, ...]:
         """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
-        found = {corner / path.length for path in self.paths.values() for corner in path.corners}
-        return tuple(sorted(found))
+        found: list[float] = []
+        for share in sorted(c / path.length for path in self.paths.values() for c in path.corners):
+            # What both tools' shares differ by rounding is one corner.
+            if not found or share - found[-1] > SAME_SHARE:
+                found.append(share)
+        return tuple(found)
 
 
 @dataclass(frozen=True)

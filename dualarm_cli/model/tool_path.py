@@ -162,6 +162,15 @@ class Spline:
         steps = h * (speed @ np.array([5.0, 8.0, 5.0])) / 18.0
         return u, np.concatenate([[0.0], np.cumsum(steps)]), self._speed(u)
 
+    @cached_property
+    def turns_back(self) -> int | None:
+        """The pose nearest to where way and turning reverse at once, so that the tool would have to stop; else None."""
+        position, rotation = self._curves
+        u = self._lengths[0]
+        rate = np.hstack([position(u, 1), TURN_LENGTH * rotation(u, 1)])  # type: ignore[operator]
+        back = np.flatnonzero((rate[1:] * rate[:-1]).sum(axis=1) <= 0.0)
+        return int(np.argmin(np.abs(self._knots - u[back[0]]))) if back.size else None
+
     def _speed(self, u: FloatArray) -> FloatArray:
         """Returns the length per unit of the parameter, smooth where neither way nor turning vanishes."""
         position, rotation = self._curves

@@ -1,0 +1,144 @@
+"""Jobs with paths: which tasks run together, and what is paired within them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.job import Dwell, Job, PathWork, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.model.tool_path import Line, ToolPath
+
+HERE = pin.SE3.Identity()
+
+
+def stop(action):
+    """A stop somewhere."""
+    return Stop(action, PoseTarget(HERE), 0.0, 0.0, Dwell(), Place("tasks.yaml", 1, 1))
+
+
+def carry(name, arm):
+    """A pick and a place."""
+    return Task(name, arm, (stop("pick"), stop("place")))
+
+
+def move(name, arm):
+    """A bare move."""
+    return Task(name, arm, (stop("move"),))
+
+
+def polyline(*x):
+    """A path through places along x; there and back where they fall."""
+    poses = [pin.SE3(np.eye(3), np.array([value, 0.0, 0.0])) for value in x]
+    return ToolPath(tuple(Line(a, b) for a, b in pairwise(poses)))
+
+
+def follow(name, **paths):
+    """A path task: a task for each arm that follows, with one work."""
+    work = PathWork(paths or {"left": polyline(0, 1)}, 0.1)
+    return [Task(name, arm, (stop("path"),), path=work) for arm in work.paths]
+
+
+def both(name):
+    """A path of both arms."""
+    return follow(name, left=polyline(0, 1), right=polyline(0, 2))
+
+
+def job(*tasks):
+    """A job of two arms with one joint each."""
+    n = 2
+    limits = JointLimits(
+        ("l", "r"), -np.ones(n), np.ones(n), np.ones(n), np.ones(n), np.ones(n), ("assumed",) * n
+    )
+    arms = tuple(Arm(side, (side[0],), f"{side}_flange", "general") for side in ("left", "right"))
+    robot = Robot("two", "", (), arms, limits)
+    cell = Cell(robot, HERE, {arm.name: Tool(HERE) for arm in arms})
+    return Job(cell, tuple(tasks), "home", False)
+
+
+def names(sections):
+    """Ids of the tasks, section by section."""
+    return [[task.id for task in section] for section in sections]
+
+
+def stages(found):
+    """Who does what in each stage."""
+    return [{arm: f"{task.id} {s.action}" for arm, (task, s) in stage.items()} for stage in found]
+
+
+def test_without_paths_all_tasks_are_one_section():
+    """As before there were paths."""
+    one = job(carry("a", "left"), carry("b", "right"), move("c", "left"))
+    assert names(one.sections()) == [["a", "b", "c"]]
+    assert not one.has_paths
+    assert job().sections() == []
+    assert job().stages() == []
+
+
+def test_a_path_is_a_section_between_those_before_and_behind():
+    """Picks, a path of one arm, moves."""
+    one = job(carry("a", "left"), carry("b", "right"), *follow("p"), move("c", "left"))
+    assert names(one.sections()) == [["a", "b"], ["p"], ["c"]]
+    assert one.has_paths
+
+
+def test_both_arms_of_a_path_are_one_section_and_two_paths_are_two():
+    """The same work makes them one; equal works of different tasks do not."""
+    one = job(*both("p"), *both("q"), *follow("r"), *follow("s"))
+    assert names(one.sections()) == [["p", "p"], ["q", "q"], ["r"], ["s"]]
+
+
+def test_stages_do_not_pair_tasks_across_a_path():
+    """Left has two stops before the path and one behind, right one before and three behind."""
+    one = job(
+        carry("a", "left"),
+        move("b", "right"),
+        *both("p"),
+        carry("c", "right"),
+        move("d", "left"),
+        move("e", "right"),
+    )
+    assert stages(one.stages()) == [
+        {"left": "a pick", "right": "b move"},
+        {"left": "a place"},
+        {"left": "p path", "right": "p path"},
+        {"left": "d move", "right": "c pick"},
+        {"right": "c place"},
+        {"right": "e move"},
+    ]
+
+
+def test_a_path_of_one_arm_is_a_stage_of_that_arm_alone():
+    """The other arm's tasks before and behind stay where they are."""
+    one = job(move("a", "right"), *follow("p", right=polyline(0, 1)), move("b", "left"))
+    assert stages(one.stages()) == [{"right": "a move"}, {"right": "p path"}, {"left": "b move"}]
+
+
+def test_stops_are_found_by_arm_task_and_action():
+    """Both arms' ends of one path are two stops."""
+    one = job(*both("p"), carry("a", "left"))
+    assert set(one.stops_by_key()) == {
+        ("left", "p", "path"),
+        ("right", "p", "path"),
+        ("left", "a", "pick"),
+        ("left", "a", "place"),
+    }
+    assert [s.action for _, s in one.stops_of("left")] == ["path", "pick", "place"]
+
+
+def test_the_longer_path_counts_and_corners_are_shares_of_the_way():
+    """Left 0 -> 1 -> 0.5 (corner at 1 of 1.5), right 0 -> 1 -> 0 -> 2 (corners at 1 and 2 of 4)."""
+    work = PathWork({"left": polyline(0, 1, 0.5), "right": polyline(0, 1, 0, 2)}, 0.1)
+    assert work.length == pytest.approx(4.0)
+    assert work.corners() == pytest.approx((0.25, 0.5, 2.0 / 3.0))
+
+
+def test_corners_at_the_same_share_are_one_stop():
+    """Both tools turn back after a third, 0.1 m and 0.3 m: not twice, however the shares are rounded."""
+    for scale in (0.1, 0.3, 0.7, 1.0 / 3.0, 0.011):
+        work = PathWork({"left": polyline(0, 0.1, -0.1), "right": polyline(0, scale, -scale)}, 0.1)
+        assert work.corners() == pytest.approx((1.0 / 3.0,)), scale
