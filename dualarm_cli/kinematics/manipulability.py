@@ -18,6 +18,8 @@ class ManipulabilityRates:
     """log M."""
     gradient: FloatArray
     """d log M / dq [1/rad], shape (n,)."""
+    inner: FloatArray
+    """The part of the gradient that moves no tool [1/rad], shape (n,)."""
     rate: FloatArray
     """d gradient / dt at the given velocity [1/(rad s)], shape (n,)."""
 
@@ -77,7 +79,9 @@ def manipulability_rates(body: WholeBody, S: FloatArray, qd: FloatArray) -> Mani
     gradient = np.einsum("ij,ij->i", S, sum_P)
     rate = np.einsum("ij,ij->i", Sd, sum_P) + np.einsum("ij,ij->i", S, sum_Pd)
     sign, logarithm = np.linalg.slogdet(gram)
-    return ManipulabilityRates(0.5 * float(logarithm) if sign > 0 else -np.inf, gradient, rate)
+    inner = gradient - plus @ (J @ gradient)
+    value = 0.5 * float(logarithm) if sign > 0 else -np.inf
+    return ManipulabilityRates(value, gradient, inner, rate)
 
 
 def screw_hessian(S: FloatArray, before: BoolArray) -> FloatArray:

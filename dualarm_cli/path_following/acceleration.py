@@ -30,7 +30,9 @@ MARGIN = 1e-3
 TORQUE_SHARE = 0.98
 """Share of the torque limits that is used: evening out and curves between instants change accelerations a little."""
 BRAKING = 0.15
-"""Share of the time at the end in which self-motion dies out."""
+"""Share of the time at the end in which self-motion dies out, at least."""
+LEAST_BRAKING = 0.8
+"""Time in which it dies out [s], but for paths that take less than twice as long."""
 ORDER = 3.0
 """It dies out with this power of the time that is left, so that velocity, acceleration and jerk end at nothing."""
 
@@ -93,12 +95,31 @@ def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
     """
     weights = problem.weights
 
+    most = stoppable(problem)
+
     def wanted(S: FloatArray, qd: FloatArray) -> FloatArray:
-        rates, gain = manipulability_rates(problem.body, S, qd), weights.gain
+        rates = manipulability_rates(problem.body, S, qd)
+        size = float((weights.gain * np.abs(rates.inner) / most).max())
+        gain = weights.gain / max(1.0, size)
         found: FloatArray = gain * rates.rate - weights.damping * (qd - gain * rates.gradient)
         return found
 
     return _follow(problem, wanted)
+
+
+def braking_time(problem: PathProblem) -> float:
+    """Returns how long before the end self-motion begins to die out [s]."""
+    whole = (problem.instants - 1) * problem.step
+    return max(BRAKING * whole, min(LEAST_BRAKING, 0.5 * whole))
+
+
+def stoppable(problem: PathProblem) -> FloatArray:
+    """Returns the speeds of self-motion that can die out in the braking time t [rad/s], shape (n,).
+
+    A speed v (left / t)³ has its largest acceleration 3 v / t and its largest jerk 6 v / t² at first.
+    """
+    t, limits = braking_time(problem), problem.limits
+    return np.minimum(limits.acceleration * t / ORDER, limits.jerk * t**2 / (ORDER * (ORDER - 1.0)))
 
 
 def follow_min_acceleration(problem: PathProblem) -> PathMotion | NoPath:
@@ -156,7 +177,7 @@ class AccelerationStep:
     def __init__(self, problem: PathProblem, wanted: Wanted) -> None:
         """Prepares the solver."""
         self._problem, self._wanted = problem, wanted
-        self._bounds = Bounds.of(problem)
+        self._bounds, self._braking = Bounds.of(problem), braking_time(problem)
         self._velocity, self._acceleration = problem.twists()
         self._free = np.flatnonzero(problem.free)
         self._follows = np.flatnonzero(problem.follows)
@@ -186,8 +207,7 @@ class AccelerationStep:
         slip = self._velocity[k] - J @ qd
         A = self._acceleration[k] + DAMPING * slip + STIFFNESS * error - drift
         left = (problem.instants - 1 - k) * problem.step
-        braking = BRAKING * (problem.instants - 1) * problem.step
-        aim = self._rest(J, qd, left) if left < braking else self._wanted(state.S, qd)
+        aim = self._rest(J, qd, left) if left < self._braking else self._wanted(state.S, qd)
         low, high = self._bounds.at(q, qd)
         least = np.maximum(low, before - self._jerk)
         most = np.minimum(high, before + self._jerk)
