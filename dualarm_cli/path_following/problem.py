@@ -73,6 +73,8 @@ class PathProblem:
     """lambda of damped least squares ([Choi2020] Eq. 3)."""
     model: CellModel | None = None
     """The cell in closed form, for methods that need it; None where its arms have none."""
+    tool_speed: float | None = None
+    """Largest speed of every tool, of arms that do not follow as well [m/s]; None for no cap."""
     torque: FloatArray | None = None
     """Largest torque of every joint [N m], shape (n,); None where torques are not limited."""
     dynamics: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None

@@ -18,6 +18,8 @@ GRID = 0.005
 """Spacing of the times at which a clock that eases off is kept [s]."""
 EASING = 0.15
 """Time before and after a place that asks for less speed in which a clock eases off [s]."""
+CAP_MARGIN = 5e-4
+"""Share of a cap on the tools' speed that is kept free: knots are joined by curves."""
 RISE = 0.1
 """Time in which the acceleration is reached, where the file gives no jerk [s]."""
 
@@ -42,15 +44,20 @@ class PathClock:
     """Factors on the speed at equal parts of the full time, shape (g,); all 1 where it never eases off."""
 
     @classmethod
-    def of(cls, work: PathWork, pace: float = 1.0, gentle: float = 1.0) -> PathClock:
+    def of(
+        cls, work: PathWork, pace: float = 1.0, gentle: float = 1.0, cap: float | None = None
+    ) -> PathClock:
         """Returns the clock of a path.
 
         Args:
             work: the path, with its speed and perhaps acceleration and jerk.
-            pace: share of its speed at which it is followed.
+            pace: share of its speed at which it is followed; everything then takes as much longer.
             gentle: how many times as long as usual ramps take whose acceleration or jerk the file does not give.
+            cap: largest speed of any tool [m/s], or None.
         """
         speed = work.speed * pace
+        if cap is not None:
+            speed = min(speed, cap * (1.0 - CAP_MARGIN))
         # Followed slower, everything takes longer in the same way.
         acceleration = (
             work.acceleration * pace**2 if work.acceleration else speed / (RAMP * gentle / pace)

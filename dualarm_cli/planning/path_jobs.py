@@ -29,6 +29,8 @@ HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 LOOKED_AT = 0.02
 """Time between the postures of a path that are looked at [s]."""
+ALIKE, SAME_PLACE = 3, 0.02
+"""So many starts that are too fast at the same place, to this share of the path, speak for all others."""
 MOST_STARTS = 12
 """So many starts of a path are tried."""
 
@@ -125,6 +127,8 @@ class SectionPlanner:
             found = follow_path(context, work, follower, q)
             if isinstance(found, Refused):
                 refusals.append(found)
+                if _always_there(refusals):
+                    break
                 continue
             touching = None if holding is None else _touching(holding, found)
             if touching is not None:
@@ -135,7 +139,7 @@ class SectionPlanner:
                 try:
                     transfer = self._transfer(here, q)
                 except InfeasibleError as error:
-                    refusals.append(Refused(f"no way to where it begins: {error}", 0.0))
+                    refusals.append(Refused(f"no way to where it begins: {error}", 0.0, "clear"))
                     continue
             if best is None or _time(transfer, found) < _time(*best):
                 best = transfer, found
@@ -175,6 +179,14 @@ class SectionPlanner:
         return replace(self.problem, job=job, model=model)
 
 
+def _always_there(refusals: list[Refused]) -> bool:
+    """Returns whether the last few starts came to the same place, and there too fast: others will as well."""
+    last = refusals[-ALIKE:]
+    places = [one.share for one in last]
+    same = max(places) - min(places) < SAME_PLACE
+    return len(last) == ALIKE and same and all(one.remedy == "slower" for one in last)
+
+
 def _time(transfer: Found | None, followed: Followed) -> float:
     """Returns how long a path takes with the transfer to it [s]."""
     there = 0.0 if transfer is None else transfer.cleared.motion.trajectory.duration
@@ -207,4 +219,5 @@ def _touching(holding: Holding, found: Followed) -> Refused | None:
     return Refused(
         f"after {time[k]:.3f} s {one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance",
         share,
+        "clear",
     )

@@ -60,11 +60,32 @@ class Joined:
         exact = largest_rates(time, v, a)
         worst = float(max((exact[i] / allowed[i]).max() ** (1.0 / (i + 1)) for i in range(3)))
         curve = cls(trajectory, shares.max(axis=(0, 2)), worst, reason, float(time[knot]), True)
-        return curve if worst > 1.0 else curve._with_torques(problem)
+        return curve if worst > 1.0 else curve._with_cap(problem)._with_torques(problem)
+
+    def _with_cap(self, problem: PathProblem) -> Joined:
+        """Returns the same, refused where a tool, also one that only the platform moves, exceeds the cap on its speed."""
+        if problem.tool_speed is None:
+            return self
+        motion, body = self.trajectory, problem.body
+        speed = np.empty((len(motion.time), len(body.arms)))
+        for k, (q, v) in enumerate(zip(motion.position, motion.velocity, strict=True)):
+            speed[k] = np.linalg.norm((body.at(q).J @ v).reshape(-1, 6)[:, :3], axis=1)
+        knot, arm = (int(i) for i in np.unravel_index(int(np.argmax(speed)), speed.shape))
+        if speed[knot, arm] <= problem.tool_speed:
+            return self
+        reason = f"the {body.arms[arm]} tool would move at {speed[knot, arm]:.4g} m/s, allowed {problem.tool_speed:.4g}"
+        excess = speed.max(axis=1) / problem.tool_speed
+        return replace(
+            self,
+            excess=excess,
+            worst=float(excess.max()),
+            reason=reason,
+            when=float(motion.time[knot]),
+        )
 
     def _with_torques(self, problem: PathProblem) -> Joined:
         """Returns the same, refused where torques exceed their limits."""
-        if problem.torque is None or problem.dynamics is None:
+        if problem.torque is None or problem.dynamics is None or self.worst > 1.0:
             return self
         motion = self.trajectory
         torques = np.empty_like(motion.position)
@@ -93,16 +114,29 @@ class Joined:
         )
 
 
+def leaves(problem: PathProblem, found: PathMotion) -> float:
+    """Returns how far the tools are from where they should be by the method itself, turns by TURN_LENGTH [m]."""
+    return _farthest(problem, found.position[CHECKED // 2 :: CHECKED], None)
+
+
 def strays(problem: PathProblem, found: PathMotion, trajectory: Trajectory) -> float:
     """Returns how far the tools are from where the method has them between the knots, turns by TURN_LENGTH [m]."""
-    looked_at = np.arange(CHECKED // 2, problem.instants, CHECKED)
+    looked_at = slice(CHECKED // 2, None, CHECKED)
     position = trajectory.at(instants(problem.instants, problem.step)[looked_at])[0]
+    return _farthest(problem, position, found.position[looked_at])
+
+
+def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | None) -> float:
+    """Returns how far tools are from where others, or their targets, have them, at every CHECKED-th instant [m]."""
     which = np.flatnonzero(problem.follows)
     worst = 0.0
-    for k, q in zip(looked_at, position, strict=True):
+    for k, q in enumerate(position):
         R, p = problem.body.tools(q)
-        R_there, p_there = problem.body.tools(found.position[k])
-        error = pose_error(R_there[which], p_there[which], R[which], p[which]).reshape(-1, 6)
+        instant = CHECKED // 2 + CHECKED * k
+        R_there, p_there = problem.R[instant], problem.p[instant]
+        if there is not None:
+            R_there, p_there = (part[which] for part in problem.body.tools(there[k]))
+        error = pose_error(R_there, p_there, R[which], p[which]).reshape(-1, 6)
         worst = max(worst, float(np.linalg.norm(error[:, :3], axis=1).max()))
         worst = max(worst, TURN_LENGTH * float(np.linalg.norm(error[:, 3:], axis=1).max()))
     return worst

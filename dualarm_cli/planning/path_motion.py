@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -14,16 +15,18 @@ from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job, PathWork
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.problem import Spring
 from dualarm_cli.planning.path_clock import PathClock
-from dualarm_cli.planning.path_joining import Joined, instants, strays
+from dualarm_cli.planning.path_joining import Joined, instants, leaves, strays
 from dualarm_cli.planning.path_smoothing import evened_out
+from dualarm_cli.planning.path_targets import SHARE as ROUNDED
 from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
 
-STEP, LONGEST_STEP = 1e-3, 4e-3
+STEP, LONGEST_STEP = 1e-3, 1e-2
 """Time between the instants at which joints are found [s]; on long paths more, up to the second."""
 MOST = 12_000
 """Instants beyond which the time between them grows."""
@@ -33,7 +36,7 @@ SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
 """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
 HOPELESS, HOPELESS_YET = 3.0, 1.3
 """Factors too fast above which no evening out helps, or slowing down is tried first."""
-TOLERATED = 0.5
+TOLERATED = 0.2
 """Share of its tolerance by which the trajectory may leave a path between knots."""
 GENTLER = (2.0, 4.0)
 """How many times as long as usual ramps take that are tried next where the file leaves them open."""
@@ -45,8 +48,16 @@ ROUNDS = 16
 """How often a path is tried slower."""
 EASED = 8
 """How often it is tried slower only where it was too fast."""
+GAINED = 0.98
+"""Share of what exceeds the limits above which evening out has gained nothing."""
+NEAR_JUNCTION = 0.02
+"""Distance from a junction of pieces within which it is to blame [m]."""
 AMPLE = 1.02
 """By how much more than needed speed is reduced."""
+
+
+Remedy = Literal["slower", "other", "clear", "tolerance"]
+"""What may help against a refusal: less speed, another path or start, more room, or a larger tolerance."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +68,8 @@ class Followed:
     """All joints of the robot."""
     clock: PathClock
     """Where the tools are when."""
-    pace: float
-    """Share of the speed asked for."""
+    asked: float
+    """How long it would take if the joints' limits did not ask for less speed [s]."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,8 @@ class Refused:
     """In words, with time and place."""
     share: float
     """How much of the path can be."""
+    remedy: Remedy = "other"
+    """What may help."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +116,18 @@ class PathContext:
         """Whether all arms are spherical-revolute-spherical."""
         return all(isinstance(arm.kinematics, SrsArm) for arm in self.model.arms.values())
 
-    def pace(self, work: PathWork) -> float:
-        """Returns the share of a path's speed that the job's speed and its cap on the tools leave."""
+    def clock(self, work: PathWork, slower: float = 1.0, gentle: float = 1.0) -> PathClock:
+        """Returns the clock of a path at the job's speed and under its cap on the tools.
+
+        Args:
+            work: the path.
+            slower: share of that speed at which it is followed.
+            gentle: how many times as long as usual ramps take that the file leaves open.
+        """
         cap = self.job.tool_speed
-        return min(self.job.speed, cap / work.speed if cap is not None else 1.0)
+        if cap is not None and slower < 1.0:
+            cap = cap * slower
+        return PathClock.of(work, self.job.speed * slower, gentle, cap)
 
     def problem(self, work: PathWork, start: FloatArray, clock: PathClock) -> PathProblem:
         """Returns what a follower is asked.
@@ -135,6 +156,7 @@ class PathContext:
             pace=pace,
             spring=Spring(self.critical_points(work.critical_points), 2.0 * work.stiffness**2),
             model=self.model if self.closed_form else None,
+            tool_speed=self.job.tool_speed,
             torque=self.dynamics.limit if work.torque and self.dynamics else None,
             dynamics=self.dynamics.at if work.torque and self.dynamics else None,
         )
@@ -168,13 +190,13 @@ def follow_path(
         follower: the method.
         start: joints where it begins [rad], shape (n,).
     """
-    pace, open_ramps = context.pace(work), work.acceleration is None or work.jerk is None
-    clock = PathClock.of(work, pace)
+    slower, open_ramps = 1.0, work.acceleration is None or work.jerk is None
+    clock = context.clock(work)
     tried = _once(context, work, follower, start, clock)
     # Where it may be slower it eases off in its ramps as anywhere.
     for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
-            clock = PathClock.of(work, pace, gentle)
+            clock = context.clock(work, gentle=gentle)
             tried = _once(context, work, follower, start, clock)
     full = clock.duration
     for k in range(ROUNDS if work.slower else 0):
@@ -184,16 +206,15 @@ def follow_path(
             clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE)
         else:
             # It is not known where, or easing off there does not do: slower all along.
-            pace *= (
-                min(SLOWER, 1.0 / (AMPLE * tried.excess)) if np.isfinite(tried.excess) else SLOWER
-            )
-            if pace < SLOWEST * context.pace(work):
+            known = np.isfinite(tried.excess)
+            slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else SLOWER
+            if slower < SLOWEST:
                 break
-            clock = PathClock.of(work, pace)
+            clock = context.clock(work, slower)
         tried = _once(context, work, follower, start, clock, HOPELESS_YET)
     if tried.trajectory is None:
         return tried.refused
-    return Followed(tried.trajectory, clock, min(1.0, full / clock.duration))
+    return Followed(tried.trajectory, clock, full)
 
 
 @dataclass(frozen=True)
@@ -226,10 +247,20 @@ def _once(
     found = follower.solve(problem)
     if isinstance(found, NoPath):
         share = float(problem.share[found.instant])
-        refused = _refused(work, found.reason, found.instant * problem.step, share)
+        remedy: Remedy = "slower" if found.excess > 1.0 else "other"
+        refused = _refused(work, found.reason, found.instant * problem.step, share, remedy)
         return _Tried(None, refused, found.excess)
+    left = leaves(problem, found)
+    if left > (1.0 - ROUNDED - TOLERATED) * work.tolerance:
+        reason = (
+            f"{follower.name} leaves the path by {left * 1e3:.3f} mm (turns by {TURN_LENGTH:g} m/rad), tolerance "
+            f"{work.tolerance * 1e3:g} mm"
+        )
+        return _Tried(None, Refused(reason, 1.0, "tolerance"))
     joined: list[Joined] = []
     for window in SMOOTHED:
+        if len(joined) > len(PER_KNOT) and _in_vain(joined):
+            break
         if joined and min(curve.worst for curve in joined) > hopeless:
             break
         even = evened_out(problem, found, window)
@@ -245,11 +276,31 @@ def _once(
         # Only what strays from the path keeps the limits.
         curve = joined[0]
     share = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
-    refused = _refused(work, curve.reason, curve.when, share)
+    reason = curve.reason + _junction_words(work, share)
+    remedy = "slower" if curve.slower_helps else "other"
+    refused = _refused(work, reason, curve.when, share, remedy)
     return _Tried(None, refused, curve.worst if curve.slower_helps else 0.0, curve)
 
 
-def _refused(work: PathWork, reason: str, time: float, share: float) -> Refused:
+def _in_vain(joined: list[Joined]) -> bool:
+    """Returns whether the first evening out gained nothing."""
+    before, after = joined[: len(PER_KNOT)], joined[len(PER_KNOT) :]
+    return min(c.worst for c in after) > GAINED * min(c.worst for c in before)
+
+
+def _junction_words(work: PathWork, share: float) -> str:
+    """Returns that the path's curvature jumps where a limit is exceeded, or nothing."""
+    for path in work.paths.values():
+        for edge in path.junctions:
+            if edge not in path.corners and abs(edge - share * path.length) < NEAR_JUNCTION:
+                return (
+                    f" near where two pieces meet with different curvature ({edge * 1e3:.1f} mm along; a larger "
+                    "tolerance rounds the path more)"
+                )
+    return ""
+
+
+def _refused(work: PathWork, reason: str, time: float, share: float, remedy: Remedy) -> Refused:
     """Returns a reason with time and place."""
     places = []
     for arm, path in work.paths.items():
@@ -257,4 +308,4 @@ def _refused(work: PathWork, reason: str, time: float, share: float) -> Refused:
         places.append(
             f"{arm} tool {share * path.length * 1e3:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m"
         )
-    return Refused(f"after {time:.3f} s, {' and '.join(places)}: {reason}", share)
+    return Refused(f"after {time:.3f} s, {' and '.join(places)}: {reason}", share, remedy)

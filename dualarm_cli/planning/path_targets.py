@@ -8,7 +8,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 from dualarm_cli.model.tool_path import TURN_LENGTH, Poses, ToolPath
 
-SHARE = 0.25
+SHARE = 0.7
 """Share of the tolerance by which rounding may leave the path."""
 LONGEST = 0.15
 """Time over which a jump of acceleration is spread, at most [s]."""

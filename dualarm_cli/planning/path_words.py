@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
@@ -9,7 +11,20 @@ from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body_reach import Reached
 from dualarm_cli.model.job import Job, PathWork, Task
 from dualarm_cli.path_following import PATH_SOLVERS
-from dualarm_cli.planning.path_motion import Followed, PathContext, Refused
+from dualarm_cli.planning.path_motion import Followed, PathContext, Refused, Remedy
+
+SLOWED = 1.001
+"""Durations longer by this factor are worth a word."""
+REMEDIES: Mapping[Remedy, str] = {
+    "slower": "lower its speed, acceleration or jerk, allow it to be slower (slower: allowed), or choose another method "
+    "(--redundancy)",
+    "other": "move the path or turn the tool, begin near another posture (posture:), or choose another method "
+    "(--redundancy)",
+    "clear": "move the path or what is in its way, begin near another posture (posture:), or choose another method "
+    "(--redundancy)",
+    "tolerance": "raise its tolerance, or choose another method (--redundancy)",
+}
+"""What a reader may do about a refusal."""
 
 
 def check_followers(job: Job, asked: str | None) -> None:
@@ -63,10 +78,20 @@ def path_notes(
 ) -> list[str]:
     """Returns what a reader must know of how a path is followed."""
     notes = []
-    full = context.pace(work)
-    if found.pace < full:
+    cap, speed = context.job.tool_speed, work.speed * context.job.speed
+    if cap is not None and cap < speed:
         notes.append(
-            f"{task}: followed at {found.pace / full:.0%} of its speed, as the joints' limits ask for it"
+            f"{task}: followed at {cap:g} m/s, the cap on the tools' speed, not at {speed:g} m/s"
+        )
+    if found.trajectory.duration > found.asked * SLOWED:
+        notes.append(
+            f"{task}: eases off where the joints' limits ask for it, {found.trajectory.duration:.3f} s "
+            f"instead of {found.asked:.3f} s"
+        )
+    if corners := len(work.corners()):
+        stops = "stops at one corner" if corners == 1 else f"stops at {corners} corners"
+        notes.append(
+            f"{task}: the tool {stops}; arcs and splines in their place would keep it moving"
         )
     if name.startswith("virtual_spring"):
         missing = [arm for arm in work.paths if arm not in work.critical_points]
@@ -96,7 +121,5 @@ def why_not(
             "the tool, or name another posture"
         )
     best = max(refusals, key=lambda one: one.share)
-    advice = "lower its speed, allow it to be slower (slower: allowed), or choose another method (--redundancy)"
-    return (
-        f"{head}{name} cannot follow it from any of {len(refusals)} starts; {best.reason}; {advice}"
-    )
+    tried = "any of its starts" if len(refusals) == 1 else f"any of {len(refusals)} starts"
+    return f"{head}{name} cannot follow it from {tried}; {best.reason}; {REMEDIES[best.remedy]}"

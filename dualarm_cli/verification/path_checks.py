@@ -127,15 +127,19 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
     gone = np.concatenate([[0.0], np.cumsum(np.maximum(moved, TURN_LENGTH * turned))])
     s = np.clip(gone * (path.length / max(gone[-1], path.length)), 0.0, path.length)
     step = path.length / SAMPLES
+    # Beyond a corner the path may come back the way it went: each instant stays on its side.
+    edges = np.array([0.0, *path.corners, path.length])
+    side = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2)
+    first, last = edges[side], edges[side + 1]
     for _ in range(ROUNDS):
-        low, high = np.maximum(s - step, 0.0), np.minimum(s + step, path.length)
+        low, high = np.maximum(s - step, first), np.minimum(s + step, last)
         (R0, p0), (R1, p1), (R_here, p_here) = path.at(low), path.at(high), path.at(s)
         span = (high - low)[:, None]
         way = np.hstack(
             [(p1 - p0) / span, TURN_LENGTH * log_rotation(R1 @ np.swapaxes(R0, -1, -2)) / span]
         )
         off = np.hstack([p - p_here, TURN_LENGTH * log_rotation(R @ np.swapaxes(R_here, -1, -2))])
-        s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), 0.0, path.length)
+        s = np.clip(s + (way * off).sum(axis=1) / (way * way).sum(axis=1), first, last)
     R_here, p_here = path.at(s)
     angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)
     return Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)
