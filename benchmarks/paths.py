@@ -34,7 +34,7 @@ from dualarm_cli.path_following.velocity import (
     spring_gradient,
 )
 from dualarm_cli.planning.path_clock import PathClock
-from dualarm_cli.planning.path_motion import PathContext
+from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_starts import path_starts
 
 PAPERS = Path(__file__).parents[1] / "tasks" / "papers"

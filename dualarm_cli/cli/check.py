@@ -57,7 +57,8 @@ def _check_one(file: str) -> dict[str, Any]:
     except InputError as error:
         return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
     kind, summary = _describe(noun)
-    return {"file": file, "kind": kind, "summary": summary, "diagnostics": _geometry(file, noun)}
+    wrong = [*_geometry(file, noun), *_paths(noun)]
+    return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong}
 
 
 def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
@@ -82,6 +83,21 @@ def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
     return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
 
 
+def _paths(noun: Robot | Cell | Job) -> list[Diagnostic]:
+    """Returns what paths ask for that there is not: methods, torque limits."""
+    from dualarm_cli.errors import InputError
+    from dualarm_cli.model.job import Job
+    from dualarm_cli.planning.path_words import check_followers
+
+    if not isinstance(noun, Job) or not noun.has_paths:
+        return []
+    try:
+        check_followers(noun, None)
+    except InputError as error:
+        return error.diagnostics
+    return []
+
+
 def _describe(noun: Robot | Cell | Job) -> tuple[str, str]:
     """Returns the kind of a file and what is in it."""
     from dualarm_cli.model.cell import Cell
@@ -89,7 +105,11 @@ def _describe(noun: Robot | Cell | Job) -> tuple[str, str]:
 
     if isinstance(noun, Job):
         targets = sum(len(task.stops) for task in noun.tasks)
-        counts = [(len(noun.tasks), "task"), (targets, "target"), (len(noun.stages()), "stage")]
+        counts = [
+            (len({task.id for task in noun.tasks}), "task"),
+            (targets, "target"),
+            (len(noun.stages()), "stage"),
+        ]
         return "tasks", ", ".join(_count(*count) for count in counts)
     if isinstance(noun, Cell):
         counts = [(len(noun.frames), "frame"), (len(noun.obstacles), "obstacle")]

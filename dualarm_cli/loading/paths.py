@@ -116,6 +116,11 @@ class PathReader:
         if not sections or sections[0].xyz is None:
             self._note((*loc, 0), "the first entry of a path is the pose where it starts: give xyz")
             return None
+        if sections[0].rpy is None and sections[0].quat is None:
+            self._note(
+                (*loc, 0), "where a path starts the tool's rotation is needed: give rpy or quat"
+            )
+            return None
         here = self._pose(sections[0], (*loc, 0), None)
         pieces: list[Piece] = []
         for k, section in enumerate(sections[1:], 1):

@@ -31,7 +31,10 @@ def read_poses(source: TextSource) -> list[pin.SE3]:
     names = [name.strip() for name in (lines[0] if lines else "").split(",")]
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        message = f"the first line must name the columns {', '.join(COLUMNS)}; missing: {', '.join(missing)}"
+        message = (
+            f"the first line must name the columns {', '.join(COLUMNS)}, with commas between them; missing: "
+            f"{', '.join(missing)}"
+        )
         raise InputError([Diagnostic(source.name, 1, 1, "E300", message)])
     findings: list[Diagnostic] = []
     poses: list[pin.SE3] = []

@@ -155,7 +155,10 @@ class PathSection(CurveSection):
     in_: Name | None = Field(
         default=None, alias="in", description="Named frame of all poses that name none."
     )
-    speed: ToolSpeed = Field(description="Speed of the tool with the longer path [m/s].")
+    speed: ToolSpeed = Field(
+        description="Speed of the tool with the longer path [m/s]; a turn by 1 rad counts as 0.1 m at least. "
+        "The tool stops at corners."
+    )
     acceleration: PathAcceleration | None = Field(
         default=None, description="Acceleration along the path [m/s²]; default: a ramp of 0.2 s."
     )

@@ -116,6 +116,30 @@ def best_track(
         velocity: speed limits of the joints [rad/s], shape (7,).
         start: joints at the first station [rad], shape (7,); None where they are free.
     """
+    found = _grid_tracks(arm, R, p, velocity, start)
+    if not found:
+        return None
+    track = found[0]
+    fixed = start is not None
+    return _refined(arm, R, p, velocity, track.branch, track.psi, fixed=fixed)
+
+
+def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray) -> list[Track]:
+    """Returns the arm angles of least joint motion along a path on a grid, one per branch that follows, best first.
+
+    Args:
+        arm: the arm.
+        R: flange rotations at m stations, shape (m, 3, 3).
+        p: flange positions [m], shape (m, 3).
+        velocity: speed limits of the joints [rad/s], shape (7,).
+    """
+    return _grid_tracks(arm, R, p, velocity, None)
+
+
+def _grid_tracks(
+    arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
+) -> list[Track]:
+    """Returns the best track of every branch on the grid of arm angles, best first."""
     grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (2.0 * np.pi / CELLS)
     if start is not None:
         # The grid begins at the given arm angle.
@@ -128,16 +152,16 @@ def best_track(
         good[0] = False
         good[0, 0, int(arm.branch(start))] = True
         q[0, 0, int(arm.branch(start))] = start
-    found = _least(q / velocity, q, good)
-    if found is None:
-        return None
-    cells, branch = found
-    psi = np.unwrap(grid[cells])
-    return _refined(arm, R, p, velocity, branch, psi, fixed=start is not None)
+    return [
+        Track(branch, np.unwrap(grid[cells]), value * (len(R) - 1))
+        for cells, branch, value in _least(q / velocity, q, good)
+    ]
 
 
-def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> tuple[IntArray, int] | None:
-    """Returns the cells (m,) of the cheapest way through all stations, and its branch; None without one.
+def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[IntArray, int, float]]:
+    """Returns the cells (m,) of the cheapest way through all stations for every branch that has one, best first.
+
+    With the branch and the sum of squares.
 
     Args:
         scaled: joints over speed limits [s], shape (m, cells, branches, 7).
@@ -157,14 +181,18 @@ def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> tuple[IntArray
         best = cost.argmin(axis=1)
         back[k] = np.take_along_axis(source[..., None], best[:, None], axis=1)[:, 0]
         value = np.where(good[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
-    if not np.isfinite(value).any():
-        return None
-    cell, branch = (int(i) for i in np.unravel_index(int(np.argmin(value)), value.shape))
-    track = np.empty(m, dtype=np.int64)
-    for k in range(m - 1, -1, -1):
-        track[k] = cell
-        cell = int(back[k, cell, branch])
-    return track, branch
+    found = []
+    for branch in range(branches):
+        cell = int(np.argmin(value[:, branch]))
+        least = float(value[cell, branch])
+        if not np.isfinite(least):
+            continue
+        track = np.empty(m, dtype=np.int64)
+        for k in range(m - 1, -1, -1):
+            track[k] = cell
+            cell = int(back[k, cell, branch])
+        found.append((track, branch, least))
+    return sorted(found, key=lambda one: one[2])
 
 
 def _refined(

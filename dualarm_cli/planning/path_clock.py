@@ -14,7 +14,7 @@ from dualarm_cli.timing.rest_to_rest import RestToRest
 
 RAMP = 0.2
 """Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
-GRID = 0.005
+GRID = 0.002
 """Spacing of the times at which a clock that eases off is kept [s]."""
 EASING = 0.15
 """Time before and after a place that asks for less speed in which a clock eases off [s]."""
@@ -86,17 +86,20 @@ class PathClock:
         share, pace = self._at_full(own)
         return share, pace * factor
 
-    def eased(self, time: FloatArray, excess: FloatArray) -> PathClock:
+    def eased(self, time: FloatArray, excess: FloatArray, gently: float = 1.0) -> PathClock:
         """Returns a clock that eases off where it went too fast by some factors, and a while before and after.
 
         Args:
             time: instants [s], rising, shape (k,).
             excess: by what factor the speed was too high there, below 1 where it was not, shape (k,).
+            gently: how many times as long as usual it takes to ease off.
         """
         grid = np.linspace(0.0, self.full, len(self.ease))
         own, _ = self._own_time(time)
         wanted = np.interp(grid, own, 1.0 / np.maximum(excess, 1.0))
-        half = max(1, int(EASING / (grid[1] - grid[0])))
+        # The more it eases off, the longer this takes in real time: a shorter while of its own time will do.
+        window = EASING * gently * float(np.sqrt(np.clip((wanted * self.ease).min(), 0.04, 1.0)))
+        half = max(2, int(window / (grid[1] - grid[0])))
         # The least within the window about each instant, then a mean over it: never above what is wanted there.
         padded = np.pad(wanted, 2 * half, mode="edge")
         least = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).min(axis=1)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Task
 from dualarm_cli.path_following import PATH_SOLVERS
+from dualarm_cli.planning.clear_checks import check_start
 from dualarm_cli.planning.clear_plan import Found, quickest_clear
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
-from dualarm_cli.planning.path_motion import Followed, PathContext, Refused, follow_path
+from dualarm_cli.planning.path_context import PathContext
+from dualarm_cli.planning.path_motion import Followed, Refused, follow_path
 from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
 from dualarm_cli.planning.path_starts import path_starts
 from dualarm_cli.planning.path_words import path_notes, why_not
@@ -29,9 +32,13 @@ HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 LOOKED_AT = 0.02
 """Time between the postures of a path that are looked at [s]."""
-ALIKE, SAME_PLACE = 3, 0.02
-"""So many starts that are too fast at the same place, to this share of the path, speak for all others."""
-MOST_STARTS = 12
+ALIKE, SAME_PLACE, FAR_TOO_FAST = 3, 0.02, 1.2
+"""So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
+LOOKS = {"quick": 1, "normal": 4, "thorough": 12}
+"""So many starts that follow are looked at where it is dear to get to the first without touching anything."""
+CHEAP = 0.1
+"""What keeping a transfer clear may cost for no other start to be looked at [s]."""
+MOST_STARTS = 16
 """So many starts of a path are tried."""
 
 
@@ -75,6 +82,9 @@ class SectionPlanner:
         job, record = self.problem.job, Record()
         robot = job.cell.robot
         here = None if job.start == "free" else np.array(robot.postures[job.start])
+        if self.clear and here is not None:
+            # What no plan can mend is told before one is looked for.
+            check_start(self.problem, Holding.of(self._problem((), here).job))
         for section in job.sections():
             if section[0].path is None:
                 self._add_stops(record, section, here)
@@ -121,8 +131,10 @@ class SectionPlanner:
         start = home if here is None else here
         holding = Holding.of(self._problem((), start).job) if self.clear else None
         refusals: list[Refused] = []
+        looked_at = 0
         best: tuple[Found | None, Followed] | None = None
-        starts = path_starts(context, work, start, self.problem.seed)
+        clear = None if holding is None else partial(_free, holding)
+        starts = path_starts(context, work, start, self.problem.seed, clear)
         for q in starts.configurations[:MOST_STARTS]:
             found = follow_path(context, work, follower, q)
             if isinstance(found, Refused):
@@ -143,10 +155,16 @@ class SectionPlanner:
                     continue
             if best is None or _time(transfer, found) < _time(*best):
                 best = transfer, found
-            if self.problem.effort != "thorough":
+            looked_at += 1
+            dear = transfer is not None and (transfer.cost or 0.0) > CHEAP
+            if looked_at >= LOOKS[self.problem.effort] or not (
+                dear or self.problem.effort == "thorough"
+            ):
                 break
         if best is None:
-            raise InfeasibleError(why_not(section, work, name, refusals, starts.nearest))
+            raise InfeasibleError(
+                why_not(section, work, name, refusals, starts.nearest, context.limits)
+            )
         transfer, found = best
         begin = record.clock
         if transfer is not None:
@@ -184,7 +202,8 @@ def _always_there(refusals: list[Refused]) -> bool:
     last = refusals[-ALIKE:]
     places = [one.share for one in last]
     same = max(places) - min(places) < SAME_PLACE
-    return len(last) == ALIKE and same and all(one.remedy == "slower" for one in last)
+    much = all(one.remedy == "slower" and one.excess > FAR_TOO_FAST for one in last)
+    return len(last) == ALIKE and same and much
 
 
 def _time(transfer: Found | None, followed: Followed) -> float:
@@ -201,6 +220,12 @@ def default_follower(context: PathContext) -> str:
 def robot_arm(arms: tuple[object, ...], name: str) -> int:
     """Returns an arm's number among those of a robot."""
     return [getattr(arm, "name", "") for arm in arms].index(name)
+
+
+def _free(holding: Holding, position: FloatArray) -> BoolArray:
+    """Returns which configurations (k, n) [rad] keep clear, shape (k,)."""
+    held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
+    return np.asarray(holding.cell.margins(position, held) >= SLACK)
 
 
 def _touching(holding: Holding, found: Followed) -> Refused | None:

@@ -63,7 +63,7 @@ class Joined:
         return curve if worst > 1.0 else curve._with_cap(problem)._with_torques(problem)
 
     def _with_cap(self, problem: PathProblem) -> Joined:
-        """Returns the same, refused where a tool, also one that only the platform moves, exceeds the cap on its speed."""
+        """Returns the same, refused where a tool, also one that only the platform moves, exceeds its cap."""
         if problem.tool_speed is None:
             return self
         motion, body = self.trajectory, problem.body

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.kinematics.whole_body import WholeBody
-from dualarm_cli.model.job import Job, PathWork
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.job import PathWork
 from dualarm_cli.model.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
-from dualarm_cli.path_following.problem import Spring
+from dualarm_cli.path_following.limits import singular_words
 from dualarm_cli.planning.path_clock import PathClock
+from dualarm_cli.planning.path_context import PER_KNOT, PathContext
 from dualarm_cli.planning.path_joining import Joined, instants, leaves, strays
 from dualarm_cli.planning.path_smoothing import evened_out
 from dualarm_cli.planning.path_targets import SHARE as ROUNDED
-from dualarm_cli.planning.path_targets import tool_targets
 from dualarm_cli.registry import Solver
 
-STEP, LONGEST_STEP = 1e-3, 1e-2
-"""Time between the instants at which joints are found [s]; on long paths more, up to the second."""
-MOST = 12_000
-"""Instants beyond which the time between them grows."""
-PER_KNOT = (4, 8)
-"""Instants per knot of the trajectory."""
 SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
 """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
 HOPELESS, HOPELESS_YET = 3.0, 1.3
@@ -46,6 +34,8 @@ SLOWEST = 0.05
 """Least share of its speed at which a path is tried."""
 ROUNDS = 16
 """How often a path is tried slower."""
+GENTLY = 1.3
+"""By how much more gently it eases off every time."""
 EASED = 8
 """How often it is tried slower only where it was too fast."""
 GAINED = 0.98
@@ -82,98 +72,8 @@ class Refused:
     """How much of the path can be."""
     remedy: Remedy = "other"
     """What may help."""
-
-
-@dataclass(frozen=True)
-class PathContext:
-    """A job's cell as path followers need it."""
-
-    model: CellModel
-    """In closed form, where its arms have one."""
-    body: WholeBody
-    """Kinematics of all joints."""
-    job: Job
-    """What is to be done."""
-    limits: JointLimits
-    """Limits at the job's speed."""
-    dynamics: Dynamics | None
-    """For paths that keep torques within limits; None where nothing asks for them."""
-
-    @classmethod
-    def of(cls, model: CellModel, job: Job) -> PathContext:
-        """Prepares a job."""
-        torque = any(task.path is not None and task.path.torque for task in job.tasks)
-        return cls(
-            model,
-            WholeBody(job.cell),
-            job,
-            job.cell.robot.limits.scaled(job.speed),
-            Dynamics(job.cell) if torque else None,
-        )
-
-    @property
-    def closed_form(self) -> bool:
-        """Whether all arms are spherical-revolute-spherical."""
-        return all(isinstance(arm.kinematics, SrsArm) for arm in self.model.arms.values())
-
-    def clock(self, work: PathWork, slower: float = 1.0, gentle: float = 1.0) -> PathClock:
-        """Returns the clock of a path at the job's speed and under its cap on the tools.
-
-        Args:
-            work: the path.
-            slower: share of that speed at which it is followed.
-            gentle: how many times as long as usual ramps take that the file leaves open.
-        """
-        cap = self.job.tool_speed
-        if cap is not None and slower < 1.0:
-            cap = cap * slower
-        return PathClock.of(work, self.job.speed * slower, gentle, cap)
-
-    def problem(self, work: PathWork, start: FloatArray, clock: PathClock) -> PathProblem:
-        """Returns what a follower is asked.
-
-        Args:
-            work: the path.
-            start: joints where it begins [rad], shape (n,).
-            clock: where the tools are when.
-        """
-        widest = PER_KNOT[-1]
-        step = min(max(STEP, clock.duration / MOST), LONGEST_STEP)
-        count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
-        step = clock.duration / count
-        share, pace = clock.at(instants(count + 1, step))
-        arms = [arm for arm in self.body.arms if arm in work.paths]
-        poses = [tool_targets(work.paths[arm], share, step, work.tolerance) for arm in arms]
-        return PathProblem(
-            body=self.body,
-            limits=self.limits,
-            start=start,
-            step=step,
-            follows=np.array([arm in work.paths for arm in self.body.arms]),
-            R=np.stack([R for R, _ in poses], axis=1),
-            p=np.stack([p for _, p in poses], axis=1),
-            share=share,
-            pace=pace,
-            spring=Spring(self.critical_points(work.critical_points), 2.0 * work.stiffness**2),
-            model=self.model if self.closed_form else None,
-            tool_speed=self.job.tool_speed,
-            torque=self.dynamics.limit if work.torque and self.dynamics else None,
-            dynamics=self.dynamics.at if work.torque and self.dynamics else None,
-        )
-
-    def critical_points(self, given: Mapping[str, FloatArray]) -> FloatArray:
-        """Returns the critical points of all arms in the carried frame [m], shape (a, 3).
-
-        Where none is given: below the shoulder by the length of the upper arm, where an elbow hangs that nothing holds.
-
-        Args:
-            given: by arm.
-        """
-        shoulders, upper = self.body.shoulders()
-        points = shoulders - upper[:, None] * np.array([0.0, 0.0, 1.0])
-        for a, arm in enumerate(self.body.arms):
-            points[a] = given.get(arm, points[a])
-        return points
+    excess: float = 0.0
+    """By what factor it is too fast, where that is known."""
 
 
 Follower = Solver[PathProblem, PathMotion | NoPath]
@@ -190,20 +90,47 @@ def follow_path(
         follower: the method.
         start: joints where it begins [rad], shape (n,).
     """
-    slower, open_ramps = 1.0, work.acceleration is None or work.jerk is None
+    open_ramps = work.acceleration is None or work.jerk is None
     clock = context.clock(work)
+    full = clock.duration
     tried = _once(context, work, follower, start, clock)
     # Where it may be slower it eases off in its ramps as anywhere.
     for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
             clock = context.clock(work, gentle=gentle)
+            full = clock.duration
             tried = _once(context, work, follower, start, clock)
-    full = clock.duration
-    for k in range(ROUNDS if work.slower else 0):
+    if work.slower and tried.slower_helps:
+        tried, clock = _eased(context, work, follower, start, clock, tried)
+        if tried.trajectory is not None:
+            # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
+            reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
+            gentle = GENTLER[0] if open_ramps else 1.0
+            lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
+            again = _once(context, work, follower, start, lower, HOPELESS_YET)
+            again, lower = _eased(context, work, follower, start, lower, again)
+            if again.trajectory is not None and lower.duration < clock.duration:
+                tried, clock = again, lower
+    if tried.trajectory is None:
+        return tried.refused
+    return Followed(tried.trajectory, clock, full)
+
+
+def _eased(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    clock: PathClock,
+    tried: _Tried,
+) -> tuple[_Tried, PathClock]:
+    """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
+    slower = 1.0
+    for k in range(ROUNDS):
         if not tried.slower_helps:
             break
         if tried.profile is not None and k < EASED:
-            clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE)
+            clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
         else:
             # It is not known where, or easing off there does not do: slower all along.
             known = np.isfinite(tried.excess)
@@ -212,9 +139,7 @@ def follow_path(
                 break
             clock = context.clock(work, slower)
         tried = _once(context, work, follower, start, clock, HOPELESS_YET)
-    if tried.trajectory is None:
-        return tried.refused
-    return Followed(tried.trajectory, clock, full)
+    return tried, clock
 
 
 @dataclass(frozen=True)
@@ -249,9 +174,10 @@ def _once(
         share = float(problem.share[found.instant])
         remedy: Remedy = "slower" if found.excess > 1.0 else "other"
         refused = _refused(work, found.reason, found.instant * problem.step, share, remedy)
-        return _Tried(None, refused, found.excess)
+        return _Tried(None, replace(refused, excess=found.excess), found.excess)
     left = leaves(problem, found)
-    if left > (1.0 - ROUNDED - TOLERATED) * work.tolerance:
+    rounded = ROUNDED if any(path.junctions for path in work.paths.values()) else 0.0
+    if left > (1.0 - rounded - TOLERATED) * work.tolerance:
         reason = (
             f"{follower.name} leaves the path by {left * 1e3:.3f} mm (turns by {TURN_LENGTH:g} m/rad), tolerance "
             f"{work.tolerance * 1e3:g} mm"
@@ -276,9 +202,12 @@ def _once(
         # Only what strays from the path keeps the limits.
         curve = joined[0]
     share = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
+    instant = min(problem.instants - 1, round(curve.when / problem.step))
     reason = curve.reason + _junction_words(work, share)
+    reason += singular_words(problem, found.position[instant])
     remedy = "slower" if curve.slower_helps else "other"
     refused = _refused(work, reason, curve.when, share, remedy)
+    refused = replace(refused, excess=curve.worst)
     return _Tried(None, refused, curve.worst if curve.slower_helps else 0.0, curve)
 
 

@@ -9,7 +9,8 @@ from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.clear_plan import Found, clearance_notes
 from dualarm_cli.planning.motion import Motion
-from dualarm_cli.planning.path_motion import Followed, PathContext
+from dualarm_cli.planning.path_context import PathContext
+from dualarm_cli.planning.path_motion import Followed
 from dualarm_cli.planning.stage_plan import StagePlan
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,14 +11,19 @@ from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body_reach import Reached
 from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import PATH_SOLVERS
-from dualarm_cli.planning.path_motion import Followed, PathContext, Refused, Remedy
+from dualarm_cli.planning.path_context import PathContext
+from dualarm_cli.planning.path_motion import Followed, Refused, Remedy
 
+AT_LIMIT = 2e-3
+"""Distance from its limit at which a joint is called at it [rad]."""
 SLOWED = 1.001
 """Durations longer by this factor are worth a word."""
 REMEDIES: Mapping[Remedy, str] = {
-    "slower": "lower its speed, acceleration or jerk, allow it to be slower (slower: allowed), or choose another method "
-    "(--redundancy)",
+    "slower": "lower its speed, acceleration or jerk, allow it to be slower (slower: allowed), or choose another "
+    "method (--redundancy)",
     "other": "move the path or turn the tool, begin near another posture (posture:), or choose another method "
     "(--redundancy)",
     "clear": "move the path or what is in its way, begin near another posture (posture:), or choose another method "
@@ -73,6 +79,32 @@ def check_followers(job: Job, asked: str | None) -> None:
         raise InputError(findings)
 
 
+def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
+    """Returns what a reader must know of a job with paths as a whole.
+
+    Args:
+        job: with paths.
+        method: of its stops.
+        trajectory: its motion.
+    """
+    notes = []
+    columns = job.cell.robot.columns(job.cell.robot.platform)
+    if method == "fixed" and np.ptp(trajectory.position[:, columns], axis=0).max(initial=0.0) > 0.0:
+        notes.append(
+            "--platform fixed holds the platform between paths; where they begin, and on paths of methods for the "
+            "whole body, it turns (--redundancy arm_angle: only to where they begin)"
+        )
+    sections = [section for section in job.sections() if section[0].path is not None]
+    for one, other in pairwise(sections):
+        arms = [{task.arm for task in section} for section in (one, other)]
+        if not arms[0] & arms[1]:
+            notes.append(
+                f"paths {one[0].id} and {other[0].id} are followed one after the other; write both tools' ways into "
+                "one path (left:, right:) to follow them together"
+            )
+    return notes
+
+
 def path_notes(
     context: PathContext, task: str, work: PathWork, found: Followed, name: str
 ) -> list[str]:
@@ -109,6 +141,7 @@ def why_not(
     name: str,
     refusals: list[Refused],
     nearest: Reached,
+    limits: JointLimits,
 ) -> str:
     """Returns why a path cannot be followed: the start from which most of it could be."""
     arms = " and ".join(task.arm for task in section)
@@ -117,9 +150,16 @@ def why_not(
         near = f" near posture '{work.posture}'" if work.posture else ""
         return (
             f"{head}no configuration within the joints' limits{near} has the tools where the path begins: at best they "
-            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away; move the path, or turn "
-            "the tool, or name another posture"
+            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away"
+            f"{_limit_words(nearest, limits)}; move the path, or turn the tool, or name another posture"
         )
     best = max(refusals, key=lambda one: one.share)
     tried = "any of its starts" if len(refusals) == 1 else f"any of {len(refusals)} starts"
     return f"{head}{name} cannot follow it from {tried}; {best.reason}; {REMEDIES[best.remedy]}"
+
+
+def _limit_words(nearest: Reached, limits: JointLimits) -> str:
+    """Returns which joints are at their limits, or nothing."""
+    room = np.minimum(nearest.q - limits.lower, limits.upper - nearest.q)
+    names = [name for name, left in zip(limits.joints, room, strict=True) if left < AT_LIMIT]
+    return f", {', '.join(names)} at a limit" if names else ""

@@ -16,7 +16,7 @@ from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.path_jobs import SectionPlanner
-from dualarm_cli.planning.path_words import check_followers
+from dualarm_cli.planning.path_words import check_followers, path_job_notes
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.serving import (
     cell_model,
@@ -160,6 +160,7 @@ def _with_paths(
         notes=(
             *job.notes,
             *(replaced if planned.stage_plans else ()),
+            *path_job_notes(job, settings.platform, motion.trajectory),
             *_job_notes(job),
             *dict.fromkeys(planned.notes),
             *_platform_notes(problem.model, planned.stage_plans),

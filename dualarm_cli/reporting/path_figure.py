@@ -33,7 +33,10 @@ def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
         upper, lower = part.subfigures(2, 1)
         for axes, plane in zip(upper.subplots(1, 4)[:3], PLANES, strict=True):
             _draw_plane(axes, path, plane)
-        _draw_forces(upper.axes[3], path)
+        if path.method.startswith("virtual_spring"):
+            _draw_forces(upper.axes[3], path)
+        else:
+            _draw_manipulability(upper.axes[3], path, together=True)
         panels = lower.subplots(1, 4)
         _draw_manipulability(panels[0], path)
         for axes, what in zip(panels[1:], ("position", "velocity", "acceleration"), strict=True):
@@ -50,8 +53,11 @@ def _draw_plane(axes: Any, path: PathSamples, plane: tuple[int, int]) -> None:
         elbow = path.elbow[:, m]
         axes.plot(elbow[:, i], elbow[:, j], "--", color=colour, label=f"{arm} elbow")
         axes.plot(*elbow[0, [i, j]], "o", color=colour, markersize=4)
-        critical = path.critical[:, m]
-        axes.plot(critical[:, i], critical[:, j], ":", color=colour, label=f"{arm} critical point")
+        axes.plot(*path.tool[0, m, [i, j]], "s", color=colour, markersize=4)
+        if path.method.startswith("virtual_spring"):
+            critical = path.critical[:, m]
+            label = f"{arm} critical point"
+            axes.plot(critical[:, i], critical[:, j], ":", color=colour, label=label)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{AXES[i]} [m]")
     axes.set_ylabel(f"{AXES[j]} [m]")
@@ -70,13 +76,19 @@ def _draw_forces(axes: Any, path: PathSamples) -> None:
     axes.legend(fontsize=7)
 
 
-def _draw_manipulability(axes: Any, path: PathSamples) -> None:
-    for m, arm in enumerate(path.arms):
-        axes.plot(path.time, path.alone[:, m], color=COLOURS.get(arm, "k"), label=arm)
+def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False) -> None:
+    """Draws the manipulability of each arm, or of all tools by all joints."""
+    if together:
+        axes.plot(path.time, path.together, color="k")
+        axes.set_ylabel("manipulability of all tools together")
+    else:
+        for m, arm in enumerate(path.arms):
+            axes.plot(path.time, path.alone[:, m], color=COLOURS.get(arm, "k"), label=arm)
+        axes.set_ylabel("manipulability of each arm [m³/rad⁶]")
+        axes.legend(fontsize=7)
+    highest = float((path.together if together else path.alone).max())
+    axes.set_ylim(0.0, 1.1 * highest if highest > 0.0 else 1.0)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("manipulability of each arm [m³/rad⁶]")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize=7)
 
 
 def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:

@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.model.job import Job, PathWork, Task
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.planning.path_motion import PathContext
+from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.verification.path_checks import along_path
 from dualarm_cli.verification.tool_model import ToolModel
 

@@ -17,6 +17,7 @@ def path_lines(report: dict[str, Any]) -> list[str]:
     """
     lines = []
     for path in report["paths"]:
+        springs = path["method"].startswith("virtual_spring")
         elbows = ", ".join(
             f"{arm} {distance * 1e3:.0f} mm (least possible {path['least_elbow_distance'][arm] * 1e3:.0f} mm)"
             for arm, distance in path["elbow_distance"].items()
@@ -24,8 +25,10 @@ def path_lines(report: dict[str, Any]) -> list[str]:
         each = ", ".join(f"{arm} {value:.4g}" for arm, value in path["manipulability"].items())
         lines.append(
             f"path {path['task']} by {path['method']}: {path['length'] * 1e3:.1f} mm in {path['duration']:.3f} s; "
-            f"tools within {_small(path['tool_error'])} of it; elbows from their critical points on average {elbows}; "
-            f"mean manipulability {each}; joints travel {math.degrees(path['joint_travel']):.0f} deg in all, "
+            f"tools within {_small(path['tool_error'])} of it; "
+            + (f"elbows from their critical points on average {elbows}; " if springs else "")
+            + f"mean manipulability {each}, together {path['manipulability_together']:.4g}; "
+            f"joints travel {math.degrees(path['joint_travel']):.0f} deg in all, "
             f"{path['limit_joint']} comes within {math.degrees(path['limit_room']):.1f} deg of its limit, "
             f"{path['speed_joint']} uses {path['speed_share']:.0%} of its speed"
         )
@@ -33,10 +36,12 @@ def path_lines(report: dict[str, Any]) -> list[str]:
 
 
 def _small(length: float) -> str:
-    """Returns a small length in a unit that shows it."""
+    """Returns a small length in a unit that shows it; below a nanometre it means nothing."""
     if length >= 1e-4:
         return f"{length * 1e3:.2f} mm"
-    return f"{length * 1e6:.2f} um" if length >= 1e-8 else f"{length * 1e9:.3f} nm"
+    if length >= 1e-7:
+        return f"{length * 1e6:.1f} um"
+    return f"{length * 1e9:.0f} nm" if length >= 1e-9 else "< 1 nm"
 
 
 def paths_table(section: dict[str, Any]) -> Table | None:
@@ -49,10 +54,13 @@ def paths_table(section: dict[str, Any]) -> Table | None:
     if not rows:
         return None
     methods = len({row["method"] for row in rows}) > 1
-    table = Table(title=escape(f"{section['tasks']}: paths"), title_justify="left")
-    for name in ("path", *(["method"] if methods else []), "follower"):
+    names = {path["task"] for row in rows for path in row["paths"]}
+    what = "paths" if len(names) > 1 else f"path {next(iter(names))}"
+    table = Table(title=escape(f"{section['tasks']}: {what}"), title_justify="left")
+    texts = [*(["path"] if len(names) > 1 else []), *(["method"] if methods else []), "follower"]
+    for name in texts:
         table.add_column(name, no_wrap=True)
-    columns = ("tool error", "elbow mm", "least", "M mean", "M least", "travel °", "room °")
+    columns = ("tool", "elbow mm", "least", "M", "least M", "travel °", "room °")
     for name in (*columns, "speed", "clear mm"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
@@ -61,7 +69,7 @@ def paths_table(section: dict[str, Any]) -> Table | None:
             least = list(path["least_elbow_distance"].values())
             clear = path["clearance"]
             table.add_row(
-                escape(path["task"]),
+                *([escape(path["task"])] if len(names) > 1 else []),
                 *([row["method"]] if methods else []),
                 path["method"],
                 _small(path["tool_error"]),

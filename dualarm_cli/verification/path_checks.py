@@ -17,7 +17,14 @@ from dualarm_cli.verification.motion_checks import not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel
 
-NAMES = ("path_distance", "path_angle", "path_progress", "path_speed", "paths_together")
+NAMES = (
+    "path_distance",
+    "path_angle",
+    "path_progress",
+    "path_speed",
+    "path_time",
+    "paths_together",
+)
 """The checks."""
 SAMPLES = 4001
 """Places of a path among which the nearest one is looked for."""
@@ -52,7 +59,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     if job is None or not job.has_paths:
         why = "no task file was given (--tasks)" if job is None else "the job has no paths"
         return [not_checked(name, why) for name in NAMES]
-    distance, angle, progress, speed, together = (Worst() for _ in NAMES)
+    distance, angle, progress, speed, slow, together = (Worst() for _ in NAMES)
     segments = {(s.arm, s.task): s for s in schedule.segments if s.kind == "path"}
     for section in job.sections():
         work = section[0].path
@@ -76,6 +83,8 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             ahead = np.interp(along.time + window, along.time, along.length)
             rate = (ahead - along.length) / window
             _add(speed, rate / allowed - 1.0, along.time, where)
+            if not work.slower:
+                slow.add(_dawdling(job, work, segment), where)
         if len(found) == 2:
             shares = [_share_of(found[arm], work, arm) for arm in found]
             one, other = found.values()
@@ -87,8 +96,29 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         angle.judge(NAMES[1], 1.0, "share of the tolerance", ""),
         progress.judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
         speed.judge(NAMES[3], tol.PATH_SPEED_SLACK, "share beyond what is asked", ""),
-        together.judge(NAMES[4], tol.LINE_DISTANCE, "m", nothing),
+        slow.judge(NAMES[4], 0.0, "s beyond what is asked", "every path may be slower"),
+        together.judge(NAMES[5], tol.LINE_DISTANCE, "m", nothing),
     ]
+
+
+def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
+    """Returns how much longer a path takes than at its speed with the longest ramps that are allowed [s]; 0 for none.
+
+    To a speed v at constant acceleration a with jerk j it takes v/a + a/j more than at once, for each stretch between
+    stops; where the file gives neither, the ramps may take PATH_RAMP.
+    """
+    speed = work.speed * job.speed
+    cap = job.tool_speed
+    if cap is not None:
+        speed = min(speed, cap)
+    ramp = tol.PATH_RAMP / job.speed
+    if work.acceleration is not None and work.jerk is not None:
+        a, j = work.acceleration * job.speed**2, work.jerk * job.speed**3
+        ramp = max(speed / a + a / j, 2.0 * np.sqrt(speed / j))
+    stretches = np.diff([0.0, *work.corners(), 1.0]) * work.length
+    # A short stretch never reaches the speed: twice the ramp is then more than it needs.
+    allowed = float((stretches / (speed * (1.0 - tol.PATH_SPEED_SLACK)) + 2.0 * ramp).sum())
+    return max(0.0, segment.end - segment.start - allowed)
 
 
 def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None:

@@ -146,7 +146,7 @@ def test_compare_has_a_row_for_every_follower(seam, capsys):
         else:
             assert row["reason"]
     assert sum(row["status"] == "verified" for row in rows) >= 4
-    assert "tasks.yaml: paths" in out
+    assert "tasks.yaml: path " in out
 
 
 def test_compare_takes_the_followers_that_are_named(seam, capsys):

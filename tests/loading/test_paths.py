@@ -41,7 +41,7 @@ BOTH = (
       speed: 50 mm/s
       left:
         through:
-          - {xyz: [0.4, 0.1, 0.9]}
+          - {xyz: [0.4, 0.1, 0.9], rpy: [0, 0, 0]}
           - {xyz: [0.5, 0.1, 0.9]}
       right:
         poses: right.csv
@@ -417,8 +417,8 @@ def test_the_robot_needs_the_arm_that_follows(
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", "1:1: E300 the first line must name the columns x, y, z, qx, qy, qz, qw; missing: x, y, z, qx, qy, qz, qw"),
-        (CSV.replace("qz,qw", "qz,w"), "1:1: E300 the first line must name the columns x, y, z, qx, qy, qz, qw; missing: qw"),
+        ("", "1:1: E300 the first line must name the columns x, y, z, qx, qy, qz, qw, with commas between them; missing: x, y, z, qx, qy, qz, qw"),
+        (CSV.replace("qz,qw", "qz,w"), "1:1: E300 the first line must name the columns x, y, z, qx, qy, qz, qw, with commas between them; missing: qw"),
         (CSV.replace("0.1,0,0", "0.1,zero,0"), "3:1: E300 y: 'zero' is not a number"),
         (CSV.replace("0.1,0,0", "0.1,,0"), "3:1: E300 y: '' is not a number"),
         (CSV.replace("0.1,0,0", "nan,0,0"), "3:1: E300 x: 'nan' is outside the range of -1000 to 1000"),

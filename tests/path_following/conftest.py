@@ -13,7 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.path_following import PathProblem
 from dualarm_cli.planning.path_clock import PathClock
-from dualarm_cli.planning.path_motion import PathContext
+from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_starts import path_starts
 
 Scenario = tuple[PathContext, PathProblem]
