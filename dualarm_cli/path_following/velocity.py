@@ -16,6 +16,8 @@ LARGEST_STEP = 0.5
 """A joint that would move farther between two instants is at a singular posture [rad]."""
 CORRECTIONS = 2
 """Newton corrections of the tools after every step."""
+SELF_SHARE = 0.5
+"""Share of a cap on the tools' speed that self-motion may give the tools of arms that do not follow."""
 SELF_SPEED = 0.4
 """Share of its speed limit that self-motion may give a joint."""
 KEPT_FREE = 1e-3
@@ -102,6 +104,15 @@ def make_step(
     damping = problem.damping**2 * np.eye(6 * len(follows))
     most = SELF_SPEED * problem.limits.velocity
     room = Room(problem)
+    idle = ~problem.rows
+    cap = SELF_SHARE * problem.tool_speed if problem.tool_speed is not None else np.inf
+
+    def swing(J: FloatArray, v: FloatArray) -> float:
+        """Returns how many times faster than it may self-motion swings the tools of arms that do not follow."""
+        if not np.isfinite(cap) or not idle.any():
+            return 0.0
+        speeds = (J[idle] @ v).reshape(-1, 6)[:, :3]
+        return float(np.linalg.norm(speeds, axis=1).max()) / cap
 
     def step(q: FloatArray, k: int) -> FloatArray:
         state = body.at(q)
@@ -117,7 +128,7 @@ def make_step(
             v -= J.T @ (inverse @ (J @ v))
             if exact:
                 # Self-motion leaves joints enough of their speed for the tools' motion.
-                v /= max(1.0, float((np.abs(v) / most).max()))
+                v /= max(1.0, float((np.abs(v) / most).max()), swing(state.J, v))
             pull = v * speed[k]
             moved += pull
         if exact:

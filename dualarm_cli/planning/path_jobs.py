@@ -38,6 +38,8 @@ LOOKS = {"quick": 1, "normal": 4, "thorough": 12}
 """So many starts that follow are looked at where it is dear to get to the first without touching anything."""
 CHEAP = 0.1
 """What keeping a transfer clear may cost for no other start to be looked at [s]."""
+MOST_TRIES = 64
+"""So often a path is followed in vain, from all its starts."""
 MOST_STARTS = 16
 """So many starts of a path are tried."""
 
@@ -139,7 +141,7 @@ class SectionPlanner:
             found = follow_path(context, work, follower, q)
             if isinstance(found, Refused):
                 refusals.append(found)
-                if _always_there(refusals):
+                if _always_there(refusals) or sum(one.tries for one in refusals) > MOST_TRIES:
                     break
                 continue
             touching = None if holding is None else _touching(holding, found)

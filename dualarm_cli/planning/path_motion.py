@@ -74,6 +74,8 @@ class Refused:
     """What may help."""
     excess: float = 0.0
     """By what factor it is too fast, where that is known."""
+    tries: int = 1
+    """How often it was followed."""
 
 
 Follower = Solver[PathProblem, PathMotion | NoPath]
@@ -112,7 +114,7 @@ def follow_path(
             if again.trajectory is not None and lower.duration < clock.duration:
                 tried, clock = again, lower
     if tried.trajectory is None:
-        return tried.refused
+        return replace(tried.refused, tries=ROUNDS if work.slower else 1 + len(GENTLER))
     return Followed(tried.trajectory, clock, full)
 
 

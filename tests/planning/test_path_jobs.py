@@ -367,6 +367,6 @@ def test_dawdling_is_found_where_it_is_forbidden(tmp_path: Path) -> None:
 
 def test_a_start_that_touches_is_told_first(tmp_path: Path) -> None:
     """A block about the left elbow at home: the start is named, not the path."""
-    block = "obstacles:\\n  - {name: block, box: [0.3, 0.3, 0.3], xyz: [0.1, 0.7, 1.1]}"
-    with pytest.raises(InfeasibleError, match="start: in posture 'home' .*block"):
+    block = "obstacles:\n  - {name: block, box: [0.3, 0.3, 0.3], xyz: [0.1, 0.7, 1.1]}"
+    with pytest.raises(InfeasibleError, match=r"start: in posture 'home' .*block"):
         planned(job_of(tmp_path, WIPE, more=block))
