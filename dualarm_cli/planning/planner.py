@@ -163,7 +163,7 @@ def _with_paths(
             *path_job_notes(job, settings.platform, motion.trajectory),
             *_job_notes(job),
             *dict.fromkeys(planned.notes),
-            *_platform_notes(problem.model, planned.stage_plans),
+            *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
         ),
     )
 
