@@ -14,6 +14,8 @@ import pytest
 from dualarm_cli.errors import InputError
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.path_checks import NAMES
+from dualarm_cli.verification.torque_checks import NAME
 
 
 def with_cell(job, **changes):
@@ -22,12 +24,12 @@ def with_cell(job, **changes):
 
 
 def test_a_schedule_without_fault_passes_every_check(clean):
-    """Made by hand, without the planner; collisions, cap and bound are said not to be checked."""
+    """Made by hand, without the planner; collisions, cap, bound and paths are said not to be checked."""
     verification = verify(clean.schedule, clean.job)
     assert verification.passed
     verdicts = {check.name: check.verdict for check in verification.checks}
     unchecked = {name for name, verdict in verdicts.items() if verdict != "passed"}
-    assert unchecked == {"collisions", "tool_speed", "lower_bound"}
+    assert unchecked == {"collisions", "tool_speed", "lower_bound", *NAMES, NAME}
     assert len(verdicts) == len(verification.checks)
     assert all(check.detail for check in verification.checks)
 
@@ -46,9 +48,9 @@ def test_without_a_job_six_checks_are_not_made_and_say_why(clean):
     reasons = {
         check.name: check.detail for check in verification.checks if check.verdict == "not checked"
     }
-    tasks = ("events_at_targets", "order", "pairing", "dwells", "start_posture", "return")
+    tasks = ("events_at_targets", "order", "pairing", "dwells", "start_posture", "return", *NAMES)
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
-    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound"}
+    assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", NAME}
 
 
 def test_the_same_checks_in_the_same_order_with_and_without_a_job(clean):
