@@ -44,7 +44,9 @@ def manipulability(J: FloatArray) -> FloatArray:
     return found
 
 
-def manipulability_rates(body: WholeBody, S: FloatArray, qd: FloatArray) -> ManipulabilityRates:
+def manipulability_rates(
+    body: WholeBody, S: FloatArray, qd: FloatArray, follows: BoolArray | None = None
+) -> ManipulabilityRates:
     """Returns log M with gradient and rate; M is that of all tools' Jacobians on top of one another.
 
     M does not depend on the points of the tools that the Jacobians are for, so the world's origin will do: then the
@@ -58,11 +60,12 @@ def manipulability_rates(body: WholeBody, S: FloatArray, qd: FloatArray) -> Mani
         body: which joint moves what.
         S: screws, shape (n, 6).
         qd: joint velocities [rad/s], shape (n,).
+        follows: which arms' tools count, shape (a,); None for all.
 
     Raises:
         numpy.linalg.LinAlgError: the Jacobian is singular to the last digit.
     """
-    moves, before = body.moves, body.before
+    moves, before = body.moves if follows is None else body.moves[follows], body.before
     Sd = screw_rates(S, before, qd)
     J, Jd = _stacked(S, moves), _stacked(Sd, moves)
     gram = J @ J.T

@@ -14,8 +14,8 @@ from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 
 TURN_LENGTH = 0.1
 """Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""
-SAME_DIRECTION = 1e-6
-"""Difference of the directions of two pieces that meet without a corner, per unit of length."""
+SAME_DIRECTION = 1e-3
+"""Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
 SPLINE_NODES = 2048
 """Points at which the length of a spline is measured."""
 
@@ -244,7 +244,7 @@ class ToolPath:
         found = []
         for edge, one, other in zip(self._edges[1:], self.pieces, self.pieces[1:], strict=False):
             before, after = _direction(one, one.length), _direction(other, 0.0)
-            if np.abs(before - after).max() > 1e3 * SAME_DIRECTION:
+            if np.abs(before - after).max() > SAME_DIRECTION:
                 found.append(float(edge))
         return tuple(found)
 

@@ -98,7 +98,7 @@ def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
     most = stoppable(problem)
 
     def wanted(S: FloatArray, qd: FloatArray) -> FloatArray:
-        rates = manipulability_rates(problem.body, S, qd)
+        rates = manipulability_rates(problem.body, S, qd, problem.follows)
         size = float((weights.gain * np.abs(rates.inner) / most).max())
         gain = weights.gain / max(1.0, size)
         found: FloatArray = gain * rates.rate - weights.damping * (qd - gain * rates.gradient)
@@ -138,7 +138,10 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
     position[0], h = q, problem.step
     acceleration = np.zeros_like(q)
     for k in range(1, problem.instants):
-        found = step.solve(q, qd, acceleration, k - 1)
+        try:
+            found = step.solve(q, qd, acceleration, k - 1)
+        except np.linalg.LinAlgError:
+            return NoPath(f"the tools cannot be followed{singular_words(problem, q)}", k)
         if found is None:
             return NoPath(
                 f"no accelerations within the joints' limits follow the path{_holding_words(problem, q)}"

@@ -84,6 +84,8 @@ class PathProblem:
         """Freezes the arrays."""
         for name in ("start", "R", "p", "share", "pace"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.torque is not None:
+            object.__setattr__(self, "torque", readonly(self.torque))
 
     @property
     def instants(self) -> int:

@@ -76,7 +76,10 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
     position = np.empty((problem.instants, len(q)))
     position[0] = q
     for k in range(1, problem.instants):
-        moved = step(q, k)
+        try:
+            moved = step(q, k)
+        except np.linalg.LinAlgError:
+            return NoPath(f"the joints cannot follow{singular_words(problem, q)}", k)
         if not np.abs(moved - q).max() < LARGEST_STEP:
             found = within_limits(problem, position[:k])
             if isinstance(found, NoPath):

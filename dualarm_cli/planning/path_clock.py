@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.job import PathWork
 from dualarm_cli.timing.double_s import fastest_phases
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -16,6 +16,8 @@ RAMP = 0.2
 """Time in which the speed is reached at constant acceleration, where the file gives no acceleration [s]."""
 GRID = 0.002
 """Spacing of the times at which a clock that eases off is kept [s]."""
+SLOWEST = 0.02
+"""Least factor on the speed."""
 EASING = 0.15
 """Time before and after a place that asks for less speed in which a clock eases off [s]."""
 CAP_MARGIN = 5e-4
@@ -42,6 +44,11 @@ class PathClock:
     """Largest speed [m/s]."""
     ease: FloatArray
     """Factors on the speed at equal parts of the full time, shape (g,); all 1 where it never eases off."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("starts", "states", "ease"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
     def of(
@@ -105,7 +112,7 @@ class PathClock:
         least = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).min(axis=1)
         weight = np.hanning(2 * half + 3)[1:-1]
         mean = np.convolve(least, weight / weight.sum(), mode="valid")
-        ease = self.ease * mean
+        ease = np.maximum(self.ease * mean, SLOWEST)
         slowness = 1.0 / ease
         duration = float((slowness[1:] + slowness[:-1]).sum() * 0.5 * (grid[1] - grid[0]))
         return replace(self, ease=ease, duration=duration)

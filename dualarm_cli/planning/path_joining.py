@@ -13,6 +13,8 @@ from dualarm_cli.path_following import PathMotion, PathProblem
 from dualarm_cli.path_following.velocity import pose_error
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
+CAP_KEPT_FREE = 2e-4
+"""Share of a cap on the tools' speed that is kept free between knots."""
 CHECKED = 3
 """Every so many instants the tools are compared with where they should be."""
 
@@ -60,18 +62,30 @@ class Joined:
         exact = largest_rates(time, v, a)
         worst = float(max((exact[i] / allowed[i]).max() ** (1.0 / (i + 1)) for i in range(3)))
         curve = cls(trajectory, shares.max(axis=(0, 2)), worst, reason, float(time[knot]), True)
-        return curve if worst > 1.0 else curve._with_cap(problem)._with_torques(problem)
+        if worst > 1.0:
+            return curve
+        return curve._with_positions(problem)._with_cap(problem)._with_torques(problem)
+
+    def _with_positions(self, problem: PathProblem) -> Joined:
+        """Returns the same, refused where a joint is beyond its position limit: evening out moves joints a little."""
+        limits, q = problem.limits, self.trajectory.position
+        beyond = np.maximum(limits.lower - q, q - limits.upper).max(axis=1)
+        knot = int(np.argmax(beyond))
+        if beyond[knot] <= 0.0:
+            return self
+        when = float(self.time[knot])
+        return replace(self, worst=np.inf, reason=BEYOND, when=when, slower_helps=False)
 
     def _with_cap(self, problem: PathProblem) -> Joined:
         """Returns the same, refused where a tool, also one that only the platform moves, exceeds its cap."""
-        if problem.tool_speed is None:
+        if problem.tool_speed is None or self.worst > 1.0:
             return self
         motion, body = self.trajectory, problem.body
         speed = np.empty((len(motion.time), len(body.arms)))
         for k, (q, v) in enumerate(zip(motion.position, motion.velocity, strict=True)):
             speed[k] = np.linalg.norm((body.at(q).J @ v).reshape(-1, 6)[:, :3], axis=1)
         knot, arm = (int(i) for i in np.unravel_index(int(np.argmax(speed)), speed.shape))
-        if speed[knot, arm] <= problem.tool_speed:
+        if speed[knot, arm] <= problem.tool_speed * (1.0 - CAP_KEPT_FREE):
             return self
         reason = f"the {body.arms[arm]} tool would move at {speed[knot, arm]:.4g} m/s, allowed {problem.tool_speed:.4g}"
         excess = speed.max(axis=1) / problem.tool_speed
@@ -95,7 +109,6 @@ class Joined:
             mass, rest = problem.dynamics(q, v)
             torques[k] = mass @ a + rest
         share = np.abs(torques) / problem.torque
-        share[:, ~problem.free] = 0.0
         knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         if share[knot, joint] <= 1.0:
             return self
@@ -142,6 +155,7 @@ def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | No
     return worst
 
 
+BEYOND = "a joint reaches its position limit between instants"
 UNITS = ("rad/s", "rad/s²", "rad/s³")
 
 

@@ -36,7 +36,10 @@ def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMo
         R_there, p_there = body.tools(found.position[k])
         state = body.at(position[k])
         J = state.J[problem.rows] * problem.free
-        plus = J.T @ np.linalg.inv(J @ J.T)
+        try:
+            plus = J.T @ np.linalg.inv(J @ J.T)
+        except np.linalg.LinAlgError:
+            return found
         q, R, p = position[k], state.R, state.p
         for _ in range(CORRECTIONS):
             q = q + plus @ pose_error(R_there[which], p_there[which], R[which], p[which])

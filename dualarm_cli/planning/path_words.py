@@ -19,6 +19,8 @@ from dualarm_cli.planning.path_motion import Followed, Refused, Remedy
 
 AT_LIMIT = 2e-3
 """Distance from its limit at which a joint is called at it [rad]."""
+LONGEST = 1800.0
+"""Longest time of a path that is planned [s]."""
 SLOWED = 1.001
 """Durations longer by this factor are worth a word."""
 REMEDIES: Mapping[Remedy, str] = {
@@ -75,8 +77,19 @@ def check_followers(job: Job, asked: str | None) -> None:
             )
             for place in asks
         ]
+    for task in job.tasks:
+        if task.path is None:
+            continue
+        place, length = task.path.place, task.path.length
+        least = length / (task.path.speed * job.speed)
+        if least > LONGEST:
+            message = (
+                f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/s take {least:.4g} s; at most "
+                f"{LONGEST:g} s are planned: raise the speed"
+            )
+            findings.append(Diagnostic(place.file, place.line, place.column, "E300", message))
     if findings:
-        raise InputError(findings)
+        raise InputError(list(dict.fromkeys(findings)))
 
 
 def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:

@@ -68,9 +68,9 @@ def _draw_plane(axes: Any, path: PathSamples, plane: tuple[int, int]) -> None:
 def _draw_forces(axes: Any, path: PathSamples) -> None:
     for m, arm in enumerate(path.arms):
         axes.plot(path.time, path.force[:, m], color=COLOURS.get(arm, "k"), label=arm)
-        axes.axhline(
-            path.work.stiffness * path.least[m], color=COLOURS.get(arm, "k"), linestyle=":"
-        )
+        if path.least is not None:
+            least = path.work.stiffness * float(path.least[m])
+            axes.axhline(least, color=COLOURS.get(arm, "k"), linestyle=":")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("contraction force K D (dotted: least)")
     axes.legend(fontsize=7)

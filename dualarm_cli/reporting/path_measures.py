@@ -46,8 +46,9 @@ class PathSamples:
     """Elbows [m], shape (k, m, 3)."""
     critical: FloatArray
     """Critical points [m], shape (k, m, 3)."""
-    least: FloatArray
-    """Least distance of each elbow from its critical point in any posture [m], shape (m,)."""
+    least: FloatArray | None
+    """Least distance of each elbow from its critical point in any posture [m], shape (m,); None for arms whose elbow is
+    not at one distance from the shoulder."""
     alone: FloatArray
     """Manipulability of each arm by its own joints, shape (k, m)."""
     together: FloatArray
@@ -120,6 +121,7 @@ def _sampled(
         np.array([row[i] for row in rows]) for i in range(5)
     )
     methods = [stage.platform_solver for stage in schedule.stages if section[0].id in stage.tasks]
+    # The elbow of an arm in closed form is on a sphere about its shoulder.
     least = np.abs(np.linalg.norm(shoulders - points, axis=1) - upper)[which]
     arms = tuple(body.arms[a] for a in which)
     return PathSamples(
@@ -134,7 +136,7 @@ def _sampled(
         tool,
         elbow,
         critical,
-        least,
+        least if context.closed_form else None,
         alone_all,
         together_all,
     )
@@ -182,7 +184,9 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 "elbow_distance": dict(
                     zip(path.arms, path.distance.mean(axis=0).tolist(), strict=True)
                 ),
-                "least_elbow_distance": dict(zip(path.arms, path.least.tolist(), strict=True)),
+                "least_elbow_distance": None
+                if path.least is None
+                else dict(zip(path.arms, path.least.tolist(), strict=True)),
                 "manipulability": dict(
                     zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)
                 ),

@@ -18,8 +18,10 @@ def path_lines(report: dict[str, Any]) -> list[str]:
     lines = []
     for path in report["paths"]:
         springs = path["method"].startswith("virtual_spring")
+        least = path["least_elbow_distance"]
         elbows = ", ".join(
-            f"{arm} {distance * 1e3:.0f} mm (least possible {path['least_elbow_distance'][arm] * 1e3:.0f} mm)"
+            f"{arm} {distance * 1e3:.0f} mm"
+            + (f" (least possible {least[arm] * 1e3:.0f} mm)" if least is not None else "")
             for arm, distance in path["elbow_distance"].items()
         )
         each = ", ".join(f"{arm} {value:.4g}" for arm, value in path["manipulability"].items())
@@ -66,7 +68,7 @@ def paths_table(section: dict[str, Any]) -> Table | None:
     for row in rows:
         for path in row["paths"]:
             elbows = list(path["elbow_distance"].values())
-            least = list(path["least_elbow_distance"].values())
+            least = list((path["least_elbow_distance"] or {}).values())
             clear = path["clearance"]
             table.add_row(
                 *([escape(path["task"])] if len(names) > 1 else []),
@@ -74,7 +76,7 @@ def paths_table(section: dict[str, Any]) -> Table | None:
                 path["method"],
                 _small(path["tool_error"]),
                 f"{sum(elbows) / len(elbows) * 1e3:.1f}",
-                f"{sum(least) / len(least) * 1e3:.1f}",
+                f"{sum(least) / len(least) * 1e3:.1f}" if least else "–",
                 f"{path['manipulability_together']:.4g}",
                 f"{path['least_manipulability_together']:.4g}",
                 f"{math.degrees(path['joint_travel']):.0f}",

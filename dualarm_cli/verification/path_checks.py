@@ -27,7 +27,7 @@ NAMES = (
 )
 """The checks."""
 SAMPLES = 4001
-"""Places of a path among which the nearest one is looked for."""
+"""A path's directions are measured over its length divided by this, to both sides."""
 WINDOW = 0.02
 """Time over which a tool's speed along its path is measured [s]."""
 ROUNDS = 4
@@ -60,18 +60,28 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         why = "no task file was given (--tasks)" if job is None else "the job has no paths"
         return [not_checked(name, why) for name in NAMES]
     distance, angle, progress, speed, slow, together = (Worst() for _ in NAMES)
-    segments = {(s.arm, s.task): s for s in schedule.segments if s.kind == "path"}
+    events = {(e.arm, e.task): e.time for e in schedule.events if e.action == "path"}
     for section in job.sections():
         work = section[0].path
         if work is None:
             continue
         found = {}
         for task in section:
-            segment = segments.get((task.arm, task.id))
+            own = [
+                s
+                for s in schedule.segments
+                if (s.kind, s.arm, s.task) == ("path", task.arm, task.id)
+            ]
             where = f"{task.id} ({task.arm})"
-            if segment is None or segment.end <= segment.start:
-                progress.add(np.inf, f"{where}: no segment of kind path")
+            if len(own) != 1 or own[0].end <= own[0].start:
+                progress.add(
+                    np.inf,
+                    f"{where}: {len(own)} segments of kind path; it takes one, of some length",
+                )
                 continue
+            [segment] = own
+            if abs(events.get((task.arm, task.id), np.inf) - segment.end) > tol.SAME_TIME:
+                progress.add(np.inf, f"{where}: its event is not where its segment ends")
             path = work.paths[task.arm]
             along = found[task.arm] = along_path(schedule, model, segment, path)
             _add(distance, along.distance / work.tolerance, along.time, where)
@@ -104,26 +114,39 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
 def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:
     """Returns how much longer a path takes than at its speed with the longest ramps that are allowed [s]; 0 for none.
 
-    To a speed v at constant acceleration a with jerk j it takes v/a + a/j more than at once, for each stretch between
-    stops; where the file gives neither, the ramps may take PATH_RAMP.
+    What the file does not give: an acceleration that takes PATH_RAMP to the speed, a jerk that takes PATH_RISE to the
+    acceleration. Between stops a double S from rest to rest ([Biagiotti2008] §3.4).
     """
-    speed = work.speed * job.speed
-    cap = job.tool_speed
-    if cap is not None:
-        speed = min(speed, cap)
-    ramp = tol.PATH_RAMP / job.speed
-    if work.acceleration is not None and work.jerk is not None:
-        a, j = work.acceleration * job.speed**2, work.jerk * job.speed**3
-        ramp = max(speed / a + a / j, 2.0 * np.sqrt(speed / j))
+    v = work.speed * job.speed
+    if job.tool_speed is not None:
+        v = min(v, job.tool_speed)
+    given_a, given_j = work.acceleration, work.jerk
+    a = given_a * job.speed**2 if given_a is not None else v * job.speed / tol.PATH_RAMP
+    j = given_j * job.speed**3 if given_j is not None else a * job.speed / tol.PATH_RISE
+    v *= 1.0 - tol.PATH_SPEED_SLACK
     stretches = np.diff([0.0, *work.corners(), 1.0]) * work.length
-    # A short stretch never reaches the speed: twice the ramp is then more than it needs.
-    allowed = float((stretches / (speed * (1.0 - tol.PATH_SPEED_SLACK)) + 2.0 * ramp).sum())
-    return max(0.0, segment.end - segment.start - allowed)
+    late = segment.end - segment.start - sum(_double_s(float(d), v, a, j) for d in stretches)
+    return float(late) if not late < 0.0 else 0.0
+
+
+def _double_s(d: float, v: float, a: float, j: float) -> float:
+    """Returns the least time for a distance under limits of speed, acceleration and jerk, from rest to rest [s]."""
+    if v * j < a * a:
+        a = np.sqrt(v * j)
+    if d >= v * (v / a + a / j):
+        return d / v + v / a + a / j
+    if d >= 2.0 * a**3 / j**2:
+        # A peak speed w below v: w (w / a + a / j) = d.
+        w = a * (np.sqrt((a / j) ** 2 / 4.0 + d / a) - a / j / 2.0)
+        return float(2.0 * (w / a + a / j))
+    return float(4.0 * np.cbrt(d / (2.0 * j)))
 
 
 def _add(worst: Worst, values: FloatArray, time: FloatArray, where: str) -> None:
+    """Adds the largest of some measurements; a NaN is the largest."""
     k = int(np.argmax(values))
-    worst.add(max(0.0, float(values[k])), f"{where} at {time[k]:.3f} s")
+    value = float(values[k])
+    worst.add(value if not value < 0.0 else 0.0, f"{where} at {time[k]:.3f} s")
 
 
 def _share_of(along: Along, work: PathWork, arm: str) -> FloatArray:

@@ -18,7 +18,7 @@ NAME = "path_torque"
 
 
 def check_torques(schedule: Schedule, job: Job | None) -> Check:
-    """Checks that torques stay within the URDF's limits on every path of the job that is to keep them.
+    """Checks that torques, also of an arm that stands, stay within the URDF's limits on paths that ask for it.
 
     By the recursive Newton-Euler algorithm, each tool's mass at its tool centre point.
 
@@ -34,23 +34,15 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
     model = _model(job.cell)
     names = list(model.names)[1:]
     columns = [schedule.trajectory.joints.index(name) for name in names]
-    arms = {task: set(t.path.paths) for task, t in asked.items() if t.path is not None}
     data, worst = model.createData(), Worst()
     for segment in schedule.segments:
         if segment.kind != "path" or segment.task not in asked or segment.end <= segment.start:
             continue
-        idle = {
-            joint
-            for arm in job.cell.robot.arms
-            if arm.name not in arms[segment.task]
-            for joint in arm.joints
-        }
-        free = np.array([name not in idle for name in names])
         time = dense_times(schedule.trajectory.time, segment.start, segment.end)
         motion = [rate[:, columns] for rate in schedule.trajectory.at(time)]
         for k, (q, v, a) in enumerate(zip(*motion, strict=True)):
             share = np.abs(pin.rnea(model, data, q, v, a)) / model.upperEffortLimit
-            joint = int(np.argmax(np.where(free, share, 0.0)))
+            joint = int(np.argmax(share))
             where = f"{names[joint]} on {segment.task} at {time[k]:.3f} s"
             worst.add(float(share[joint]), where)
     return worst.judge(

@@ -370,3 +370,101 @@ def test_a_start_that_touches_is_told_first(tmp_path: Path) -> None:
     block = "obstacles:\n  - {name: block, box: [0.3, 0.3, 0.3], xyz: [0.1, 0.7, 1.1]}"
     with pytest.raises(InfeasibleError, match=r"start: in posture 'home' .*block"):
         planned(job_of(tmp_path, WIPE, more=block))
+
+
+@pytest.mark.parametrize("follower", ["min_norm", "virtual_spring", "manipulability"])
+def test_a_singular_start_is_refused_and_an_idle_singular_arm_is_no_matter(
+    tmp_path: Path, follower: str
+) -> None:
+    """At posture zero both arms are stretched: as a start that is told, the idle arm is not asked."""
+    stretched = """\
+  - id: back
+    path:
+      arm: left
+      speed: 50 mm/s
+      posture: zero
+      through:
+        - {xyz: [%s], rpy: [%s]}
+        - {xyz: [%s]}
+"""
+    robot = load_job_robot(tmp_path)
+    from dualarm_cli.kinematics.whole_body import WholeBody
+
+    state = WholeBody(robot).at(np.array(robot.robot.postures["zero"]))
+    xyz = ", ".join(repr(float(v)) for v in state.p[0])
+    rpy = ", ".join(repr(float(v)) for v in pin.rpy.matrixToRpy(state.R[0]))
+    back = ", ".join(repr(float(v)) for v in state.p[0] - np.array([0.0, 0.05, 0.0]))
+    job = job_of(tmp_path, stretched % (xyz, rpy, back), head="start: free\n")
+    with pytest.raises(InfeasibleError):
+        planned(job, follower=follower)
+    idle = WIPE.replace("speed: 150 mm/s", "speed: 80 mm/s")
+    planned(job_of(tmp_path, idle, head="start: zero\n"), follower=follower)
+
+
+def load_job_robot(folder: Path):
+    """The cell of these tests."""
+    return job_of(folder, WIPE).cell
+
+
+def test_manipulability_does_not_depend_on_an_arm_that_stands(tmp_path: Path) -> None:
+    """The left arm's motion is the same whether the right one is bent or nearly stretched."""
+    from dualarm_cli.kinematics.cell_model import CellModel
+    from dualarm_cli.path_following import PathMotion
+    from dualarm_cli.path_following.acceleration import follow_manipulability
+    from dualarm_cli.planning.path_context import PathContext
+    from dualarm_cli.planning.path_starts import path_starts
+
+    job = job_of(tmp_path, WIPE, head="start: free\n")
+    context = PathContext.of(CellModel.from_cell(job.cell), job)
+    work = job.tasks[0].path
+    assert work is not None
+    robot = job.cell.robot
+    right = robot.columns(robot.arm("right").joints)
+    found = []
+    for bend in (-1.2, -1e-4):
+        here = np.array(robot.postures["home"])
+        here[right] = 0.0
+        here[right[3]] = bend
+        start = path_starts(context, work, np.array(robot.postures["home"]), 0).configurations[0]
+        start = start.copy()
+        start[right] = here[right]
+        motion = follow_manipulability(context.problem(work, start, context.clock(work)))
+        assert isinstance(motion, PathMotion)
+        left = robot.columns([*robot.platform, *robot.arm("left").joints])
+        found.append(motion.position[:, left])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+def test_chains_of_arcs_are_rounded_within_their_tolerance(tmp_path: Path) -> None:
+    """Four short arcs of 50 mm that bend to and fro, and a wide arc that turns into a tight one: planned and judged."""
+    chain = """\
+  - id: chain
+    path:
+      arm: left
+      speed: 100 mm/s
+      slower: allowed
+      through:
+        - {xyz: [0.45, 0.15, 0.90], rpy: [180 deg, 0, 0]}
+        - {xyz: [0.50, 0.15, 0.90]}
+        - {turn: {about: [0.50, 0.20, 0.90], axis: [0, 0, 1], angle: 0.2, tool: keeps}}
+        - {turn: {about: [%s, %s, 0.90], axis: [0, 0, -1], angle: 0.4, tool: keeps}}
+"""
+    # Where the first arc ends, its tangent is turned by 0.2; the next centre is as far to the right of it.
+    x, y = 0.50 + 0.05 * np.sin(0.2), 0.20 - 0.05 * np.cos(0.2)
+    text = chain % (x + 0.05 * np.sin(0.2), y - 0.05 * np.cos(0.2))
+    planned(job_of(tmp_path, text, head="start: free\n"))
+
+
+@pytest.mark.parametrize("given", ["acceleration: 0.1 m/s²", "jerk: 0.2 m/s³"])
+def test_gentle_paths_are_not_called_late(tmp_path: Path, given: str) -> None:
+    """A file that asks for gentle ramps gets them, and the check of its time allows them."""
+    gentle = WIPE.replace(
+        "speed: 150 mm/s", f"speed: 500 mm/s\n      slower: forbidden\n      {given}"
+    )
+    planned(job_of(tmp_path, gentle, head="start: free\n"))
+
+
+def test_endless_paths_are_refused_at_their_place(tmp_path: Path) -> None:
+    """0.3 m at a micrometre a second take four days."""
+    with pytest.raises(InputError, match=r"tasks\.yaml:6:7: E300 .* raise the speed"):
+        planned(job_of(tmp_path, WIPE.replace("150 mm/s", "0.001 mm/s")))

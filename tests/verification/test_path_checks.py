@@ -226,7 +226,7 @@ def test_a_path_without_a_segment_is_missed(planned):
     schedule = dataclasses.replace(planned.schedule, segments=segments)
     checks = paths(schedule, planned.job)
     assert "path_progress" in failed(checks)
-    assert "seam (left): no segment of kind path" in checks["path_progress"].detail
+    assert "seam (left): 0 segments of kind path" in checks["path_progress"].detail
     assert checks["path_distance"].verdict == "passed"
     assert checks["paths_together"].verdict == "not checked"
 
@@ -295,3 +295,22 @@ def test_one_arm_alone_has_nobody_to_be_together_with(planned):
     assert failed(checks) == set()
     assert checks["paths_together"].verdict == "not checked"
     assert checks["paths_together"].detail == "no path has both arms"
+
+
+def test_a_path_whose_event_is_elsewhere_is_found(planned):
+    """The left tool's event is moved to the middle of its path: the motion is right, what is said of it is not."""
+    events = tuple(
+        dataclasses.replace(e, time=0.5 * e.time) if e.arm == "left" else e
+        for e in planned.schedule.events
+    )
+    schedule = dataclasses.replace(planned.schedule, events=events)
+    assert "path_progress" in failed(paths(schedule, planned.job))
+
+
+def test_a_path_that_is_listed_twice_is_found(planned):
+    """A second segment of the same path: which one is it?"""
+    segments = planned.schedule.segments
+    [left] = [s for s in segments if s.kind == "path" and s.arm == "left"]
+    twice = dataclasses.replace(left, end=left.start + 0.1)
+    schedule = dataclasses.replace(planned.schedule, segments=(*segments, twice))
+    assert "path_progress" in failed(paths(schedule, planned.job))
