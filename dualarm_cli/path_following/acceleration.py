@@ -25,7 +25,7 @@ JERK_SHARE = 0.8
 """Share of the jerk limits that is used: accelerations are constant between instants, their curve is rougher."""
 KEPT_FREE = 5e-4
 """Distance from the position limits that is kept [rad]."""
-MARGIN = 1e-3
+MARGIN = 5e-3
 """Share of every limit that is kept free: knots are joined by curves."""
 TORQUE_SHARE = 0.98
 """Share of the torque limits that is used: evening out and curves between instants change accelerations a little."""

@@ -79,16 +79,19 @@ class PathContext:
         cap = min(caps, default=None)
         return PathClock.of(work, self.job.speed * slower, gentle, cap)
 
-    def problem(self, work: PathWork, start: FloatArray, clock: PathClock) -> PathProblem:
+    def problem(
+        self, work: PathWork, start: FloatArray, clock: PathClock, finer: int = 1
+    ) -> PathProblem:
         """Returns what a follower is asked.
 
         Args:
             work: the path.
             start: joints where it begins [rad], shape (n,).
             clock: where the tools are when.
+            finer: how many times as many instants as usual.
         """
         widest = PER_KNOT[-1]
-        step = min(max(STEP, clock.duration / MOST), LONGEST_STEP)
+        step = min(max(STEP, clock.duration / MOST), LONGEST_STEP) / finer
         count = widest * max(5, int(np.ceil(clock.duration / (step * widest))))
         step = clock.duration / count
         share, pace = clock.at(instants(count + 1, step))

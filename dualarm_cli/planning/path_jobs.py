@@ -19,7 +19,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.path_context import PathContext
-from dualarm_cli.planning.path_motion import Followed, Refused, follow_path
+from dualarm_cli.planning.path_motion import Budget, Followed, Refused, follow_path
 from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
 from dualarm_cli.planning.path_starts import path_starts
 from dualarm_cli.planning.path_words import path_notes, why_not
@@ -38,8 +38,6 @@ LOOKS = {"quick": 1, "normal": 4, "thorough": 12}
 """So many starts that follow are looked at where it is dear to get to the first without touching anything."""
 CHEAP = 0.1
 """What keeping a transfer clear may cost for no other start to be looked at [s]."""
-MOST_TRIES = 64
-"""So often a path is followed in vain, from all its starts."""
 MOST_STARTS = 16
 """So many starts of a path are tried."""
 
@@ -133,15 +131,15 @@ class SectionPlanner:
         start = home if here is None else here
         holding = Holding.of(self._problem((), start).job) if self.clear else None
         refusals: list[Refused] = []
-        looked_at = 0
+        looked_at, budget = 0, Budget()
         best: tuple[Found | None, Followed] | None = None
         clear = None if holding is None else partial(_free, holding)
         starts = path_starts(context, work, start, self.problem.seed, clear)
         for q in starts.configurations[:MOST_STARTS]:
-            found = follow_path(context, work, follower, q)
+            found = follow_path(context, work, follower, q, budget)
             if isinstance(found, Refused):
                 refusals.append(found)
-                if _always_there(refusals) or sum(one.tries for one in refusals) > MOST_TRIES:
+                if _always_there(refusals) or budget.spent:
                     break
                 continue
             touching = None if holding is None else _touching(holding, found)

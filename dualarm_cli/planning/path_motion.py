@@ -24,8 +24,10 @@ SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
 """Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
 HOPELESS, HOPELESS_YET = 3.0, 1.3
 """Factors too fast above which no evening out helps, or slowing down is tried first."""
-TOLERATED = 0.2
-"""Share of its tolerance by which the trajectory may leave a path between knots."""
+FINEST = 8
+"""How many times as many instants as usual are tried where a curve through them strays."""
+TOLERATED, STRAY = 0.2, 2e-5
+"""Share of its tolerance, and distance, by which the trajectory may leave a path between knots [m]."""
 GENTLER = (2.0, 4.0)
 """How many times as long as usual ramps take that are tried next where the file leaves them open."""
 SLOWER = 0.9
@@ -74,15 +76,30 @@ class Refused:
     """What may help."""
     excess: float = 0.0
     """By what factor it is too fast, where that is known."""
-    tries: int = 1
-    """How often it was followed."""
+
+
+@dataclass
+class Budget:
+    """How much more may be tried to follow one path, from all its starts."""
+
+    instants: int = 80_000
+    """Instants for which joints may still be sought."""
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing more is to be tried."""
+        return self.instants <= 0
 
 
 Follower = Solver[PathProblem, PathMotion | NoPath]
 
 
 def follow_path(
-    context: PathContext, work: PathWork, follower: Follower, start: FloatArray
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    budget: Budget,
 ) -> Followed | Refused:
     """Returns a path as one method follows it from one start, slower where the file allows it.
 
@@ -91,30 +108,31 @@ def follow_path(
         work: the path.
         follower: the method.
         start: joints where it begins [rad], shape (n,).
+        budget: how much may be tried; less is left afterwards.
     """
     open_ramps = work.acceleration is None or work.jerk is None
     clock = context.clock(work)
     full = clock.duration
-    tried = _once(context, work, follower, start, clock)
+    tried = _once(context, work, follower, start, clock, budget)
     # Where it may be slower it eases off in its ramps as anywhere.
     for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
             clock = context.clock(work, gentle=gentle)
             full = clock.duration
-            tried = _once(context, work, follower, start, clock)
+            tried = _once(context, work, follower, start, clock, budget)
     if work.slower and tried.slower_helps:
-        tried, clock = _eased(context, work, follower, start, clock, tried)
+        tried, clock = _eased(context, work, follower, start, clock, tried, budget)
         if tried.trajectory is not None:
             # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
             reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
             gentle = GENTLER[0] if open_ramps else 1.0
             lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
-            again = _once(context, work, follower, start, lower, HOPELESS_YET)
-            again, lower = _eased(context, work, follower, start, lower, again)
+            again = _once(context, work, follower, start, lower, budget, HOPELESS_YET)
+            again, lower = _eased(context, work, follower, start, lower, again, budget)
             if again.trajectory is not None and lower.duration < clock.duration:
                 tried, clock = again, lower
     if tried.trajectory is None:
-        return replace(tried.refused, tries=ROUNDS if work.slower else 1 + len(GENTLER))
+        return tried.refused
     return Followed(tried.trajectory, clock, full)
 
 
@@ -125,11 +143,12 @@ def _eased(
     start: FloatArray,
     clock: PathClock,
     tried: _Tried,
+    budget: Budget,
 ) -> tuple[_Tried, PathClock]:
     """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
     slower = 1.0
     for k in range(ROUNDS):
-        if not tried.slower_helps:
+        if not tried.slower_helps or budget.spent:
             break
         if tried.profile is not None and k < EASED:
             clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
@@ -140,7 +159,7 @@ def _eased(
             if slower < SLOWEST:
                 break
             clock = context.clock(work, slower)
-        tried = _once(context, work, follower, start, clock, HOPELESS_YET)
+        tried = _once(context, work, follower, start, clock, budget, HOPELESS_YET)
     return tried, clock
 
 
@@ -167,10 +186,13 @@ def _once(
     follower: Follower,
     start: FloatArray,
     clock: PathClock,
+    budget: Budget,
     hopeless: float = HOPELESS,
+    finer: int = 1,
 ) -> _Tried:
     """Returns the trajectory by one clock, or why there is none; above a factor too fast nothing is evened out."""
-    problem = context.problem(work, start, clock)
+    problem = context.problem(work, start, clock, finer)
+    budget.instants -= problem.instants
     found = follower.solve(problem)
     if isinstance(found, NoPath):
         share = float(problem.share[found.instant])
@@ -197,12 +219,16 @@ def _once(
             joined.append(curve)
             if curve.worst > 1.0:
                 continue
-            if strays(problem, found, curve.trajectory) <= TOLERATED * work.tolerance:
+            if strays(problem, found, curve.trajectory) <= min(TOLERATED * work.tolerance, STRAY):
                 return _Tried(curve.trajectory, Refused("", 1.0))
     curve = min(joined, key=lambda one: one.worst)
     if curve.worst <= 1.0:
-        # Only what strays from the path keeps the limits.
-        curve = joined[0]
+        # What keeps the limits strays from the path between instants that are too far apart.
+        if finer < FINEST:
+            return _once(context, work, follower, start, clock, budget, hopeless, 2 * finer)
+        return _Tried(
+            None, Refused("its joints cannot be joined by a curve near enough to it", 1.0)
+        )
     share = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
     instant = min(problem.instants - 1, round(curve.when / problem.step))
     reason = curve.reason + _junction_words(work, share)

@@ -24,8 +24,7 @@ LONGEST = 1800.0
 SLOWED = 1.001
 """Durations longer by this factor are worth a word."""
 REMEDIES: Mapping[Remedy, str] = {
-    "slower": "lower its speed, acceleration or jerk, allow it to be slower (slower: allowed), or choose another "
-    "method (--redundancy)",
+    "slower": "lower its speed, acceleration or jerk, or choose another method (--redundancy)",
     "other": "move the path or turn the tool, begin near another posture (posture:), or choose another method "
     "(--redundancy)",
     "clear": "move the path or what is in its way, begin near another posture (posture:), or choose another method "
@@ -168,7 +167,7 @@ def why_not(
         )
     best = max(refusals, key=lambda one: one.share)
     tried = "any of its starts" if len(refusals) == 1 else f"any of {len(refusals)} starts"
-    return f"{head}{name} cannot follow it from {tried}; {best.reason}; {REMEDIES[best.remedy]}"
+    return f"{head}{name} cannot follow it from {tried}; {best.reason}; {_remedy(best, work)}"
 
 
 def _limit_words(nearest: Reached, limits: JointLimits) -> str:
@@ -176,3 +175,10 @@ def _limit_words(nearest: Reached, limits: JointLimits) -> str:
     room = np.minimum(nearest.q - limits.lower, limits.upper - nearest.q)
     names = [name for name, left in zip(limits.joints, room, strict=True) if left < AT_LIMIT]
     return f", {', '.join(names)} at a limit" if names else ""
+
+
+def _remedy(refused: Refused, work: PathWork) -> str:
+    """Returns what a reader may do about a refusal."""
+    if refused.remedy == "slower" and not work.slower:
+        return f"allow it to be slower (slower: allowed), {REMEDIES['slower']}"
+    return REMEDIES[refused.remedy]

@@ -166,7 +166,9 @@ def followed(batch: StopBatch, arm: GeneralArm, ways: NumericWays, samples: int)
     """
     length = batch.length[ways.row]
     if not length.any() or not len(ways):
-        return replace(ways, line=np.zeros((len(ways), 2)))
+        # Without lines both ends are the target itself, whatever the ways were made from.
+        ends = np.repeat(ways.q[:, None], 2, axis=1)
+        return replace(ways, ends=ends, line=np.zeros((len(ways), 2)))
     poses = ways.poses(batch)
     shift = -poses.z[:, None] * length[:, :, None]
     k, n = ways.q.shape

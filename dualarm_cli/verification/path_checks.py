@@ -106,7 +106,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         angle.judge(NAMES[1], 1.0, "share of the tolerance", ""),
         progress.judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
         speed.judge(NAMES[3], tol.PATH_SPEED_SLACK, "share beyond what is asked", ""),
-        slow.judge(NAMES[4], 0.0, "s beyond what is asked", "every path may be slower"),
+        slow.judge(NAMES[4], tol.PATH_LATE, "s beyond what is asked", "every path may be slower"),
         together.judge(NAMES[5], tol.LINE_DISTANCE, "m", nothing),
     ]
 

@@ -31,6 +31,8 @@ LINE_ANGLE = 1e-4
 """How far a tool may turn on a straight line [rad]."""
 PATH_SPEED_SLACK = 5e-3
 """Share by which a tool may be faster along its path than asked, measured between instants."""
+PATH_LATE = 1e-6
+"""Time beyond what its speed and ramps allow that a path may take by rounding [s]."""
 PATH_RAMP, PATH_RISE = 0.8, 0.4
 """Longest times to a path's speed and to its acceleration where the file leaves them open, at full speed [s]."""
 TORQUE_SLACK = 1e-3

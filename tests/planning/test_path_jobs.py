@@ -468,3 +468,22 @@ def test_endless_paths_are_refused_at_their_place(tmp_path: Path) -> None:
     """0.3 m at a micrometre a second take four days."""
     with pytest.raises(InputError, match=r"tasks\.yaml:6:7: E300 .* raise the speed"):
         planned(job_of(tmp_path, WIPE.replace("150 mm/s", "0.001 mm/s")))
+
+
+def test_a_path_that_never_reaches_its_speed_is_not_called_late(tmp_path: Path) -> None:
+    """100 mm at up to 1.5 m/s with 1 m/s² and 2 m/s³: planner and verifier compute one time in two ways."""
+    short = """\
+  - id: short
+    path:
+      arm: left
+      speed: 1.5 m/s
+      acceleration: 1 m/s²
+      jerk: 2 m/s³
+      through:
+        - {xyz: [0.50, 0.25, 0.95], rpy: [180 deg, 0, 0]}
+        - {xyz: [0.50, 0.25, 0.90]}
+        - {xyz: [0.50, 0.30, 0.90]}
+"""
+    for shift in (0.0, 0.003, 0.007, 0.011):
+        text = short.replace("0.95", repr(0.95 + shift))
+        planned(job_of(tmp_path, text, head="start: free\n"))

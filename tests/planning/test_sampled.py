@@ -207,3 +207,22 @@ def test_sampled_serves_arms_with_closed_forms_as_well(tasks_folder):
     assert schedule.lower_bound <= schedule.duration
     with pytest.raises(UnsupportedError, match="leave out --redundancy arm_angle"):
         plan(job, PlanSettings().naming(platform="sampled", redundancy="arm_angle"))
+
+
+def test_a_stop_without_lines_is_where_it_is_asked_on_a_platform_that_turns(tmp_path):
+    """A waist that turns while an arm without closed forms goes to a bare target: its tool was once 60 mm off."""
+    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.planning.planner import plan_without_bound
+    from dualarm_cli.verification import verify
+
+    target = (
+        "{xyz: [0.215455, -0.334051, 1.300075], quat: [0.951681, -0.205047, 0.228604, 0.000056]}"
+    )
+    (tmp_path / "cell.yaml").write_text("dualarm: cell/1\nrobot: nextage\n")
+    text = f"dualarm: tasks/1\ncell: cell.yaml\ntasks: [{{id: t, arm: right, move: {target}}}]\n"
+    (tmp_path / "tasks.yaml").write_text(text)
+    job = load_job(tmp_path / "tasks.yaml")
+    schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
+    verdict = verify(schedule, job)
+    assert verdict.passed, verdict.failures
