@@ -82,8 +82,8 @@ class Refused:
 class Budget:
     """How much more may be tried to follow one path, from all its starts."""
 
-    instants: int = 80_000
-    """Instants for which joints may still be sought."""
+    instants: int = 120_000
+    """Instants for which joints may still be sought or evened out."""
 
     @property
     def spent(self) -> bool:
@@ -213,6 +213,11 @@ def _once(
             break
         if joined and min(curve.worst for curve in joined) > hopeless:
             break
+        if window > 0.0:
+            # About as much work as following it once more.
+            if budget.spent:
+                break
+            budget.instants -= problem.instants
         even = evened_out(problem, found, window)
         for stride in PER_KNOT:
             curve = Joined.of(problem, even, stride)
