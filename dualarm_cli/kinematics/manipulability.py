@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.kinematics.whole_body import WholeBody, bracket, cobracket, screw_rates
+from dualarm_cli.kinematics.whole_body import WholeBody, cobracket, screw_rates
 
 
 @dataclass(frozen=True)
@@ -24,21 +24,12 @@ class ManipulabilityRates:
     """d gradient / dt at the given velocity [1/(rad s)], shape (n,)."""
 
 
-def generalized_jacobian(J: FloatArray) -> FloatArray:
-    """Returns J_G = [J_a; J_r], shape (12, n), of the right and left tools' J = [J_R; J_L], shape (12, n).
-
-    The absolute motion is the mean, the relative one is right minus left ([Zhang2024] Eq. 4-6, whose print has
-    J_r = [-J_R, J_L] for it: the sign is that of Eq. 4).
-    """
-    right, left = J[:6], J[6:]
-    return np.vstack([(right + left) / 2.0, right - left])
-
-
 def manipulability(J: FloatArray) -> FloatArray:
     """Returns M = sqrt(det(J J^T)) of Jacobians (..., r, n), shape (...) ([Zhang2024] Eq. 10).
 
-    Its unit is that of the determinant: for one tool, m^3 per rad^3 times rad^3 per rad^3. M of J_G and of
-    [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
+    Its unit is m^3/rad^3 for one tool (three singular directions in m/rad, three in rad/rad), the product for two. M of
+    [Zhang2024]'s J_G, whose rows are the mean of both tools' and right minus left (Eq. 4; the print of J_r has the signs
+    turned), and of [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
     """
     found: FloatArray = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
     return found
@@ -85,12 +76,6 @@ def manipulability_rates(
     inner = gradient - plus @ (J @ gradient)
     value = 0.5 * float(logarithm) if sign > 0 else -np.inf
     return ManipulabilityRates(value, gradient, inner, rate)
-
-
-def screw_hessian(S: FloatArray, before: BoolArray) -> FloatArray:
-    """Returns dS_j/dq_i, shape (n, n, 6) over i, j, components: [S_i, S_j] where joint i carries joint j."""
-    found: FloatArray = before[:, :, None] * bracket(S[:, None], S[None])
-    return found
 
 
 def _stacked(S: FloatArray, moves: BoolArray) -> FloatArray:

@@ -84,7 +84,7 @@ def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False
     else:
         for m, arm in enumerate(path.arms):
             axes.plot(path.time, path.alone[:, m], color=COLOURS.get(arm, "k"), label=arm)
-        axes.set_ylabel("manipulability of each arm [m³/rad⁶]")
+        axes.set_ylabel("manipulability of each arm [m³/rad³]")
         axes.legend(fontsize=7)
     highest = float((path.together if together else path.alone).max())
     axes.set_ylim(0.0, 1.1 * highest if highest > 0.0 else 1.0)
