@@ -28,8 +28,8 @@ def manipulability(J: FloatArray) -> FloatArray:
     """Returns M = sqrt(det(J J^T)) of Jacobians (..., r, n), shape (...) ([Zhang2024] Eq. 10).
 
     Its unit is m^3/rad^3 for one tool (three singular directions in m/rad, three in rad/rad), the product for two. M of
-    [Zhang2024]'s J_G, whose rows are the mean of both tools' and right minus left (Eq. 4; the print of J_r has the signs
-    turned), and of [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
+    [Zhang2024]'s J_G, whose rows are the mean of both tools' and right minus left (Eq. 4; the print of J_r has the
+    signs turned), and of [J_R; J_L] are equal, as the one is the other times a matrix of determinant ±1.
     """
     found: FloatArray = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
     return found
