@@ -175,7 +175,7 @@ def _holding_words(problem: PathProblem, q: FloatArray) -> str:
 
 
 class AccelerationStep:
-    """The quadratic program of one instant, set up once and solved warm."""
+    """The quadratic program of one instant, set up once."""
 
     def __init__(self, problem: PathProblem, wanted: Wanted) -> None:
         """Prepares the solver."""

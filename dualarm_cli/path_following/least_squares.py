@@ -13,7 +13,7 @@ ABSOLUTE, RELATIVE = 1e-9, 1e-10
 
 
 class LeastSquares:
-    """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high; set up once, then solved warm."""
+    """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high; set up once, then only updated (an interior-point method: no warm start)."""
 
     def __init__(self) -> None:
         """Loads the solver."""
