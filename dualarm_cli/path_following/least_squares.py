@@ -13,7 +13,10 @@ ABSOLUTE, RELATIVE = 1e-9, 1e-10
 
 
 class LeastSquares:
-    """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high; set up once, then only updated (an interior-point method: no warm start)."""
+    """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high.
+
+    Set up once, then updated: an interior-point method, which does not start from the solution before.
+    """
 
     def __init__(self) -> None:
         """Loads the solver."""
