@@ -15,8 +15,9 @@ ABSOLUTE, RELATIVE = 1e-9, 1e-10
 class LeastSquares:
     """min |x - wish|² subject to A x = b, least <= x <= most, and low <= G x <= high.
 
-    Set up once, then updated: an interior-point method, which does not start from the solution before. An active-set-like
-    one that does (proxsuite's, warm) took half of its 25 us but left one instant in a hundred unsolved at this accuracy.
+    Set up once, then updated: an interior-point method, which does not start from the solution before. An augmented
+    Lagrangian one that does (proxsuite's, warm) took half of its 25 us, but left one instant in a hundred unsolved at
+    this accuracy.
     """
 
     def __init__(self) -> None:
