@@ -25,7 +25,7 @@ from dualarm_cli.model.schedule import (
 )
 from dualarm_cli.model.trajectory import Trajectory
 
-SEGMENT_KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path")
+SEGMENT_KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam")
 UNIT_TOLERANCE = 1e-6
 """How far a quaternion may be from unit length."""
 

@@ -28,7 +28,8 @@ from dualarm_cli.loading.schema_paths import (
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import PathWork, Place
+from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.place import Place
 from dualarm_cli.model.tool_path import Line, Piece, Spline, ToolPath, Turn
 
 
@@ -78,7 +79,7 @@ class PathReader:
                 f"{self._cell.robot.name} has no posture {quote(section.posture)}"
                 f"{suggest(section.posture, postures, 'choose one of')}"
             )
-            self._note((*loc, "posture"), message)
+            self.note((*loc, "posture"), message)
         if len(good) < len(paths):
             return None
         line, column = self._document.place(loc)
@@ -102,8 +103,25 @@ class PathReader:
             place=Place(self._document.source.name, line, column),
         )
 
-    def _note(self, loc: Loc, message: str, code: str = "E300") -> None:
+    def note(self, loc: Loc, message: str, code: str = "E300") -> None:
+        """Notes what is wrong at a place of the file."""
         self._findings.add(self._document, loc, message, code)
+
+    def way(self, section: CurveSection, loc: Loc) -> ToolPath | None:
+        """Returns a way through poses in the world or named frames, or None after noting what is wrong."""
+        self._default = None
+        return self._curve(section, loc)
+
+    def placed(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
+        """Returns a pose, in the world where it names a frame, or None after noting that there is no such frame."""
+        self._default = None
+        frame = self._frame(section.in_, (*loc, "in"))
+        return None if frame is None else frame * to_se3(section)
+
+    def poses(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
+        """Returns the poses of a CSV file as they stand there, or None after noting what is wrong."""
+        self._default = None
+        return self._file(reference, loc)
 
     def _curve(self, curve: CurveSection, loc: Loc) -> ToolPath | None:
         if curve.poses is not None:
@@ -114,10 +132,10 @@ class PathReader:
 
     def _pieces(self, sections: list[PieceSection], loc: Loc) -> ToolPath | None:
         if not sections or sections[0].xyz is None:
-            self._note((*loc, 0), "the first entry of a path is the pose where it starts: give xyz")
+            self.note((*loc, 0), "the first entry of a path is the pose where it starts: give xyz")
             return None
         if sections[0].rpy is None and sections[0].quat is None:
-            self._note(
+            self.note(
                 (*loc, 0), "where a path starts the tool's rotation is needed: give rpy or quat"
             )
             return None
@@ -130,13 +148,13 @@ class PathReader:
             if piece is None:
                 return None
             if piece.length < SHORTEST:
-                self._note((*loc, k), "the tool is there already; remove this piece")
+                self.note((*loc, k), "the tool is there already; remove this piece")
                 return None
             pieces.append(piece)
             R, p = piece.at(np.array([piece.length]))
             here = pin.SE3(R[0], p[0])
         if not pieces:
-            self._note(loc, "a path needs a start and at least one more entry")
+            self.note(loc, "a path needs a start and at least one more entry")
             return None
         return ToolPath(tuple(pieces))
 
@@ -154,7 +172,7 @@ class PathReader:
                     if closed
                     else "start, via and end lie on a line; write it as a line"
                 )
-                self._note((*loc, "arc"), message)
+                self.note((*loc, "arc"), message)
             return arc
         if section.turn is not None:
             return self._turn(section.turn, (*loc, "turn"), here)
@@ -180,7 +198,7 @@ class PathReader:
             if pose is None:
                 return None
             if Line(poses[-1], pose).length < SHORTEST:
-                self._note((*loc, k), "the same pose as the one before; remove it")
+                self.note((*loc, k), "the same pose as the one before; remove it")
                 return None
             poses.append(pose)
         return self._smooth(poses, loc, listed=True)
@@ -202,13 +220,13 @@ class PathReader:
             f"the curve turns back at once near {where}, where the tool would have to stop; "
             "end the curve there and begin another piece"
         )
-        self._note((*loc, max(back - 1, 0)) if listed else loc, message)
+        self.note((*loc, max(back - 1, 0)) if listed else loc, message)
         return None
 
     def _pose(self, section: FramedPose, loc: Loc, before: pin.SE3 | None) -> pin.SE3 | None:
         """Returns a pose in the world; without a rotation of its own it keeps the one before."""
         if section.xyz is None:
-            self._note(loc, "no position; give xyz")
+            self.note(loc, "no position; give xyz")
             return None
         frame = self._frame(section.in_, (*loc, "in"))
         if frame is None:
@@ -232,7 +250,7 @@ class PathReader:
             name = display_name(reference, self._document.source.name)
             rows = read_poses(self._project.read(path, name))
         except BadReferenceError as error:
-            self._note(loc, str(error), "E500")
+            self.note(loc, str(error), "E500")
             return None
         except InputError as error:
             self._findings.extend(error.diagnostics)

@@ -18,6 +18,7 @@ from dualarm_cli.loading.fields import (
 )
 from dualarm_cli.loading.schema_cell import LimitsSection
 from dualarm_cli.loading.schema_paths import PathSection
+from dualarm_cli.loading.schema_seams import CoordinateSection
 
 CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
@@ -87,8 +88,8 @@ class TaskSection(Section):
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
     move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
-    coordinate: dict[str, Any] | None = Field(
-        default=None, description="Both arms on one part (not available in this version)."
+    coordinate: CoordinateSection | None = Field(
+        default=None, description="Both arms on one part: one holds it, the other works along a curve."
     )
     path: PathSection | None = Field(
         default=None, description="A path that one tool or both follow at a speed."
@@ -110,7 +111,7 @@ class TaskSection(Section):
     def _one_kind(self) -> TaskSection:
         given = [key for key in _KINDS if getattr(self, key) is not None]
         if not given:
-            raise refuse("nothing to do; give pick and place, move, or path")
+            raise refuse("nothing to do; give pick and place, move, path, or coordinate")
         if len(given) > 1 and given != ["pick", "place"]:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
         if (

@@ -29,11 +29,6 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
             message = f"duplicate task id {quote(task.id)}, first at line {first[task.id]}"
             findings.add(document, loc, message, "E102")
         first.setdefault(task.id, document.place(loc)[0])
-        if task.coordinate is not None:
-            message = (
-                "coordinate tasks are not available in this version; use pick, place, move or path"
-            )
-            findings.add(document, ("tasks", index, "coordinate"), message, NOT_AVAILABLE, key=True)
         if task.arm == "any":
             message = "arm: any is not available in this version; use left or right"
             findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)

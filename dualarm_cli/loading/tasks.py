@@ -13,16 +13,27 @@ from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.paths import PathReader, check_arms
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
 from dualarm_cli.loading.schema_paths import PathSection
+from dualarm_cli.loading.schema_seams import CoordinateSection
 from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
+from dualarm_cli.loading.seams import SeamReader
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import Action, Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Action, Dwell, Job, PoseTarget, SeamTarget, Stop, Task
+from dualarm_cli.model.place import Place
 
 FREE_START = "free"
 """What a file says where the planner shall choose the start posture."""
+SEAM_KEYS = {
+    "arm": "it names master and slave itself",
+    "approach": "write it into its entry",
+    "retract": "write it into its exit",
+    "dwell": "write it into its entry and exit",
+    "part": "its own part says where the part is held",
+}
+"""What is said of keys that a coordinate task has elsewhere."""
 _ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 
@@ -94,9 +105,9 @@ def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings
     for task in tasks:
         first = next_stage.get(task.arm, 0)
         # Nothing else is done while a path is followed: it and what comes after wait for all before.
-        if task.path is not None and task.id not in sections:
+        if task.alone and task.id not in sections:
             paths += 1
-        sections.setdefault(task.id, 2 * paths - (task.path is not None))
+        sections.setdefault(task.id, 2 * paths - task.alone)
         next_stage[task.arm] = first + len(task.stops)
         spans[task.id] = task.arm, first, next_stage[task.arm]
     entries = document.data.get("tasks")
@@ -167,6 +178,7 @@ class _TaskReader:
         self._parts = cell.parts
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
+        self._seams = SeamReader(document, cell, paths)
 
     def tasks(self, sections: dict[int, TaskSection]) -> tuple[Task, ...]:
         """Returns the tasks in file order."""
@@ -175,6 +187,9 @@ class _TaskReader:
             loc: Loc = ("tasks", index)
             if section.path is not None:
                 found += self._followers(section, section.path, loc)
+                continue
+            if section.coordinate is not None:
+                found += self._partners(section, section.coordinate, loc)
                 continue
             if section.arm is None or section.arm == "any":
                 continue
@@ -210,6 +225,41 @@ class _TaskReader:
             end = PoseTarget(way.pose(way.length))
             stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
             found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
+        return found
+
+    def _partners(
+        self, section: TaskSection, coordinate: CoordinateSection, loc: Loc
+    ) -> list[Task]:
+        """Returns each arm's share of a coordinate task."""
+        for key in ("arm", "approach", "retract", "dwell", "part"):
+            if getattr(section, key) is not None:
+                instead = SEAM_KEYS.get(key, "remove it")
+                message = f"'{key}' does not go with a coordinate task; {instead}"
+                self._findings.add(self._document, (*loc, key), message)
+        work = self._seams.work(coordinate, (*loc, "coordinate"))
+        if work is None:
+            return []
+        found = []
+        for arm in work.arms:
+            # The master only holds still while the slave comes, dwells and leaves.
+            works = arm == work.slave
+            first = Stop(
+                "seam_start",
+                SeamTarget(work),
+                work.approach if works else 0.0,
+                0.0,
+                Dwell(gripper=work.dwell_start if works else 0.0),
+                work.place,
+            )
+            last = Stop(
+                "seam_end",
+                SeamTarget(work),
+                0.0,
+                work.retract if works else 0.0,
+                Dwell(gripper=work.dwell_end if works else 0.0),
+                work.place,
+            )
+            found.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
         return found
 
     def _part(self, section: TaskSection, loc: Loc) -> str:

@@ -10,29 +10,15 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.place import Place
+from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
 
-Action = Literal["pick", "place", "move", "path"]
+Action = Literal["pick", "place", "move", "path", "seam_start", "seam_end"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 SAME_SHARE = 1e-9
 """Difference of two shares of a way that count as one."""
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where something is written, for messages."""
-
-    file: str
-    """File as the user names it."""
-    line: int
-    """Line, from 1."""
-    column: int
-    """Column, from 1."""
-
-    def __str__(self) -> str:
-        """Returns `file:line:column`."""
-        return f"{self.file}:{self.line}:{self.column}"
 
 
 @dataclass(frozen=True)
@@ -59,7 +45,15 @@ class JointTarget:
         object.__setattr__(self, "configurations", readonly(self.configurations))
 
 
-Target = PoseTarget | JointTarget
+@dataclass(frozen=True)
+class SeamTarget:
+    """Where a seam has both tools: wherever it is worked."""
+
+    work: SeamWork
+    """The seam."""
+
+
+Target = PoseTarget | JointTarget | SeamTarget
 
 
 @dataclass(frozen=True)
@@ -157,6 +151,17 @@ class Task:
     """Name of the part that is carried from pick to place; empty where it has no shape."""
     path: PathWork | None = None
     """The path that is followed, the same for both arms where both follow; its one stop is where the tool ends."""
+    seam: SeamWork | None = None
+    """The seam that is worked, the same for both arms; its two stops are where it begins and where it ends."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing else is done meanwhile: a path or a seam."""
+        return self.path is not None or self.seam is not None
+
+    def goes_with(self, other: Task) -> bool:
+        """Returns whether both belong to one section: the same path or seam, or none of either."""
+        return self.path is other.path and self.seam is other.seam
 
 
 @dataclass(frozen=True)
@@ -185,6 +190,16 @@ class Job:
         """Whether any task follows a path."""
         return any(task.path is not None for task in self.tasks)
 
+    @property
+    def has_seams(self) -> bool:
+        """Whether any task works a seam."""
+        return any(task.seam is not None for task in self.tasks)
+
+    @property
+    def in_sections(self) -> bool:
+        """Whether it is planned section after section: paths and seams are done alone."""
+        return any(task.alone for task in self.tasks)
+
     def stops_of(self, arm: str) -> list[tuple[Task, Stop]]:
         """Returns the targets of one arm in file order, each with its task."""
         return [(task, stop) for task in self.tasks if task.arm == arm for stop in task.stops]
@@ -196,13 +211,10 @@ class Job:
         }
 
     def sections(self) -> list[tuple[Task, ...]]:
-        """Returns the tasks in runs that follow one another: a path by itself, all else between paths together."""
+        """Returns the tasks in runs that follow one another: a path or seam by itself, all else between them together."""
         found: list[tuple[Task, ...]] = []
         for task in self.tasks:
-            same = bool(found) and (
-                found[-1][0].path is None if task.path is None else found[-1][0].path is task.path
-            )
-            if same:
+            if found and task.goes_with(found[-1][0]):
                 found[-1] = (*found[-1], task)
             else:
                 found.append((task,))

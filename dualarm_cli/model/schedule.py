@@ -15,7 +15,7 @@ from dualarm_cli.model.verification import Verification
 
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
-SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path"]
+SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ class PlanSettings:
     """quick, normal or thorough: how hard methods and the lower bound try."""
     follower: str | None = None
     """Method that finds the joints on paths; None for what the task file says."""
+    seam_solver: str | None = None
+    """Method that works seams; None for what the task file says."""
     seed: int = 0
     """Seed of all randomness."""
     named: frozenset[str] = frozenset()

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
+from dualarm_cli.model.arc_length import ArcLength
 
 TURN_LENGTH = 0.1
 """Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""
@@ -146,27 +147,18 @@ class Spline:
         return CubicSpline(self._knots, p, bc_type="natural"), RotationSpline(self._knots, R)
 
     @cached_property
-    def _lengths(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Nodes of the parameter, the lengths up to them [m] and how fast these grow there."""
+    def _lengths(self) -> ArcLength:
+        """Length over the parameter; its nodes are the knots and equal parts between them."""
         count = max(SPLINE_NODES, 32 * len(self.poses))
-        # Three-point Gauss-Legendre between the nodes, which are the knots and equal parts between them.
         share = np.linspace(0.0, len(self.poses) - 1.0, count)
-        u = np.unique(
-            np.interp(share, np.arange(len(self.poses)), self._knots).tolist()
-            + self._knots.tolist()
-        )
-        h = np.diff(u)
-        offsets = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
-        inner = u[:-1, None] + h[:, None] * (0.5 + 0.5 * offsets)
-        speed = self._speed(inner.ravel()).reshape(inner.shape)
-        steps = h * (speed @ np.array([5.0, 8.0, 5.0])) / 18.0
-        return u, np.concatenate([[0.0], np.cumsum(steps)]), self._speed(u)
+        between = np.interp(share, np.arange(len(self.poses)), self._knots)
+        return ArcLength.measure(self._speed, np.unique([*between.tolist(), *self._knots.tolist()]))
 
     @cached_property
     def turns_back(self) -> int | None:
         """The pose nearest to where way and turning reverse at once, so that the tool would have to stop; else None."""
         position, rotation = self._curves
-        u = self._lengths[0]
+        u = self._lengths.parameter
         rate = np.hstack([position(u, 1), TURN_LENGTH * rotation(u, 1)])  # type: ignore[operator]
         back = np.flatnonzero((rate[1:] * rate[:-1]).sum(axis=1) <= 0.0)
         return int(np.argmin(np.abs(self._knots - u[back[0]]))) if back.size else None
@@ -182,18 +174,11 @@ class Spline:
     @cached_property
     def length(self) -> float:
         """Length [m]."""
-        return float(self._lengths[1][-1])
+        return self._lengths.whole
 
     def at(self, s: FloatArray) -> Poses:
         """Returns poses at lengths s (k,) [m]."""
-        u, length, speed = self._lengths
-        k = np.clip(np.searchsorted(length, s, side="right") - 1, 0, len(u) - 2)
-        h, gap = u[k + 1] - u[k], length[k + 1] - length[k]
-        x = np.clip((s - length[k]) / gap, 0.0, 1.0)
-        # Cubic Hermite: the parameter's slope over the length is the inverse of the speed.
-        m0, m1 = gap / speed[k], gap / speed[k + 1]
-        rise = x**2 * (3.0 - 2.0 * x)
-        at = u[k] + h * rise + m0 * x * (1.0 - x) ** 2 - m1 * x**2 * (1.0 - x)
+        at = self._lengths.at(s)
         position, rotation = self._curves
         return rotation(at).as_matrix(), position(at)  # type: ignore[operator]
 

@@ -23,6 +23,8 @@ from dualarm_cli.planning.path_motion import Budget, Followed, Refused, follow_p
 from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
 from dualarm_cli.planning.path_starts import path_starts
 from dualarm_cli.planning.path_words import path_notes, why_not
+from dualarm_cli.planning.seam_jobs import SeamPlanner
+from dualarm_cli.planning.seam_record import add_seam, seam_notes
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate
@@ -68,6 +70,8 @@ class SectionPlanner:
     """How transfers and lines are timed."""
     follower: str | None
     """Name of the path follower that was asked for; None for the file's choice."""
+    seam_solver: str | None
+    """Name of the seam solver that was asked for; None for the file's choice."""
     progress: Callable[[str], None]
     """Is told what is being done."""
     clear: bool
@@ -86,7 +90,9 @@ class SectionPlanner:
             # What no plan can mend is told before one is looked for.
             check_start(self.problem, Holding.of(self._problem((), here).job))
         for section in job.sections():
-            if section[0].path is None:
+            if section[0].seam is not None:
+                self._add_seam(record, section, here)
+            elif section[0].path is None:
                 self._add_stops(record, section, here)
             else:
                 self._add_path(record, section, here)
@@ -172,6 +178,30 @@ class SectionPlanner:
             record.count(transfer)
         add_followed(record, context, section, found, name, begin)
         record.notes += path_notes(context, task, work, found, name)
+
+    def _add_seam(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
+        """Appends a seam with the transfer to where its tool's approach begins."""
+        work = section[0].seam
+        assert work is not None
+        job = self.problem.job
+        self.progress(f"working {section[0].id}")
+        home = np.array(job.cell.robot.postures["home"])
+        planner = SeamPlanner(
+            job, self.timing, self.problem.effort, self.problem.seed, self.clear, self.seam_solver
+        )
+        found = planner.plan(section[0].id, work, home if here is None else here)
+        begin, transfer = record.clock, None
+        if here is not None and np.abs(found.first - here).max() > 0.0:
+            try:
+                transfer = self._transfer(here, found.first)
+            except InfeasibleError as error:
+                raise InfeasibleError(
+                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from: {error}"
+                ) from None
+            add_transfer(record, transfer.cleared.motion, section)
+            record.count(transfer)
+        add_seam(record, self.problem.model, section, found, begin)
+        record.notes += seam_notes(job, section[0].id, work, found)
 
     def _transfer(self, here: FloatArray, there: FloatArray) -> Found:
         """Returns the motion of all joints from one configuration to another that keeps clear."""

@@ -65,7 +65,7 @@ def add_transfer(record: Record, motion: Motion, section: tuple[Task, ...]) -> N
             s,
             kind="transfer" if s.kind == "return" else s.kind,
             task=names.get(s.arm, ""),
-            action="path" if s.arm in names else "",
+            action=section[0].stops[0].action if s.arm in names else "",
         )
         for s in motion.segments
     )

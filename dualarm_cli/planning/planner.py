@@ -17,6 +17,7 @@ from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.path_words import check_followers, path_job_notes
+from dualarm_cli.planning.seam_words import check_seams, seam_bound
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.serving import (
     cell_model,
@@ -54,15 +55,17 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         effort: quick, normal or thorough.
     """
     general = bool(job.cell.robot.without_closed_form)
-    if general and not job.has_paths:
+    if general and not job.in_sections:
         return LowerBound(None, (NO_BOUND,))
-    if not job.has_paths:
+    if not job.in_sections:
         return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in job.sections():
-        work = section[0].path
+        work, seam = section[0].path, section[0].seam
         if work is not None:
             value += work.length / (work.speed * job.speed)
+        elif seam is not None:
+            value += seam_bound(seam, job.speed)
         elif not general:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
@@ -109,8 +112,9 @@ def plan_without_bound(
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
-    if job.has_paths:
+    if job.in_sections:
         check_followers(job, settings.follower)
+        check_seams(job)
         return _with_paths(job, settings, problem, replaced, progress, clear=clear)
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
@@ -146,7 +150,9 @@ def _with_paths(
 ) -> Schedule:
     """Returns the schedule of a job with paths, planned section after section."""
     method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
-    planner = SectionPlanner(problem, method.solve, timing, settings.follower, progress, clear)
+    planner = SectionPlanner(
+        problem, method.solve, timing, settings.follower, settings.seam_solver, progress, clear
+    )
     planned = planner.plan()
     motion = planned.motion
     return Schedule(

@@ -42,6 +42,30 @@ def rest_to_rest_spline(
     return q, v, a
 
 
+def clamped_spline(
+    time: FloatArray, position: FloatArray, first: FloatArray, last: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns positions, velocities, accelerations at the knots of a C2 cubic spline with given end velocities.
+
+    [Biagiotti2008] §4.4.1, solved for the accelerations.
+
+    Args:
+        time: knots [s], increasing, shape (k,), k at least 3.
+        position: what to interpolate [rad], shape (k, n).
+        first: velocities at the start [rad/s], shape (n,).
+        last: velocities at the end [rad/s], shape (n,).
+    """
+    h = np.diff(time)
+    slope = np.diff(position, axis=0) / h[:, None]
+    diagonal = np.concatenate([[2.0 * h[0]], 2.0 * (h[:-1] + h[1:]), [2.0 * h[-1]]])
+    rates = np.vstack([first, slope, last])
+    a = _solve_tridiagonal(h, diagonal, h, 6.0 * np.diff(rates, axis=0))
+    v = np.empty_like(position)
+    v[0] = first
+    v[1:] = first + np.cumsum(h[:, None] * (a[:-1] + a[1:]) / 2.0, axis=0)
+    return position, v, a
+
+
 def _solve_tridiagonal(
     below: FloatArray, diagonal: FloatArray, above: FloatArray, right: FloatArray
 ) -> FloatArray:

@@ -20,6 +20,7 @@ from dualarm_cli.verification.motion_checks import (
     not_checked,
 )
 from dualarm_cli.verification.path_checks import check_paths
+from dualarm_cli.verification.seam_checks import check_seams
 from dualarm_cli.verification.sequence_checks import (
     check_arms,
     check_bound,
@@ -87,6 +88,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_events(stops, model),
         *check_lines(known, job, model),
         *check_paths(schedule, job, model),
+        *check_seams(schedule, job, model),
         check_torques(schedule, job),
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),

@@ -131,8 +131,7 @@ def _pairs_and_windows(
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]
         if not carriers:
-            pairs.append(pair)
-            windows.append(None)
+            _add_plain(pairs, windows, pair, (one.body, other.body), schedule, job)
             continue
         spans = [_carried(schedule, job, solid.carrier, solid.body) for solid in carriers]
         during = spans[0] if len(spans) == 1 else _overlaps(spans[0], spans[1])
@@ -144,6 +143,48 @@ def _pairs_and_windows(
             pairs.append(pair)
             windows.append(during)
     return pairs, windows
+
+
+def _add_plain(
+    pairs: list[Pair],
+    windows: list[Windows],
+    pair: Pair,
+    bodies: tuple[str, str],
+    schedule: Schedule,
+    job: Job,
+) -> None:
+    """Appends a pair that carries no part: always, but while one works on the other it need only not reach into it."""
+    works = _worked(schedule, job, bodies)
+    if not works:
+        pairs.append(pair)
+        windows.append(None)
+        return
+    time = schedule.trajectory.time
+    pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
+    windows += [_without([(float(time[0]), float(time[-1]))], works), works]
+
+
+def _worked(
+    schedule: Schedule, job: Job, bodies: tuple[str, str]
+) -> list[tuple[float, float]]:
+    """Returns when a seam's tool works on a body that it may touch, its approach and retract included [s]."""
+    spans = []
+    for task in job.tasks:
+        work = task.seam
+        if work is None or task.arm != work.slave:
+            continue
+        tool = f"{work.slave}_tool"
+        if tool not in bodies or not any(body in bodies for body in work.touches if body != tool):
+            continue
+        own = [
+            s
+            for s in schedule.segments
+            if (s.arm, s.task) == (task.arm, task.id)
+            and s.kind in ("approach", "dwell", "seam", "retract")
+        ]
+        if own:
+            spans.append((min(s.start for s in own), max(s.end for s in own)))
+    return sorted(spans)
 
 
 def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[float, float]]:

@@ -35,6 +35,12 @@ PATH_LATE = 1e-6
 """Time beyond what its speed and ramps allow that a path may take by rounding [s]."""
 PATH_RAMP, PATH_RISE = 0.8, 0.4
 """Longest times to a path's speed and to its acceleration where the file leaves them open, at full speed [s]."""
+CHAIN_DISTANCE = 1e-6
+"""How far a tool may be from its seam, and a part from where it has to be [m]."""
+CHAIN_ANGLE = 1e-6
+"""How far a tool may be turned away on its seam, and a part from how it has to be [rad]."""
+SEAM_SPEED_SLACK = 1e-3
+"""Share by which the speed along a seam may be off."""
 TORQUE_SLACK = 1e-3
 """Share by which a torque may exceed its limit between the instants that the planner looks at."""
 CLEARANCE_SLACK = 1e-6

@@ -1,0 +1,217 @@
+"""One step towards a faster seam: a sparse quadratic program in the joints at all nodes and the seam's time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.closed_chain.closing import all_equations
+from dualarm_cli.closed_chain.problem import NODES, SeamProblem
+from dualarm_cli.closed_chain.starts import part_poses
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+
+SMOOTH = 1e-4
+"""Weight of the joints' accelerations, over their speed limits, against a second of time: decides what time leaves open."""
+STAY = 1e-6
+"""Weight of the step itself."""
+ACCURACY = 1e-6
+"""Tolerances of the solver."""
+MOST_ITERATIONS = 60
+"""Iterations of the solver; what it has then is tried."""
+LEAN_SIDES = 8
+"""Sides of the polygon that stands for the cone in which the tool's axis may lean."""
+KEPT = 0.97
+"""Share of what tool and surface may lean that is used at the nodes: between them they lean a little more."""
+BACK = 100.0
+"""Weight of a radian beyond limits, as a share of the time."""
+LEAST_TIME = 0.3
+"""Share of its time that a seam keeps in one step."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """The quadratic program of one seam with one choice of joints that stand."""
+
+    problem: SeamProblem
+    """The seam."""
+    stands: BoolArray
+    """Joints that are the same at all nodes, or play no part, shape (n,)."""
+
+    @cached_property
+    def decided(self) -> IntArray:
+        """The joints that are decided."""
+        return np.flatnonzero(self.problem.chain.closes)
+
+    @cached_property
+    def column(self) -> IntArray:
+        """Which variable each node's joint is, shape (NODES, decided): joints that stand are one for all nodes."""
+        standing = self.stands[self.decided]
+        shared, own = int(standing.sum()), int((~standing).sum())
+        found = np.empty((NODES, len(self.decided)), dtype=np.int64)
+        found[:, standing] = np.arange(shared)
+        found[:, ~standing] = shared + np.arange(NODES * own).reshape(NODES, own)
+        return found
+
+    @cached_property
+    def _spread(self) -> Any:
+        """Matrix from variables to all nodes' decided joints."""
+        from scipy.sparse import csr_matrix
+
+        column = self.column.ravel()
+        ones = np.ones(len(column))
+        return csr_matrix((ones, (np.arange(len(column)), column)), shape=(len(column), column.max() + 1))
+
+    @cached_property
+    def _rates(self) -> list[Any]:
+        """Matrices from the joints at all nodes to rates over their limits, by order."""
+        from scipy.sparse import csr_matrix, diags, kron
+
+        limits, found = self.problem.limits, []
+        difference = np.eye(NODES)
+        for limit in (limits.velocity, limits.acceleration, limits.jerk):
+            difference = np.diff(difference, axis=0) * (NODES - 1)
+            own = np.where(np.isfinite(limit), limit, 1e12)[self.decided]
+            found.append(kron(csr_matrix(difference), diags(1.0 / own)).tocsr())
+        return found
+
+    @cached_property
+    def _smooth(self) -> Any:
+        """Matrix from the joints at all nodes to accelerations over speed limits."""
+        from scipy.sparse import csr_matrix, diags, kron
+
+        second = np.diff(np.eye(NODES), 2, axis=0) * (NODES - 1) ** 2 / np.sqrt(NODES)
+        return kron(csr_matrix(second), diags(1.0 / self.problem.limits.velocity[self.decided])).tocsr()
+
+    def step(self, position: FloatArray, time: float, radius: float, pace: float) -> tuple[FloatArray, float] | None:
+        """Returns joints (NODES, n) and the seam's time as the linear model has them, or None where there are none.
+
+        Rates are linear in the joints; what they may be grows with time, time² and time³, taken by their tangents,
+        which lie below.
+
+        Args:
+            position: joints at the nodes, chain closed [rad], shape (NODES, n).
+            time: steady time of the seam with them [s].
+            radius: how far joints may move [rad].
+            pace: what a second of time weighs; 0 to make the motion smooth at the same time.
+        """
+        import piqp
+        from scipy.sparse import block_diag, csr_matrix, hstack, identity, vstack
+
+        S = self._spread
+        y = position[:, self.decided].ravel()
+        count = S.shape[1]
+        rows, right = [], []
+        for order, rate in enumerate(self._rates, start=1):
+            now = rate @ y
+            slope = csr_matrix(np.full((len(now), 1), -order * time ** (order - 1)))
+            spread = rate @ S
+            rows += [hstack([spread, slope]), hstack([-spread, slope])]
+            right += [time**order - now, time**order + now]
+        for extra, bound in self._freedoms(position):
+            rows.append(hstack([extra @ S, csr_matrix((len(bound), 1))]))
+            right.append(bound)
+        G, high = vstack(rows), np.concatenate(right)
+        back, short = self._back_inside(y)
+        beyond = float(short.max(initial=0.0))
+        # The last variable is how far joints may still be beyond their limits.
+        G = vstack(
+            [
+                hstack([G, csr_matrix((G.shape[0], 1))]),
+                hstack([back, csr_matrix((len(short), 1)), csr_matrix(-np.ones((len(short), 1)))]),
+            ]
+        ).tocsc()
+        high = np.append(high, -short)
+        A, b = self._equations(position)
+        A = hstack([A @ S, csr_matrix((A.shape[0], 2))]).tocsc()
+        smooth = self._smooth @ S
+        # Scaled by the time, so that slow seams are no rougher than quick ones.
+        weight = SMOOTH / time**2
+        P = block_diag([weight * (smooth.T @ smooth) + STAY * identity(count), 1e-9 * identity(2)]).tocsc()
+        c = np.append(weight * (smooth.T @ (self._smooth @ y)), [pace, BACK * time])
+        low, top = self._bounds(y, radius)
+        solver = piqp.SparseSolver()
+        solver.settings.eps_abs = solver.settings.eps_rel = ACCURACY
+        solver.settings.max_iter = MOST_ITERATIONS
+        least = (LEAST_TIME - 1.0) * time if pace > 0.0 else 0.0
+        solver.setup(
+            P,
+            c,
+            A,
+            b,
+            G,
+            np.full(len(high), -np.inf),
+            high,
+            np.append(low, [least, 0.0]),
+            np.append(top, [time if pace > 0.0 else 0.0, beyond]),
+        )
+        solver.solve()
+        x = np.array(solver.result.x)
+        if not np.isfinite(x).all():
+            return None
+        moved = np.array(position)
+        moved[:, self.decided] += (S @ x[:-2]).reshape(NODES, -1)
+        return moved, time + float(x[-2])
+
+    def _equations(self, position: FloatArray) -> tuple[Any, FloatArray]:
+        """Returns the chain's equations, linear in the joints at all nodes."""
+        from scipy.sparse import block_diag
+
+        problem = self.problem
+        chain, share = problem.chain, problem.shares
+        seam = chain.equations(chain.bodies(position), share).exact
+        blocks = list(seam.slope[:, :, self.decided])
+        left = list(seam.left)
+        poses = part_poses(problem, share)
+        if poses is not None:
+            part = all_equations(chain, position, share, part=poses)
+            # A part that stands is where it should be at every node if it is at one.
+            nodes = 1 if chain.work.hold.stands else NODES
+            for k in range(nodes):
+                blocks[k] = np.concatenate([part.slope[k, :6][:, self.decided], blocks[k]])
+                left[k] = np.concatenate([part.left[k, :6], left[k]])
+        return block_diag(blocks).tocsr(), -np.concatenate(left)
+
+    def _freedoms(self, position: FloatArray) -> list[tuple[Any, FloatArray]]:
+        """Returns what may not be exceeded: lean of the tool's axis, lean of the surface from facing upwards."""
+        from scipy.sparse import block_diag
+
+        problem = self.problem
+        chain, work, share = problem.chain, problem.chain.work, problem.shares
+        found = []
+        bodies = chain.bodies(position)
+        if work.tool.tilt > 0.0:
+            r, J = chain.offsets(bodies, share)
+            angle = np.arange(LEAN_SIDES) * (2.0 * np.pi / LEAN_SIDES)
+            sides = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            slope = sides @ J[:, 3:5][:, :, self.decided]
+            bound = KEPT * work.tool.tilt * np.cos(np.pi / LEAN_SIDES) - r[:, 3:5] @ sides.T
+            found.append((block_diag(list(slope)).tocsr(), bound.ravel()))
+        if work.downhand is not None:
+            upward, J = chain.upward(bodies, share)
+            slope = -J[:, None, self.decided]
+            found.append((block_diag(list(slope)).tocsr(), upward - np.cos(KEPT * work.downhand)))
+        return found
+
+    def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
+        """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""
+        from scipy.sparse import csr_matrix
+
+        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        short = np.concatenate([lower - y, y - upper])
+        which = np.flatnonzero(short > 0.0)
+        column = np.tile(self.column.ravel(), 2)[which]
+        sign = np.where(which < len(y), -1.0, 1.0)
+        shape = (len(which), self._spread.shape[1])
+        return csr_matrix((sign, (np.arange(len(which)), column)), shape=shape), short[which]
+
+    def _bounds(self, y: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+        """Returns least and greatest steps of the variables [rad]."""
+        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        column, count = self.column.ravel(), self._spread.shape[1]
+        low, top = np.full(count, -radius), np.full(count, radius)
+        np.maximum.at(low, column, np.minimum(lower - y, 0.0))
+        np.minimum.at(top, column, np.maximum(upper - y, 0.0))
+        return low, top

@@ -1,0 +1,85 @@
+"""Seam solvers: the first way found, the best with the part still, the best with the part moving too."""
+
+from __future__ import annotations
+
+from dualarm_cli.closed_chain.improvement import AMPLE, improved
+from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
+from dualarm_cli.closed_chain.rates import steady_time
+from dualarm_cli.closed_chain.starts import Starts, beyond_limits, seam_starts, standing_joints
+from dualarm_cli.geometry.arrays import FloatArray
+
+LIMITS = "no way along it was found that keeps all joints within their limits and everything clear"
+"""Why there is none where the tool gets along the whole seam."""
+FIRST_ROUNDS = 16
+"""Steps by which starts are compared before the best is improved further."""
+
+
+def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the quickest of the ways that inverse kinematics along the seam finds, improved no further.
+
+    The tool follows the seam by steps of least norm while the part stands or moves as the file says: what [Qin2024]
+    section 3.5 does, from many starts.
+    """
+    starts = seam_starts(problem)
+    ways = [way for way in starts.position if _possible(problem, way)]
+    return _motion(problem, ways[0]) if ways else _none(starts)
+
+
+def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the seam with the part still where it is fastest: pose, arm angles and spin chosen together.
+
+    Where the file says how the part moves, the rest is chosen.
+    """
+    found = _ways(problem, moving=False)
+    if isinstance(found, NoSeam):
+        return found
+    return _motion(problem, found[0])
+
+
+def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the seam with part and tool moving at once, or with the part still where that is as fast as asked.
+
+    Without a master it is the platform that moves along.
+    """
+    found = _ways(problem, moving=False)
+    if not isinstance(found, NoSeam):
+        best = _motion(problem, found[0])
+        if best.time <= AMPLE * problem.time:
+            return best
+        stands = standing_joints(problem, moving=True)
+        for way in found[: max(1, problem.tried // 2)]:
+            moving = improved(problem, way, stands)
+            if _possible(problem, moving):
+                best = min(best, _motion(problem, moving), key=lambda one: one.time)
+        return best
+    # There are seams that no still part lets a tool work, such as round a pipe with the surface always facing up.
+    found = _ways(problem, moving=True)
+    return found if isinstance(found, NoSeam) else _motion(problem, found[0])
+
+
+def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
+    """Returns the best ways, quickest first: a few steps for some, all for the best of them."""
+    starts = seam_starts(problem, moving=moving)
+    if not len(starts.position):
+        return _none(starts)
+    stands = standing_joints(problem, moving=moving)
+    tried = [improved(problem, way, stands, FIRST_ROUNDS) for way in starts.position[: problem.tried]]
+    tried = sorted(tried, key=lambda way: steady_time(way, problem.limits))
+    best = improved(problem, tried[0], stands)
+    ways = [way for way in (best, *tried, *starts.position) if _possible(problem, way)]
+    return ways or _none(starts)
+
+
+def _possible(problem: SeamProblem, way: FloatArray) -> bool:
+    """Returns whether a way keeps within limits and clear of everything."""
+    if beyond_limits(problem, way).max() > 0.0:
+        return False
+    return problem.clear is None or bool(problem.clear(way).all())
+
+
+def _motion(problem: SeamProblem, way: FloatArray) -> SeamMotion:
+    return SeamMotion(way, steady_time(way, problem.limits))
+
+
+def _none(starts: Starts) -> NoSeam:
+    return NoSeam(starts.reason or LIMITS, starts.reached)

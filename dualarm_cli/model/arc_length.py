@@ -1,0 +1,65 @@
+"""Length along smooth curves, and the parameter at a length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+_OFFSETS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+@dataclass(frozen=True)
+class ArcLength:
+    """Length up to nodes of a curve's parameter: three-point Gauss-Legendre between them."""
+
+    parameter: FloatArray
+    """The nodes, rising, shape (k,)."""
+    length: FloatArray
+    """Length up to each of them [m], shape (k,)."""
+    speed: FloatArray
+    """Length per unit of the parameter there [m], above 0, shape (k,)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("parameter", "length", "speed"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def measure(
+        cls, speed: Callable[[FloatArray], FloatArray], parameter: FloatArray
+    ) -> ArcLength:
+        """Returns the length of a curve.
+
+        Args:
+            speed: length per unit of the parameter (k,) [m] for parameters (k,).
+            parameter: the nodes, rising, shape (k,); the curve is smooth between them.
+        """
+        h = np.diff(parameter)
+        inner = parameter[:-1, None] + h[:, None] * (0.5 + 0.5 * _OFFSETS)
+        steps = h * (speed(inner.ravel()).reshape(inner.shape) @ _WEIGHTS)
+        return cls(parameter, np.concatenate([[0.0], np.cumsum(steps)]), speed(parameter))
+
+    @property
+    def whole(self) -> float:
+        """Length of the curve [m]."""
+        return float(self.length[-1])
+
+    def at(self, s: FloatArray) -> FloatArray:
+        """Returns the parameters (k,) at lengths (k,) [m].
+
+        Cubic Hermite: the parameter's slope over the length is the inverse of the speed. The error falls with the
+        fourth power of the nodes' distance.
+        """
+        u, length = self.parameter, self.length
+        k = np.clip(np.searchsorted(length, s, side="right") - 1, 0, len(u) - 2)
+        h, gap = u[k + 1] - u[k], length[k + 1] - length[k]
+        x = np.clip((s - length[k]) / gap, 0.0, 1.0)
+        m0, m1 = gap / self.speed[k], gap / self.speed[k + 1]
+        rise = x**2 * (3.0 - 2.0 * x)
+        found: FloatArray = u[k] + h * rise + m0 * x * (1.0 - x) ** 2 - m1 * x**2 * (1.0 - x)
+        return found

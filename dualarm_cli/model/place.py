@@ -1,0 +1,21 @@
+"""Where something is written, for messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a file."""
+
+    file: str
+    """File as the user names it."""
+    line: int
+    """Line, from 1."""
+    column: int
+    """Column, from 1."""
+
+    def __str__(self) -> str:
+        """Returns `file:line:column`."""
+        return f"{self.file}:{self.line}:{self.column}"

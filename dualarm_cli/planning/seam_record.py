@@ -1,0 +1,131 @@
+"""What is recorded of a seam: stages, segments, events, and what a reader should know."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Dwell, Job, Task
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
+from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.path_record import Record
+from dualarm_cli.planning.seam_jobs import PlannedSeam
+from dualarm_cli.timing.composition import hold
+
+SLOWED = 1.001
+"""Speeds lower by this factor are worth a word."""
+
+
+def add_seam(
+    record: Record,
+    model: CellModel,
+    section: tuple[Task, ...],
+    found: PlannedSeam,
+    begin: float,
+) -> None:
+    """Appends a seam: a stage up to where it begins, with the transfer there, and a stage for itself.
+
+    Args:
+        record: what is planned so far, the transfer as its last stage.
+        model: the job's cell.
+        section: the seam's tasks, one per arm that works.
+        found: the seam as it is worked.
+        begin: when its first stage begins, with the transfer where there is one [s].
+    """
+    writer = _Writer(record, model, section)
+    transfer = record.stages.pop() if record.clock > begin else None
+    work = found.chain.work
+    coming = found.dwell_start.duration
+    coming += 0.0 if found.approach is None else found.approach.duration
+    late = work.not_before - record.clock - coming
+    if late > 0.0:
+        writer.add("wait", "seam_start", hold(model.cell.robot.joints, found.first, late), None)
+    if found.approach is not None:
+        writer.add("approach", "seam_start", found.approach, "wait")
+    writer.event("seam_start", found.seam.trajectory.position[0], work.dwell_start)
+    if work.dwell_start > 0.0:
+        writer.add("dwell", "seam_start", found.dwell_start, "wait")
+    writer.stage(found.solver, begin, transfer)
+    begin = record.clock
+    writer.add("seam", "seam_end", found.seam.trajectory, "seam")
+    writer.event("seam_end", found.seam.trajectory.position[-1], work.dwell_end)
+    if work.dwell_end > 0.0:
+        writer.add("dwell", "seam_end", found.dwell_end, "wait")
+    if found.retract is not None:
+        writer.add("retract", "seam_end", found.retract, "wait")
+    writer.stage(found.solver, begin, None)
+
+
+class _Writer:
+    """Appends the pieces of one seam."""
+
+    def __init__(self, record: Record, model: CellModel, section: tuple[Task, ...]) -> None:
+        self._record, self._model = record, model
+        self._tasks = {task.arm: task for task in section}
+        work = section[0].seam
+        assert work is not None
+        self._work = work
+
+    def add(self, kind: SegmentKind, action: str, motion: Trajectory, master: SegmentKind | None) -> None:
+        """Appends a motion: what the slave does, and what the master does meanwhile, the same if None."""
+        record = self._record
+        start, end = record.clock, record.clock + motion.duration
+        for arm in self._model.cell.robot.arms:
+            task = self._tasks.get(arm.name)
+            if task is None:
+                record.segments.append(Segment(arm.name, "wait", "", "", start, end))
+                continue
+            own = kind if master is None or arm.name == self._work.slave else master
+            dwell = Dwell(gripper=end - start) if own == "dwell" else None
+            record.segments.append(Segment(arm.name, own, task.id, action, start, end, dwell))
+        record.pieces.append(motion)
+        record.clock = end
+
+    def event(self, action: str, position: np.ndarray, dwell: float) -> None:
+        """Notes where the working arms' tools are now."""
+        for name, task in self._tasks.items():
+            pose = self._model.tool_pose(name, position)
+            stands = dwell if name == self._work.slave else 0.0
+            self._record.events.append(
+                Event(self._record.clock, name, task.id, action, f"{name}_tcp", pose, stands)
+            )
+
+    def stage(self, solver: str, begin: float, transfer: Stage | None) -> None:
+        """Closes a stage."""
+        columns = self._model.platform_columns
+        position = self._record.pieces[-1].position[-1]
+        self._record.stages.append(
+            Stage(
+                start=begin,
+                end=self._record.clock,
+                tasks=(next(iter(self._tasks.values())).id,),
+                platform_solver=solver,
+                platform_angle=float(position[columns[0]]) if len(columns) == 1 else None,
+                platform_time=transfer.platform_time if transfer else 0.0,
+                arm_times=transfer.arm_times if transfer else {},
+                joint_times=transfer.joint_times if transfer else {},
+                bottleneck=transfer.bottleneck if transfer else "",
+            )
+        )
+
+
+def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[str]:
+    """Returns what a reader must know of how a seam is worked."""
+    notes = []
+    speed = found.seam.speed(work.length)
+    if work.speed is not None and speed * SLOWED < work.speed * job.speed:
+        notes.append(
+            f"{task}: worked at {speed * 1e3:.4g} mm/s, as the joints' limits ask for, not at "
+            f"{work.speed * job.speed * 1e3:.4g} mm/s"
+        )
+    if work.duration is not None and found.seam.trajectory.duration > SLOWED * work.duration / job.speed:
+        notes.append(
+            f"{task}: takes {found.seam.trajectory.duration:.3f} s, as the joints' limits ask for, not "
+            f"{work.duration / job.speed:.3f} s"
+        )
+    if work.touches:
+        notes.append(
+            f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, not reach into it"
+        )
+    return notes

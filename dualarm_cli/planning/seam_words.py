@@ -1,0 +1,47 @@
+"""What is said of seams before they are planned: methods that there are not, times that are too long, bounds."""
+
+from __future__ import annotations
+
+from dualarm_cli.closed_chain import SEAM_SOLVERS
+from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.seam import SeamWork
+
+LONGEST = 1800.0
+"""Longest time of a seam that is planned [s]."""
+
+
+def check_seams(job: Job) -> None:
+    """Raises where a seam asks for what there is not.
+
+    Raises:
+        InputError: an unknown method, or a seam that takes too long, at its place.
+    """
+    findings = []
+    for work in dict.fromkeys(task.seam for task in job.tasks if task.seam is not None):
+        where = (work.place.file, work.place.line, work.place.column, "E300")
+        if work.method is not None and work.method not in SEAM_SOLVERS.names:
+            known = ", ".join(SEAM_SOLVERS.names)
+            hint = did_you_mean(work.method, SEAM_SOLVERS.names)
+            message = f"method: no method '{work.method}' works seams{hint}; known: {known}"
+            findings.append(Diagnostic(*where, message))
+        least = seam_bound(work, job.speed)
+        if least > LONGEST:
+            message = f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
+            findings.append(Diagnostic(*where, message))
+    if findings:
+        raise InputError(findings)
+
+
+def seam_bound(work: SeamWork, pace: float) -> float:
+    """Returns what no plan of a seam can beat [s]: its length at the speed that is asked for, and its dwells.
+
+    Args:
+        work: the seam.
+        pace: the job's share of full speed.
+    """
+    dwells = work.dwell_start + work.dwell_end
+    if work.duration is not None:
+        return work.duration / pace + dwells
+    assert work.speed is not None
+    return work.length / (work.speed * pace) + dwells

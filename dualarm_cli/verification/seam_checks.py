@@ -1,0 +1,234 @@
+"""Checks of seams: the closed chain at every instant, where the part is, speed along the seam, the tool's freedoms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+
+NAMES = (
+    "seam_distance",
+    "seam_angle",
+    "seam_progress",
+    "seam_speed",
+    "seam_steady",
+    "seam_as_asked",
+    "seam_part",
+    "seam_downhand",
+)
+"""The checks."""
+ROUNDS = 5
+"""Newton steps along the seam to the place that is nearest to the tool."""
+SPEED_WINDOW = 0.02
+"""Time over which the speed along a seam is measured [s]."""
+STEADY = 0.999
+"""Share of the largest speed from which on the tool counts as at its steady speed."""
+
+
+@dataclass(frozen=True)
+class OnSeam:
+    """Tool and part during one seam, at k instants."""
+
+    time: FloatArray
+    """Instants [s], shape (k,)."""
+    length: FloatArray
+    """How far along the seam the nearest place is [m], shape (k,)."""
+    distance: FloatArray
+    """How far the tool's working point is from it [m], shape (k,)."""
+    angle: FloatArray
+    """By how much the tool is turned away, beyond what is free [rad], shape (k,)."""
+    R_part: FloatArray
+    """Rotations of the part in the world, shape (k, 3, 3)."""
+    p_part: FloatArray
+    """Positions of the part [m], shape (k, 3)."""
+
+
+def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+    """Checks every seam of the job.
+
+    Args:
+        schedule: with finite numbers and rising times.
+        job: cell and tasks; without them nothing is known of seams.
+        model: where the tools are.
+    """
+    if job is None or not job.has_seams:
+        why = "no task file was given (--tasks)" if job is None else "the job has no seams"
+        return [not_checked(name, why) for name in NAMES]
+    worst = {name: Worst() for name in NAMES}
+    for section in job.sections():
+        work = section[0].seam
+        if work is None:
+            continue
+        task = section[0].id
+        spans = {
+            arm: [
+                s for s in schedule.segments if (s.kind, s.arm, s.task) == ("seam", arm, task)
+            ]
+            for arm in work.arms
+        }
+        [own, *others] = [spans[arm] for arm in work.arms]
+        together = all(
+            len(other) == len(own) == 1
+            and abs(other[0].start - own[0].start) + abs(other[0].end - own[0].end) < tol.SAME_TIME
+            for other in others
+        )
+        if len(own) != 1 or not together or own[0].end <= own[0].start:
+            message = f"{task}: it takes one segment of kind seam for each arm that works, at the same time"
+            worst["seam_progress"].add(np.inf, message)
+            continue
+        _judge(worst, schedule, job, model, work, own[0])
+    nothing = "no seam asks for it"
+    return [
+        worst["seam_distance"].judge(NAMES[0], tol.CHAIN_DISTANCE, "m", ""),
+        worst["seam_angle"].judge(NAMES[1], tol.CHAIN_ANGLE, "rad", ""),
+        worst["seam_progress"].judge(NAMES[2], tol.LINE_DISTANCE, "m", ""),
+        worst["seam_speed"].judge(NAMES[3], tol.SEAM_SPEED_SLACK, "share beyond what is asked", ""),
+        worst["seam_steady"].judge(NAMES[4], tol.SEAM_SPEED_SLACK, "share of the speed", ""),
+        worst["seam_as_asked"].judge(NAMES[5], tol.SEAM_SPEED_SLACK, "share", nothing),
+        worst["seam_part"].judge(NAMES[6], tol.CHAIN_DISTANCE, "m, rad", nothing),
+        worst["seam_downhand"].judge(NAMES[7], tol.CHAIN_ANGLE, "rad beyond", nothing),
+    ]
+
+
+def _judge(
+    worst: dict[str, Worst],
+    schedule: Schedule,
+    job: Job,
+    model: ToolModel,
+    work: SeamWork,
+    segment: Segment,
+) -> None:
+    """Adds what one seam measures."""
+    found = on_seam(schedule, job, model, work, segment)
+    task = segment.task
+
+    def add(name: str, values: FloatArray, time: FloatArray = found.time) -> None:
+        k = int(np.argmax(values))
+        value = float(values[k])
+        worst[name].add(value if not value < 0.0 else 0.0, f"{task} at {time[k]:.3f} s")
+
+    add("seam_distance", found.distance)
+    add("seam_angle", found.angle)
+    back = np.maximum.accumulate(found.length) - found.length
+    back[0] = max(back[0], found.length[0])
+    back[-1] = max(back[-1], work.length - found.length[-1])
+    add("seam_progress", back)
+    middle, speed = _speeds(found)
+    top = float(speed.max())
+    if work.speed is not None:
+        add("seam_speed", speed / (work.speed * job.speed) - 1.0, middle)
+    else:
+        worst["seam_speed"].add(0.0, task)
+    steady = np.flatnonzero(speed >= STEADY * top)
+    plateau = slice(steady[0], steady[-1] + 1)
+    add("seam_steady", 1.0 - speed[plateau] / top, middle[plateau])
+    # Before it the tool only gets faster, after it only slower.
+    add("seam_steady", (np.maximum.accumulate(speed) - speed)[: steady[0] + 1] / top, middle)
+    add("seam_steady", (np.maximum.accumulate(speed[::-1]) - speed[::-1])[: len(speed) - steady[-1]] / top, middle[::-1])
+    if not work.slower:
+        if work.speed is not None:
+            worst["seam_as_asked"].add(max(0.0, 1.0 - top / (work.speed * job.speed)), task)
+        if work.duration is not None:
+            asked = work.duration / job.speed
+            worst["seam_as_asked"].add(abs((segment.end - segment.start) / asked - 1.0), task)
+    if work.not_before > segment.start + tol.SAME_TIME:
+        worst["seam_as_asked"].add(np.inf, f"{task} begins before {work.not_before:g} s")
+    if work.acceleration is not None:
+        # Differences of measured speeds: good to a hundredth.
+        rate = np.abs(np.diff(speed)) / np.diff(middle)
+        allowed = work.acceleration * job.speed**2
+        add("seam_as_asked", rate / allowed / 10.0 - 0.102, middle[1:])
+    if work.master is not None and (work.hold.given or work.hold.stands):
+        add("seam_part", _part_off(found, work))
+    if work.downhand is not None:
+        R, _ = work.curve.at(found.length)
+        up = (found.R_part @ R)[:, 2, 2]
+        add("seam_downhand", np.arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
+
+
+def _speeds(found: OnSeam) -> tuple[FloatArray, FloatArray]:
+    """Returns instants (k,) [s] and the speed along the seam there (k,) [m/s], over short windows."""
+    window = min(SPEED_WINDOW, float(found.time[-1] - found.time[0]) / 4.0)
+    middle = np.linspace(
+        found.time[0] + window / 2.0, found.time[-1] - window / 2.0, max(64, len(found.time) // 4)
+    )
+    ahead = np.interp(middle + window / 2.0, found.time, found.length)
+    behind = np.interp(middle - window / 2.0, found.time, found.length)
+    return middle, (ahead - behind) / window
+
+
+def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:
+    """Returns how far the part is from where it has to be, (k,) [m, rad]."""
+    if work.hold.given:
+        R, p = work.hold.at(found.length / work.length)
+    else:
+        R, p = found.R_part[:1], found.p_part[:1]
+    away = np.linalg.norm(found.p_part - p, axis=1)
+    turned = rotation_angle(np.swapaxes(R, -1, -2) @ found.R_part)
+    return np.maximum(away, turned)
+
+
+def on_seam(
+    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, segment: Segment
+) -> OnSeam:
+    """Returns where tool and part are during a segment of kind seam.
+
+    The part hangs on the master's flange, or stands in the world; the tool's pose is taken in its frame. The place on
+    the seam is looked for near where the way that the working point has gone would have it.
+    """
+    time = dense_times(schedule.trajectory.time, segment.start, segment.end)
+    position = schedule.trajectory.at(time)[0]
+    R, p = model.poses(work.slave, position)
+    R_part, p_part = np.tile(work.part.rotation, (len(time), 1, 1)), np.tile(work.part.translation, (len(time), 1))
+    if work.master is not None:
+        R_tool, p_tool = model.poses(work.master, position)
+        T: pin.SE3 = job.cell.tools[work.master].tcp.inverse() * work.part
+        R_part, p_part = R_tool @ T.rotation, p_tool + R_tool @ T.translation
+    tip = p + work.tool.standoff * R[:, :, 2]
+    inside = ((tip - p_part)[:, None] @ R_part)[:, 0]
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(inside, axis=0), axis=1))])
+    s = np.clip(gone * (work.length / max(gone[-1], 1e-12)), 0.0, work.length)
+    for _ in range(ROUNDS):
+        R_seam, p_seam = work.curve.at(s)
+        s = np.clip(s + ((inside - p_seam) * R_seam[:, :, 0]).sum(axis=1), 0.0, work.length)
+    R_seam, p_seam = work.curve.at(s)
+    E = np.swapaxes(R_part @ R_seam @ work.tool.R_curve_tool, -1, -2) @ R
+    distance = np.linalg.norm(inside - p_seam, axis=1)
+    return OnSeam(time, s, distance, _turned_away(E, work), R_part, p_part)
+
+
+def _turned_away(E: FloatArray, work: SeamWork) -> FloatArray:
+    """Returns by how much tools are turned away beyond what is free, (k,) [rad].
+
+    Args:
+        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
+        work: the seam.
+    """
+    lean = np.arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
+    beyond = np.maximum(lean - work.tool.tilt, 0.0)
+    if work.tool.free_spin:
+        return beyond
+    # What is left once the lean is taken back by the shortest turn.
+    axis = np.stack([-E[:, 1, 2], E[:, 0, 2], np.zeros(len(E))], axis=-1)
+    size = np.linalg.norm(axis, axis=1, keepdims=True)
+    back = -np.where(size > 1e-12, axis / np.where(size > 1e-12, size, 1.0), 0.0) * lean[:, None]
+    K = np.zeros((len(E), 3, 3))
+    K[:, 0, 2], K[:, 1, 2] = back[:, 1], -back[:, 0]
+    K[:, 2, 0], K[:, 2, 1] = -back[:, 1], back[:, 0]
+    sine = np.where(lean > 1e-12, np.sin(lean) / np.where(lean > 1e-12, lean, 1.0), 1.0)
+    cosine = np.where(lean > 1e-6, (1.0 - np.cos(lean)) / np.where(lean > 1e-6, lean**2, 1.0), 0.5)
+    upright = (np.eye(3) + sine[:, None, None] * K + cosine[:, None, None] * (K @ K)) @ E
+    spin = np.abs(log_rotation(upright)[:, 2])
+    return np.maximum(beyond, spin)
