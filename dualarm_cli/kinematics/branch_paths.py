@@ -68,8 +68,8 @@ def follow(
     q, reached = np.swapaxes(found.q, 0, 1), found.reachable.T
     if arm.shoulder.family == "quartic":
         order = _tracked(q, reached)
-        q = np.take_along_axis(q, order[..., None], 1)
-        reached = np.take_along_axis(reached, order, 1)
+        q = np.take_along_axis(q, order[..., None], 0)
+        reached = np.take_along_axis(reached, order, 0)
     step = np.zeros_like(q)
     step[:, 1:] = wrap(np.diff(q, axis=1))
     path = q[:, :1] + np.cumsum(step, axis=1)

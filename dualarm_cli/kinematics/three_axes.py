@@ -18,6 +18,8 @@ MEETING = 1e-9
 """Distance of two axes below which they meet [m]; first harmonics below it are none [m, m²]."""
 LEAST_LINK = 1e-6
 """Shortest link of an elbow [m]."""
+LEAST_PRODUCT = 1e-3
+"""Least distance of axes 1 and 2 times the sine of their angle for which the quartic keeps its digits [m]."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class ThreeAxes:
         """Which closed form serves; None for axes that do not carry the point through a volume.
 
         elbow: axes 2 and 3 parallel. two_steps: axes 1 and 2 meet or are parallel, so that joint 3 follows by itself.
-        quartic: any other three ([Pieper1968]).
+        quartic: any other three ([Pieper1968]) whose axes 1 and 2 do not nearly meet or are nearly parallel: None too.
         """
         crossed = abs(self.axis1) > PARALLEL
         if float(np.hypot(*self.R23[:2, 2])) <= PARALLEL:
@@ -109,7 +111,8 @@ class ThreeAxes:
         if abs(self.normal) <= MEETING:
             return "two_steps" if float(np.hypot(*self.squared[1:])) > MEETING else None
         moves = np.abs(self.circle[1:, 2]).max() + np.abs(self.squared[1:]).max()
-        return "quartic" if float(moves) > MEETING else None
+        told = abs(self.normal) * abs(self.axis1) >= LEAST_PRODUCT
+        return "quartic" if told and float(moves) > MEETING else None
 
     @cached_property
     def neglected(self) -> float:

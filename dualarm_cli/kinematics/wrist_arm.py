@@ -11,7 +11,7 @@ from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics import srs_limits
 from dualarm_cli.kinematics.general_arm import GeneralArm, Postures, pose_error
-from dualarm_cli.kinematics.numeric_inverse import polished
+from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.point_postures import point_postures
 from dualarm_cli.kinematics.point_reach import point_miss
@@ -24,8 +24,6 @@ LEAST_ANGLE = 1e-6
 """Least sine of the angle of neighbouring wrist axes."""
 EXACT = 1e-12
 """A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
-NEAR = 1e-3
-"""Errors beyond this are no matter of rounding and left as they are [m and rad]."""
 SPREAD = 8
 """Postures that stand for all where axes 4 and 6 are aligned."""
 
@@ -95,7 +93,10 @@ class WristArm(GeneralArm):
             if np.hypot(*self.R_parent_joint[k][:2, 2]) < LEAST_ANGLE:
                 return f"axes {k} and {k + 1} are parallel"
         if self.shoulder.family is None:
-            return "its first three axes do not carry the wrist through a volume"
+            return (
+                "its first three axes do not carry the wrist through a volume, or the first two nearly meet or "
+                "are nearly parallel"
+            )
         return ""
 
     @cached_property
@@ -131,13 +132,14 @@ class WristArm(GeneralArm):
         Args:
             R: flange rotations in the frame that carries the arm, shape (..., 3, 3).
             p: flange positions [m], shape (..., 3), broadcast against R.
-            reference: joints where one is free [rad], broadcast against (..., 6); the middle of the limits without.
+            reference: joints where one is free [rad], shape (..., 6), broadcast with the poses; the middle of the
+                limits without.
         """
         R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
-        shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+        free = self.middle if reference is None else np.asarray(reference, dtype=np.float64)
+        shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1], free.shape[:-1])
         R = np.broadcast_to(R, (*shape, 3, 3)).reshape(-1, 3, 3)
         p = np.broadcast_to(p, (*shape, 3)).reshape(-1, 3)
-        free = self.middle if reference is None else np.asarray(reference)
         free = np.broadcast_to(free, (*shape, 6)).reshape(-1, 6)
         first = point_postures(self.shoulder, self.wrist_center(R, p), free[:, :3])
         frame = self.R_parent_joint[0] @ rotation_z(first.q[..., 0])
@@ -149,30 +151,37 @@ class WristArm(GeneralArm):
         q = np.empty((len(p), 4, 2, 6))
         q[..., :3], q[..., 3:] = first.q[:, :, None], srs_limits.wrap(last.q)
         reachable = np.repeat(first.reachable & last.possible, 2, axis=1)
-        singular = np.repeat(first.singular | last.aligned, 2, axis=1) & reachable
+        singular = np.repeat(first.singular | last.aligned, 2, axis=1)
         q = np.where(reachable[..., None], q.reshape(-1, 8, 6), 0.0)
         if not self.exact:
-            q = self._polish(q, reachable, R, p)
+            q, reachable = self._polish(q, reachable, R, p)
         return WristSolutions(
-            q.reshape(*shape, 8, 6), reachable.reshape(*shape, 8), singular.reshape(*shape, 8)
+            q.reshape(*shape, 8, 6),
+            reachable.reshape(*shape, 8),
+            (singular & reachable).reshape(*shape, 8),
         )
 
     def _polish(
         self, q: FloatArray, reachable: BoolArray, R: FloatArray, p: FloatArray
-    ) -> FloatArray:
-        """Returns postures (b, 8, 6) after Newton steps where rounding or the geometry left something over."""
+    ) -> tuple[FloatArray, BoolArray]:
+        """Returns postures (b, 8, 6) after Newton steps where rounding or the geometry left something over.
+
+        What then does not meet its pose is none: right at a singularity rounding decides whether there is one.
+        """
         row, branch = np.nonzero(reachable)
         some = q[row, branch]
         R_now, p_now = self.forward(some)
         error = np.abs(pose_error(R_now, p_now, R[row], p[row])).max(axis=1)
-        off = np.flatnonzero((error > EXACT) & (error < NEAR))
+        off = np.flatnonzero(error > EXACT)
         if not len(off):
-            return q
+            return q, reachable
         row, branch = row[off], branch[off]
-        better, _ = polished(self.without_limits, R[row], p[row], some[off])
-        found = q.copy()
-        found[row, branch] = srs_limits.wrap(better)
-        return found
+        better, left = polished(self.without_limits, R[row], p[row], some[off])
+        met = (left <= RESIDUAL).all(axis=1)
+        found, reached = q.copy(), reachable.copy()
+        found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
+        reached[row, branch] = met
+        return found, reached
 
     def branch(self, q: FloatArray) -> IntArray:
         """Returns the branch of postures (..., 6), shape (...): the solution of their poses that they are."""
@@ -236,7 +245,7 @@ class WristArm(GeneralArm):
         share = ((np.arange(SPREAD) + 0.5) / SPREAD)[:, None, None]
         found = self.solve(R, p, low + share * (high - low))
         q = self.nearest_turns(found.q, self.middle)
-        good = found.singular & self.within_limits(q)
+        good = np.asarray(found.singular & self.within_limits(q))
         _, row, branch = np.nonzero(good)
         return pose[row], branch, q[good]
 
