@@ -1,4 +1,4 @@
-"""Six-axis arms with a spherical wrist for tests: from random axes in space, and from rows of Denavit and Hartenberg."""
+"""Six-axis arms with a spherical wrist for tests: of random axes in space, and of rows of Denavit and Hartenberg."""
 
 from __future__ import annotations
 

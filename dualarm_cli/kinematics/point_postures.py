@@ -47,7 +47,7 @@ def point_postures(axes: ThreeAxes, p: FloatArray, reference: FloatArray) -> Poi
     """Returns the postures that carry the point to places.
 
     Slots of the family elbow: 2 * shoulder + elbow. Shoulder is 0 where the point is on the side of axis 1 to which the
-    common normal of axes 1 and 2 points (where they meet: to which axis 1 x axis 2 does), elbow is 1 where the
+    common normal of axes 1 and 2 points (where they meet: to which axis 2 x axis 1 does), elbow is 1 where the
     second link is turned clockwise about axis 2 against the first one. Of two_steps: 2 * (joint 3 beyond its middle) +
     (point clockwise of the given direction). Of quartic: 0 and 1 where its polynomial rises, 3 and 2 where it falls,
     by ascending joint 3; the sign is that of the Jacobian's determinant and so is kept between singularities; the

@@ -135,3 +135,31 @@ class ThreeAxes:
         y = s[..., 0] * f[..., 0] + c[..., 0] * f[..., 1]
         found: FloatArray = np.stack([x, y, f[..., 2]], axis=-1) @ self.R12.T + self.p12
         return found
+
+    def section(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns how far the point is from axis 1 and along it [m], (b, 2), with derivatives (b, 2, 2), (b, 2, 2, 2).
+
+        Args:
+            q: joints 2 and 3 [rad], shape (b, 2).
+        """
+        c, s = np.cos(q), np.sin(q)
+        own, a, b = self.circle
+        f = own + c[:, 1:] * a + s[:, 1:] * b
+        df, ddf = c[:, 1:] * b - s[:, 1:] * a, -(c[:, 1:] * a + s[:, 1:] * b)
+        # Rows of Rz(q2) and its derivatives on f and its derivatives: place, then by (2), (3), (2, 2), (2, 3), (3, 3).
+        x, y, z = np.stack([f, f, df, f, df, ddf]).transpose(2, 0, 1)
+        cos = np.stack([c[:, 0], -s[:, 0], c[:, 0], -c[:, 0], -s[:, 0], c[:, 0]])
+        sin = np.stack([s[:, 0], c[:, 0], s[:, 0], -s[:, 0], c[:, 0], s[:, 0]])
+        z = z * np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0])[:, None]
+        h = np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1) @ self.R12.T
+        h[0] += self.p12
+        r = np.maximum(np.hypot(h[0, :, 0], h[0, :, 1]), 1e-12)
+        toward = h[0, :, :2] / r[:, None]
+        radial = (h[1:, :, :2] * toward).sum(axis=-1)
+        # The radius bends by what goes across it as well.
+        aside = h[1:3, :, 1] * toward[:, 0] - h[1:3, :, 0] * toward[:, 1]
+        bent = radial[2:] + np.stack([aside[0] ** 2, aside[0] * aside[1], aside[1] ** 2]) / r
+        at = np.stack([r, h[0, :, 2]], axis=1)
+        slope = np.stack([radial[:2].T, h[1:3, :, 2].T], axis=1)
+        both = np.stack([bent.T, h[3:, :, 2].T], axis=1)
+        return at, slope, both[..., [0, 1, 1, 2]].reshape(len(q), 2, 2, 2)

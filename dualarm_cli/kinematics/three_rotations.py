@@ -28,7 +28,7 @@ class Turns:
 
 
 def three_turns(R_12: FloatArray, R_23: FloatArray, M: FloatArray, reference: FloatArray) -> Turns:
-    """Returns the angles of M = Rz(a) R_12 Rz(b) R_23 Rz(c): the second and third subproblem of Paden and Kahan.
+    """Returns the angles of M = Rz(a) R_12 Rz(b) R_23 Rz(c), as the subproblems of Paden and Kahan do [Murray1994].
 
     With alpha, beta the angles of the axes 1 to 2 and 2 to 3, and theta from 1 to 3 as M has it, the middle angle
     counted from where the outer axes are nearest is phi, half of it

@@ -177,7 +177,7 @@ class WristArm(GeneralArm):
             return q, reachable
         row, branch = row[off], branch[off]
         better, left = polished(self.without_limits, R[row], p[row], some[off])
-        met = (left <= RESIDUAL).all(axis=1)
+        met = np.asarray((left <= RESIDUAL).all(axis=1))
         found, reached = q.copy(), reachable.copy()
         found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
         reached[row, branch] = met
@@ -245,7 +245,7 @@ class WristArm(GeneralArm):
         share = ((np.arange(SPREAD) + 0.5) / SPREAD)[:, None, None]
         found = self.solve(R, p, low + share * (high - low))
         q = self.nearest_turns(found.q, self.middle)
-        good = np.asarray(found.singular & self.within_limits(q))
+        good: BoolArray = np.logical_and(found.singular, self.within_limits(q))
         _, row, branch = np.nonzero(good)
         return pose[row], branch, q[good]
 

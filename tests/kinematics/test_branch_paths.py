@@ -37,7 +37,7 @@ def keeps_off_singularities(arm, q: np.ndarray) -> bool:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_path_of_joints_away_from_singularities_is_one_branch(wrist_arms, kind):
-    """Random smooth paths of random arms: one of the eight is the path itself, whole turns included; all meet the poses."""
+    """Random smooth paths of random arms: one of the eight is the path itself, whole turns included."""
     rng = np.random.default_rng(21)
     looked_at, whole = 0, 0
     for _ in range(60):
@@ -105,7 +105,7 @@ def test_a_path_ends_at_the_limit_of_the_joint_that_meets_it_first(heavy):
 
 
 def test_a_path_begins_on_the_turn_that_lasts_longest(heavy):
-    """Joint 6 turns from 3 rad by 5 rad, limits -350 to 350 deg (6.11 rad): begun a turn lower (-3.28) all of it fits."""
+    """Joint 6 turns from 3 rad by 5 rad, limits +-350 deg (6.11 rad): begun a turn lower (-3.28) all of it fits."""
     q = np.tile([0.3, -0.8, 0.4, 0.2, 0.9, 3.0], (200, 1))
     q[:, 5] += np.linspace(0.0, 5.0, 200)
     R, p = heavy.forward(q)

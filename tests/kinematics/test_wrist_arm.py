@@ -94,6 +94,18 @@ def test_branches_are_shoulder_elbow_and_wrist(heavy):
     assert (heavy.branch(joints) == branch).all()
 
 
+def test_front_is_axis_2_times_axis_1_where_they_meet(wrist_arms):
+    """Axis 1 up, axis 2 to the left (y): in front is x, as long as joint 1 is at 0."""
+    axes = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0.0]])
+    points = np.array([[0, 0, 0.4]] * 2 + [[0.4, 0, 0.4]] + [[0.8, 0, 0.4]] * 3)
+    arm = WristArm.of(wrist_arms.build(axes, points, pin.SE3(np.eye(3), points[5])).arm)
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (100, 6))
+    q[:, 0] = 0.0
+    x = arm.wrist_center(*arm.forward(q))[:, 0]
+    assert (arm.branch(q) >= 4).tolist() == (x < 0.0).tolist()
+    assert 10 < (x < 0.0).sum() < 90
+
+
 def test_the_dh_arm_meets_the_products_of_its_rows(heavy, wrist_arms):
     """Eight postures of a pose in the middle of the reach, each against the product of six DH matrices."""
     T = pin.SE3(pin.exp3(np.array([0.2, 2.5, 0.3])), np.array([0.9, 0.3, 0.4]))
@@ -131,7 +143,9 @@ def test_axes_4_and_6_in_line_leave_joint_4_at_its_reference(heavy):
     assert found.singular[np.arange(50), own].all()
     mine = found.q[np.arange(50), own]
     assert mine[:, 3] == pytest.approx(np.full(50, 0.7))
-    assert wrap(mine[:, 3] + mine[:, 5] - q[:, 3] - q[:, 5]) == pytest.approx(np.zeros(50), abs=1e-9)
+    assert wrap(mine[:, 3] + mine[:, 5] - q[:, 3] - q[:, 5]) == pytest.approx(
+        np.zeros(50), abs=1e-9
+    )
 
 
 def test_the_wrist_centre_on_axis_1_leaves_joint_1_at_its_reference(heavy):
