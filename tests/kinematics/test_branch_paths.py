@@ -145,6 +145,19 @@ def test_a_free_joint_stays_as_it_was(heavy):
     assert np.abs(found.q[own] - q).max() < 1e-7
 
 
+def test_a_joint_that_becomes_free_on_the_way_stays_where_it_came_to(heavy):
+    """Joint 4 goes from 0.2 to 0.6 rad while joint 5 comes to 0 and stays there, joint 6 turning."""
+    q = np.tile([0.3, -0.8, 0.4, 0.6, 0.0, 0.5], (100, 1))
+    q[:50, 3], q[:50, 4] = np.linspace(0.2, 0.6, 50), np.linspace(0.5, 0.01, 50)
+    q[50:, 5] += np.linspace(0.0, 4.0, 50)
+    R, p = heavy.forward(q)
+    for start in (q[0], None):
+        found = follow(heavy, R, p, start)
+        own = int(heavy.branch(q[0]))
+        assert found.whole[own]
+        assert np.abs(found.q[own] - q).max() < 1e-7
+
+
 def test_one_pose_is_a_path(heavy):
     """Eight postures, one of them the start."""
     q = np.array([[0.3, -0.8, 0.4, 0.2, 0.9, 0.5]])

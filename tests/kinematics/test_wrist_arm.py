@@ -106,6 +106,47 @@ def test_front_is_axis_2_times_axis_1_where_they_meet(wrist_arms):
     assert 10 < (x < 0.0).sum() < 90
 
 
+def test_front_is_where_the_shoulder_stands_off_axis_1(wrist_arms):
+    """The shoulder 0.35 m behind axis 1: the wrist centre there, away from x1, is shoulder 0."""
+    rows = wrist_arms.HEAVY.copy()
+    rows[0, 0] = -0.35
+    arm = WristArm.of(wrist_arms.dh_arm(rows).arm)
+    q = np.random.default_rng(2).uniform(-3.0, 3.0, (100, 6))
+    center = arm.wrist_center(*arm.forward(q))
+    x = center[:, 0] * np.cos(q[:, 0]) + center[:, 1] * np.sin(q[:, 0])
+    assert (arm.branch(q) >= 4).tolist() == (x > 0.0).tolist()
+    assert 10 < (x > 0.0).sum() < 90
+
+
+def test_of_any_axes_the_shoulder_is_the_sign_of_the_determinant(wrist_arms):
+    """Joints 1 to 3 carry the wrist centre with Jacobians of one sign in branches 0 to 3, of the other in 4 to 7."""
+    rng = np.random.default_rng(23)
+    for _ in range(5):
+        arm = WristArm.of(wrist_arms.random_arm("any", rng, orthogonal=True).arm)
+        R, p = arm.forward(rng.uniform(-np.pi, np.pi, (100, 6)))
+        found = arm.solve(R, p)
+        branch, q = np.nonzero(found.reachable)[1], found.q[found.reachable]
+        _, flange, J = arm.linearised(q)
+        to_wrist = arm.wrist_center(*arm.forward(q)) - flange
+        linear = J[:, :3, :3] + np.cross(J[:, 3:, :3], to_wrist[:, :, None], axis=1)
+        sign = np.sign(np.linalg.det(linear))
+        assert len(set(zip(sign.tolist(), (branch >= 4).tolist(), strict=True))) == 2
+        assert 0.3 < (branch >= 4).mean() < 0.7
+
+
+def test_the_wrist_centre_on_axis_2_leaves_joint_2_at_its_reference(wrist_arms):
+    """Links of 1.05 m both, folded: the wrist centre is the shoulder, 0.35 m ahead and 0.335 m high."""
+    rows = wrist_arms.HEAVY.copy()
+    rows[1, 0] = 1.05
+    arm = WristArm.of(wrist_arms.dh_arm(rows).arm)
+    R, p = at_wrist(arm, (0.35, 0.0, 0.335))
+    found = arm.solve(R, p, np.array([0, 0.6, 0, 0, 0, 0]))
+    front = np.arange(4)
+    assert found.singular[front].all()
+    assert found.q[front, 1] == pytest.approx(np.full(4, 0.6))
+    assert errors(arm, found, R, p).max() < 1e-10
+
+
 def test_the_dh_arm_meets_the_products_of_its_rows(heavy, wrist_arms):
     """Eight postures of a pose in the middle of the reach, each against the product of six DH matrices."""
     T = pin.SE3(pin.exp3(np.array([0.2, 2.5, 0.3])), np.array([0.9, 0.3, 0.4]))
@@ -158,7 +199,7 @@ def test_the_wrist_centre_on_axis_1_leaves_joint_1_at_its_reference(heavy):
     R, p = heavy.forward(q)
     assert np.hypot(*heavy.wrist_center(R, p)[:2]) < 1e-12
     found = heavy.solve(R, p, np.array([-0.9, 0, 0, 0, 0, 0]))
-    assert found.reachable.any()
+    assert found.singular.any()
     assert errors(heavy, found, R, p).max() < 1e-10
     assert found.q[found.singular][:, 0] == pytest.approx(np.full(found.singular.sum(), -0.9))
 
