@@ -7,6 +7,9 @@ counted is checked by forward kinematics, outside the timing.
 The library's solver is a damped least-squares loop over pinocchio's Jacobians. It gives one posture
 per pose, near its start; it is compared with our one branch per pose on the same poses, at once and
 one call at a time. All eight branches over the arm angle are a job it does not do.
+
+Six-axis arms with a spherical wrist are solved in closed form against our own numeric inverse (damped least squares
+from many starts), on the same poses, eight branches each.
 """
 
 from __future__ import annotations
@@ -14,14 +17,19 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.branch_paths import follow
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+from dualarm_cli.kinematics.wrist_arm import WristArm
 
 HEIGHTS = (0.1575, 0.2025, 0.2045, 0.2155, 0.1845, 0.2155, 0.081)
 """Distances between the joint frames of an iiwa 14 [m]; the flange is 0.045 m above the last."""
@@ -39,6 +47,24 @@ DAMPING = 1e-6
 ITERATIONS = 200
 NEAR = 0.2
 """How far the library's solver starts from a solution, each joint [rad]."""
+
+INDUSTRIAL = np.array(
+    [
+        [0, 0, 0.335],
+        [0.35, 0, 0.335],
+        [1.55, 0, 0.335],
+        [2.6, 0, 0.335],
+        [2.6, 0, 0.335],
+        [2.6, 0, 0.335],
+    ]
+)
+"""Points on the axes of an industrial arm of 1.2 and 1.05 m links, stretched forwards [m]."""
+INDUSTRIAL_AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0.0]])
+"""Its joint axes at q = 0; the flange is 0.1 m beyond the wrist."""
+SKEW = np.array([0.3, 0.9, 0.3]) / np.linalg.norm([0.3, 0.9, 0.3])
+"""A third axis that is not parallel to the second: postures by a quartic."""
+WRIST_POSES, NUMERIC_POSES = 1_000, 100
+"""Poses that are solved in closed form, and numerically."""
 
 
 def main() -> None:
@@ -60,10 +86,13 @@ def main() -> None:
     seconds = _best(lambda: feasible_arm_angles(arm, R, p), repeat)
     per_target = 1e6 * seconds / len(q)
     print(f"{'feasible intervals, 8 branches, per target':46} {'':>14} {per_target:12.2f}")
+    wrist = [_wrist(name, third, repeat) for name, third in (("parallel", None), ("skew", SKEW))]
     print(f"\nall branches: best vectorised / one pose at a time {max(rates) / single:12.0f}")
     print(f"all branches: 5,000 targets / one pose at a time   {rates[2] / single:12.0f}")
     print(f"one posture, same {SINGLES} poses: ours at once / library {one / library:12.0f}")
     print(f"one posture, same {SINGLES} poses: our calls / library    {call / library:12.2f}")
+    print(f"spherical wrist: numeric / closed, us per pose     {wrist[0]:12.0f}")
+    print(f"spherical wrist, axes 2 and 3 skew: the same       {wrist[1]:12.0f}")
 
 
 def _arm() -> SrsArm:
@@ -84,6 +113,46 @@ def _model() -> pin.Model:
     return model
 
 
+def _wrist_arm(third: FloatArray | None) -> WristArm:
+    """Returns the industrial arm, its third axis as it is or another one."""
+    axes = INDUSTRIAL_AXES.copy()
+    if third is not None:
+        axes[2] = third
+    model, parent, at = pin.Model(), 0, np.zeros(3)
+    for k, (axis, point) in enumerate(zip(axes, INDUSTRIAL, strict=True)):
+        joint = pin.JointModelRevoluteUnaligned(*axis)
+        parent = model.addJoint(parent, joint, pin.SE3(np.eye(3), point - at), f"joint{k + 1}")
+        at = point
+    flange = pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0]))
+    model.addFrame(pin.Frame("flange", parent, flange, pin.FrameType.OP_FRAME))
+    names = [f"joint{k + 1}" for k in range(6)]
+    limits = np.full(6, -np.pi), np.full(6, np.pi)
+    return WristArm.of(GeneralArm.from_model(model, names, "flange", pin.SE3.Identity(), limits))
+
+
+def _wrist(name: str, third: FloatArray | None, repeat: int) -> float:
+    """Returns how many times quicker the closed forms of a spherical wrist are than the numeric inverse."""
+    arm = _wrist_arm(third)
+    q = np.random.default_rng(3).uniform(-3.0, 3.0, (WRIST_POSES, 6))
+    R, p = arm.forward(q)
+    found = arm.solve(R, p)
+    pose, branch = np.nonzero(found.reachable)
+    _check(arm, found.q[pose, branch], R[pose], p[pose])
+    closed = _best(lambda: arm.solve(R, p), repeat) / WRIST_POSES
+    what = f"wrist, axes 2, 3 {name}: closed, {WRIST_POSES} poses"
+    _report(what, len(pose) / WRIST_POSES / closed, closed)
+    along = _best(lambda: follow(arm, R, p), repeat) / WRIST_POSES
+    _report(f"wrist, axes 2, 3 {name}: paths of 8 branches", 8 / along, along)
+    general = GeneralArm(*(getattr(arm, field.name) for field in fields(GeneralArm)))
+    R, p = R[:NUMERIC_POSES], p[:NUMERIC_POSES]
+    theirs = solve_poses(general, R, p)
+    _check(arm, theirs.q, R[theirs.pose], p[theirs.pose])
+    numeric = _best(lambda: solve_poses(general, R, p), 1) / NUMERIC_POSES
+    what = f"wrist, axes 2, 3 {name}: numeric, {NUMERIC_POSES} poses"
+    _report(what, len(theirs.q) / NUMERIC_POSES / numeric, numeric)
+    return numeric / closed
+
+
 def _best(run: Callable[[], object], repeat: int) -> float:
     """Returns the shortest of several runs [s]; on a shared machine the least disturbed one."""
     run()
@@ -100,7 +169,7 @@ def _report(what: str, rate: float, seconds: float) -> float:
     return rate
 
 
-def _check(arm: SrsArm, q: FloatArray, R: FloatArray, p: FloatArray) -> None:
+def _check(arm: SrsArm | GeneralArm, q: FloatArray, R: FloatArray, p: FloatArray) -> None:
     R_found, p_found = arm.forward(q)
     error = max(float(np.abs(R_found - R).max()), float(np.abs(p_found - p).max()))
     if error > EXACT:

@@ -22,10 +22,8 @@ def tasks_folder() -> Path:
     return ROOT / "tasks"
 
 
-def _general_robots() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "general_robots", Path(__file__).parent / "general_robots.py"
-    )
+def _module(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parent / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -37,4 +35,10 @@ def _general_robots() -> ModuleType:
 @pytest.fixture(scope="session")
 def general_robots() -> ModuleType:
     """Robots whose arms are not spherical-revolute-spherical: YUMI, NEXTAGE, SPHERICAL."""
-    return _general_robots()
+    return _module("general_robots")
+
+
+@pytest.fixture(scope="session")
+def wrist_arms() -> ModuleType:
+    """Six-axis arms with a spherical wrist, from random axes and from rows of Denavit and Hartenberg."""
+    return _module("wrist_arms")

@@ -11,6 +11,7 @@ import typer
 from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
+    from dualarm_cli.kinematics.general_arm import GeneralArm
     from dualarm_cli.kinematics.platform_chain import PlatformChain
     from dualarm_cli.kinematics.srs_geometry import SrsGeometry
     from dualarm_cli.model.robot import Arm, Robot
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
 robot_app = typer.Typer(
     name="robot", help="The robots at hand.", no_args_is_help=True, rich_markup_mode=None
 )
+FAMILIES = {
+    "elbow": "axes 2 and 3 are parallel",
+    "two_steps": "axes 1 and 2 meet or are parallel",
+    "quartic": "its first three axes lie anyhow",
+}
+"""What the closed forms of an arm with a spherical wrist build on."""
 RobotName = Annotated[str, typer.Argument(help="A bundled robot's name, or a robot file.")]
 
 
@@ -179,10 +186,35 @@ def _describe_general(
             what = "spherical-revolute-spherical by measurement: kind srs has closed forms for it"
     elif general.wrist_gap <= SRS_TOLERANCE:
         what = "its last three axes meet in a point"
+        return found | _describe_wrist(general, arm.kind, what)
     else:
         what = f"its last three axes miss a common point by {general.wrist_gap * 1000:.3g} mm"
     summary = f"kind {arm.kind}, {n} axes; {what}; inverse kinematics: numeric (many starts)"
     return found | {"summary": summary}
+
+
+def _describe_wrist(general: GeneralArm, kind: str, what: str) -> dict[str, Any]:
+    """Returns what serves an arm of six axes whose last three meet in a point."""
+    from dualarm_cli.kinematics.wrist_arm import WristArm, with_closed_forms
+
+    found = with_closed_forms(general)
+    numeric = "inverse kinematics: numeric (many starts)"
+    if not isinstance(found, WristArm):
+        summary = f"kind {kind}, 6 axes; {what}, but its axes have no closed forms; {numeric}"
+        return {"summary": summary}
+    shoulder = FAMILIES[found.shoulder.family or ""]
+    if kind != "spherical_wrist":
+        advice = "kind spherical_wrist has closed forms for it"
+        return {"summary": f"kind {kind}, 6 axes; {what}: {advice}; {numeric}"}
+    summary = (
+        f"kind {kind}, 6 axes; {what}, {shoulder}; inverse kinematics: closed form (eight branches)"
+    )
+    return {
+        "inverse_kinematics": "closed_form",
+        "branches": 8,
+        "shoulder": found.shoulder.family,
+        "summary": summary,
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -14,6 +14,7 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
 from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+from dualarm_cli.kinematics.wrist_arm import with_closed_forms
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
 
@@ -30,7 +31,8 @@ class ArmModel:
     arm: Arm
     """The noun."""
     kinematics: SrsArm | GeneralArm
-    """Forward and inverse kinematics in the frame that carries the arms: in closed form if it is of kind srs."""
+    """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, a WristArm if
+    it is of kind spherical_wrist and has closed forms."""
     columns: list[int]
     """Columns of its joints within the robot's joints."""
     T_flange_tcp: pin.SE3
@@ -38,7 +40,7 @@ class ArmModel:
 
     @property
     def closed_form(self) -> SrsArm:
-        """Its closed forms (UnsupportedError where it has none)."""
+        """Its closed forms over the arm angle (UnsupportedError where it has none)."""
         return closed_form(self.kinematics)
 
 
@@ -61,7 +63,7 @@ class CellModel:
 
         Args:
             cell: the noun.
-            numeric: whether closed forms are left aside where an arm has them.
+            numeric: whether closed forms over the arm angle are left aside where an arm has them.
 
         Raises:
             UnsupportedError: an arm is not what it is called, or has fewer than six joints or one that slides.
@@ -128,10 +130,11 @@ def _kinematics(
     base: pin.SE3,
     numeric: bool,
 ) -> SrsArm | GeneralArm:
-    """Returns an arm's kinematics: closed forms if it is called srs (and is), numbers otherwise."""
+    """Returns an arm's kinematics: closed forms if it is called srs (and is) or spherical_wrist, else numbers."""
     limits = robot.limits.select(arm.joints)
     if numeric or arm.kind != "srs":
-        return measure_general(model, robot, arm, platform, base)
+        general = measure_general(model, robot, arm, platform, base)
+        return with_closed_forms(general) if arm.kind == "spherical_wrist" else general
     geometry = measure_arm(model, robot, arm, platform, base)
     if not geometry.is_srs(SRS_TOLERANCE):
         raise UnsupportedError(_false_srs(robot, arm, geometry))

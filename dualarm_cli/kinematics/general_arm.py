@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import UnsupportedError
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics import srs_limits
 from dualarm_cli.kinematics.platform_chain import align_z
 
@@ -19,6 +19,20 @@ LEAST_JOINTS = 6
 """Joints that an arm needs to hold a tool in any pose."""
 FEW = 64
 """Up to so many postures their chains are products of matrices (measured)."""
+
+
+@dataclass(frozen=True)
+class Postures:
+    """Postures within limits that reach some of m poses."""
+
+    pose: IntArray
+    """Which pose each of them reaches, ascending, shape (k,)."""
+    q: FloatArray
+    """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
+    branch: IntArray
+    """Their branches, shape (k,)."""
+    miss: FloatArray
+    """By how much each pose is missed: distance [m] and angle [rad], 0 where it is reached, shape (m, 2)."""
 
 
 @dataclass(frozen=True)
@@ -203,17 +217,37 @@ class GeneralArm:
         return np.stack([x, y, z_next]).transpose(2, 1, 0), p.T, z, origin
 
     @cached_property
-    def wrist_gap(self) -> float:
-        """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
-        _, _, z, origin = self._chain(np.zeros((1, self.axes)))
-        axes, points = z[:, -3:, 0].T, origin[:, -3:, 0].T
-        across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    def meeting_point(self) -> FloatArray:
+        """The point nearest to the last three axes, all joints at zero [m], shape (3,)."""
+        _, points, across = self._last_axes
         # Three parallel axes leave the place along them open.
-        center = np.linalg.lstsq(
+        center: FloatArray = np.linalg.lstsq(
             across.sum(axis=0), (across @ points[:, :, None])[..., 0].sum(axis=0), rcond=None
         )[0]
-        away = (across @ (points - center)[:, :, None])[..., 0]
+        return center
+
+    @cached_property
+    def wrist_gap(self) -> float:
+        """Largest distance of the last three axes from the point nearest to all [m]: 0 for a spherical wrist."""
+        _, points, across = self._last_axes
+        away = (across @ (points - self.meeting_point)[:, :, None])[..., 0]
         return float(np.linalg.norm(away, axis=1).max())
+
+    @cached_property
+    def _last_axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The last three axes, points on them [m], and projections across them, all joints at zero."""
+        _, _, z, origin = self._chain(np.zeros((1, self.axes)))
+        axes, points = z[:, -3:, 0].T, origin[:, -3:, 0].T
+        return axes, points, np.eye(3) - axes[:, :, None] * axes[:, None, :]
+
+    def closed_postures(self, R: FloatArray, p: FloatArray) -> Postures | None:
+        """Returns all postures that reach poses where the arm has closed forms; this one has none.
+
+        Args:
+            R: flange rotations in the frame that carries the arm, shape (m, 3, 3).
+            p: flange positions [m], shape (m, 3).
+        """
+        return None
 
     def within_limits(self, q: FloatArray) -> BoolArray:
         """Returns whether all joints (..., n) are within their limits, shape (...)."""

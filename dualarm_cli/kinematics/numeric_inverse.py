@@ -1,13 +1,11 @@
-"""Inverse kinematics of general arms by damped least squares from many starts, all targets and starts in arrays."""
+"""Inverse kinematics of general arms: closed forms where they have them, damped least squares from many starts else."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
+from dualarm_cli.kinematics.general_arm import GeneralArm, Postures, pose_error
 
 STARTS, FEW_STARTS = 32, 12
 """Starts of a round per pose, and where a first idea of the solutions will do."""
@@ -34,18 +32,6 @@ NO_PROGRESS, TURNED = 0.9999, 1e-2
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 
 
-@dataclass(frozen=True)
-class NumericSolutions:
-    """Postures within limits that reach some of m poses; no two of one pose are alike."""
-
-    pose: IntArray
-    """Which pose each of them reaches, ascending, shape (k,)."""
-    q: FloatArray
-    """Joints [rad], the turns nearest to the middle of the limits, shape (k, n)."""
-    miss: FloatArray
-    """What the best start of each pose was left with: distance [m] and angle [rad], 0 where solved, shape (m, 2)."""
-
-
 def solve_poses(
     arm: GeneralArm,
     R: FloatArray,
@@ -53,7 +39,7 @@ def solve_poses(
     *,
     first_only: bool = False,
     thorough: bool = True,
-) -> NumericSolutions:
+) -> Postures:
     """Returns postures within limits that reach flange poses: many for each.
 
     Levenberg's damped least squares with the damping of [Sugihara2011] (half the squared error), from starts that
@@ -62,7 +48,9 @@ def solve_poses(
 
     With six joints solutions are isolated: rounds of starts go on until QUIET_ROUNDS bring nothing new. No completeness
     is claimed; thousands of random starts find the same sets (tested). With more joints every start has a solution of
-    its own on the curves of self-motion; rounds go on until there is one.
+    its own on the curves of self-motion; rounds go on until there is one. Branches are numbers from 0 within each pose.
+
+    An arm with closed forms (`GeneralArm.closed_postures`) is solved by these, with its own branches.
 
     Args:
         arm: kinematics and limits.
@@ -71,6 +59,9 @@ def solve_poses(
         first_only: whether a pose is left alone as soon as it has a solution.
         thorough: whether all solutions are looked for (six joints), or many; without, a first idea of them will do.
     """
+    closed = arm.closed_postures(R, p)
+    if closed is not None:
+        return closed
     m = len(p)
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
     miss = np.full((m, 2), np.inf)
@@ -103,7 +94,8 @@ def solve_poses(
         done |= (k > 0) & (miss.max(axis=1) > HOPELESS)
         open_ = open_[~done[open_]]
     miss[np.bincount(found_pose, minlength=m) > 0] = 0.0
-    return NumericSolutions(found_pose, found_q, miss)
+    branch = np.arange(len(found_pose)) - np.searchsorted(found_pose, found_pose)
+    return Postures(found_pose, found_q, branch, miss)
 
 
 def least_distances(arm: GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -156,7 +148,7 @@ def descend(
         # Where something is left over, a stretched arm swings about its best posture unless it is damped more.
         damping = 0.5 * (np.maximum(size, size * size) if turned else size * size)
         q[active] = _stepped(arm, q[active], J, e, damping)
-    return _polished(arm, R, p, q)
+    return polished(arm, R, p, q)
 
 
 def _stepped(
@@ -174,7 +166,7 @@ def _stepped(
     return np.clip(q + step, arm.lower, arm.upper)
 
 
-def _polished(
+def polished(
     arm: GeneralArm, R: FloatArray, p: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Returns joints after undamped steps where these help, and what they miss."""

@@ -241,7 +241,7 @@ def closed_form(arm: object) -> SrsArm:
     """
     if not isinstance(arm, SrsArm):
         raise UnsupportedError(
-            "an arm that is not spherical-revolute-spherical has no closed-form inverse kinematics: "
+            "an arm that is not spherical-revolute-spherical has no closed forms over an arm angle: "
             "--redundancy numeric serves it"
         )
     return arm

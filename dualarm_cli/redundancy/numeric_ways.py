@@ -110,8 +110,7 @@ def target_ways(
     row, target, yaw = batch.turned_targets()
     poses = batch.poses(row, target, yaw)
     found = solve_poses(arm, poses.R, poses.p, thorough=curves)
-    pose, q = found.pose, found.q
-    branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
+    pose, q, branch = found.pose, found.q, found.branch
     if arm.spare == 1 and curves:
         traced = self_motions(arm, q, poses.R[pose], poses.p[pose])
         branch = branches(pose, q, traced)

@@ -109,6 +109,23 @@ def test_show_says_what_serves_arms_that_are_not_srs(general_robots, tmp_path, c
     assert json.loads(capsys.readouterr().out)["arms"]["left"]["inverse_kinematics"] == "arm_angle"
 
 
+def test_show_tells_of_the_closed_forms_of_a_spherical_wrist(general_robots, tmp_path, capsys):
+    """Eight branches where it is called by its kind; called general it is told what it might be."""
+    general_robots.SPHERICAL.write(tmp_path)
+    file = tmp_path / "robot.yaml"
+    assert run(["robot", "show", str(file), "--json"]) == 0
+    left = json.loads(capsys.readouterr().out)["arms"]["left"]
+    assert (left["inverse_kinematics"], left["branches"]) == ("closed_form", 8)
+    assert left["shoulder"] == "elbow"
+    assert "axes 2 and 3 are parallel" in left["summary"]
+    assert left["summary"].endswith("inverse kinematics: closed form (eight branches)")
+    file.write_text(file.read_text().replace("kind: spherical_wrist", "kind: general"))
+    assert run(["robot", "show", str(file), "--json"]) == 0
+    left = json.loads(capsys.readouterr().out)["arms"]["left"]
+    assert left["inverse_kinematics"] == "numeric"
+    assert "kind spherical_wrist has closed forms for it" in left["summary"]
+
+
 def test_check_measures_a_spherical_wrist(general_robots, tmp_path, capsys):
     """Good where there is one; the Nextage's 45 mm are told where it is called one."""
     general_robots.SPHERICAL.write(tmp_path)

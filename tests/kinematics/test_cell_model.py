@@ -7,7 +7,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.cell_model import CellModel, find_false_kinds
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
 
@@ -77,3 +79,20 @@ def test_an_arm_called_srs_that_is_not_is_found_out():
     (message,) = find_false_kinds(dataclasses.replace(robot, urdf=urdf))
     assert "arm left of Yaskawa" in message
     assert "kind: general" in message
+
+
+@pytest.mark.parametrize("numeric", [False, True])
+def test_a_spherical_wrist_has_closed_forms_if_it_is_called_by_its_kind(
+    general_robots, tmp_path, numeric
+):
+    """Also where numeric inverse kinematics is asked for: it has the postures at once. Called general it has none."""
+    general_robots.SPHERICAL.write(tmp_path)
+    file = tmp_path / "robot.yaml"
+    tools = {side: Tool(pin.SE3.Identity()) for side in ("left", "right")}
+    cell = Cell(load_robot(str(file)).robot, pin.SE3.Identity(), tools)
+    model = CellModel.from_cell(cell, numeric=numeric)
+    assert all(isinstance(arm.kinematics, WristArm) for arm in model.arms.values())
+    file.write_text(file.read_text().replace("kind: spherical_wrist", "kind: general"))
+    cell = Cell(load_robot(str(file)).robot, pin.SE3.Identity(), tools)
+    model = CellModel.from_cell(cell, numeric=numeric)
+    assert all(type(arm.kinematics) is GeneralArm for arm in model.arms.values())
