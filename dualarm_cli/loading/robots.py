@@ -11,6 +11,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bodies import checked_pairs
 from dualarm_cli.loading.bundled import ROBOT_FILE, bundled_robots, robots_folder
+from dualarm_cli.loading.dh_tables import read_tables
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.meshes import check_urdf_meshes
@@ -164,6 +165,8 @@ def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
 ) -> Urdf | None:
     """Returns the checked URDF, or None after noting what is wrong."""
+    if model.urdf is None:
+        return read_tables(document, model, findings)
     try:
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))
