@@ -46,8 +46,18 @@ class CalibrationProblem:
             raise ValueError(f"noise must be above 0, not {self.noise}")
         if self.origin not in range(LEAST_POINTS):
             raise ValueError(f"origin must be 0, 1 or 2, not {self.origin}")
-        if len(self.names) < LEAST_POINTS:
-            raise InfeasibleError(
-                f"{len(self.names)} points do not determine where one robot stands from another; touch at least "
-                f"{LEAST_POINTS} that are not on a line, better 4 to 8 that are well spread"
-            )
+        refuse_few(len(self.names))
+
+
+def refuse_few(count: int) -> None:
+    """Raises where there are fewer points than can determine a pose.
+
+    Raises:
+        InfeasibleError: fewer than three.
+    """
+    if count < LEAST_POINTS:
+        raise InfeasibleError(
+            f"{count} point{'s do' if count != 1 else ' does'} not determine where one robot "
+            "stands from another; touch at least "
+            f"{LEAST_POINTS} that are not on a line, better 4 to 8 that are well spread"
+        )

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.calibration.confidence import interval_factor
 from dualarm_cli.calibration.problem import CalibrationProblem
 from dualarm_cli.calibration.solution import CalibrationSolution
 from dualarm_cli.calibration.spread import refuse_lines
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import skew
+
+LOOSEST = np.pi / 2.0
+"""Half width of the rotation's 95 % interval from which on it means nothing [rad]."""
 
 
 def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
@@ -30,7 +35,28 @@ def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
     variance = (
         2.0 * problem.noise**2 if problem.noise is not None else residual_variance(left, right)
     )
-    return CalibrationSolution(R, t, pose_covariance(left, right, R, variance), degrees)
+    covariance = pose_covariance(left, right, R, variance)
+    _refuse_loose_turn(covariance, degrees, float(np.sqrt(variance)))
+    return CalibrationSolution(R, t, covariance, degrees)
+
+
+def _refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float) -> None:
+    """Raises where the rotation is so unsure that it means nothing.
+
+    Raises:
+        InfeasibleError: its 95 % interval reaches a quarter turn.
+    """
+    # The axis about which the rotation is least sure need not be one of the frame's.
+    deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
+    width = interval_factor(degrees) * deviation
+    if width >= LOOSEST:
+        raise InfeasibleError(
+            "the points do not determine how the robots are turned: about one axis the 95 % "
+            f"interval is ±{np.degrees(width):.0f} deg, as "
+            "the points are nearly on one line or do not match (a coordinate of a residual is "
+            f"{noise * 1000:.3g} mm on average); "
+            "touch more points, well spread in all directions"
+        )
 
 
 def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:

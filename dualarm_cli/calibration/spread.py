@@ -68,10 +68,13 @@ def refuse_lines(problem: CalibrationProblem) -> None:
     lengths = [spread.length for spread in spreads.values()]
     for side, spread in spreads.items():
         if spread.length <= 1e-9:
-            raise InfeasibleError(f"all points of the {side} robot are one; touch points well apart")
+            raise InfeasibleError(
+                f"all points of the {side} robot are one; touch points well apart"
+            )
     if max(lengths) > SCALE_LIMIT * min(lengths):
         raise InfeasibleError(
-            f"the points span {lengths[0]:.6g} m for the left robot and {lengths[1]:.6g} m for the right one: they cannot be "
+            f"the points span {lengths[0]:.6g} m for the left robot and {lengths[1]:.6g} m for "
+            "the right one: they cannot be "
             "the same points; look at the units (a plain number is m), at the tools and at the order of the points"
         )
     noise = (problem.noise or 0.0) * NOISE_FACTOR
@@ -80,6 +83,8 @@ def refuse_lines(problem: CalibrationProblem) -> None:
             ends = " and ".join(problem.names[k] for k in spread.ends)
             near = f" to within {NOISE_FACTOR:g} times the noise" if noise > 0.0 else ""
             raise InfeasibleError(
-                f"the points of the {side} robot are on one line{near}: none is more than {spread.height * 1000:.3g} mm off the "
-                f"line through {ends}, so nothing says how the robots are turned about it; touch a point far beside that line"
+                f"the points of the {side} robot are on one line{near}: none is more than "
+                f"{spread.height * 1000:.3g} mm off the "
+                f"line through {ends}, so nothing says how the robots are turned about it; touch "
+                "a point far beside that line"
             )

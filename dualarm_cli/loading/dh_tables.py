@@ -75,9 +75,7 @@ def placements(rows: Sequence[RowSection], convention: str) -> list[Placement]:
         return [*found, (zero, np.eye(3))]
     turns.append(np.eye(3))
     after = [(np.array([row.a, 0.0, row.d]), _turn_x(row.alpha)) for row in rows]
-    return [
-        (p, R @ turn) for (p, R), turn in zip([(zero, np.eye(3)), *after], turns, strict=True)
-    ]
+    return [(p, R @ turn) for (p, R), turn in zip([(zero, np.eye(3)), *after], turns, strict=True)]
 
 
 def _check_links(document: Document, model: RobotFile, findings: Findings) -> bool:

@@ -64,7 +64,8 @@ class RobotFile(Section):
         default=None, description="Path of its URDF, relative to this file; or dh instead."
     )
     dh: DhSection | None = Field(
-        default=None, description="Tables of Denavit and Hartenberg's parameters in place of a URDF."
+        default=None,
+        description="Tables of Denavit and Hartenberg's parameters in place of a URDF.",
     )
     platform: Annotated[list[Name], Field(max_length=2)] = Field(
         default_factory=list,
