@@ -129,8 +129,9 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     document = read_document(place.project, place.path, place.name, "robot/1")
     findings = Findings()
     findings.extend(document.diagnostics)
+    described = _check_description(document, findings)
     model = validate(document, RobotFile, findings)
-    if model is None:
+    if model is None or not described:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
     urdf = _load_urdf(place, document, model, findings)
@@ -159,6 +160,19 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         model.name, text, tuple(model.platform), model_arms(model), limits, postures, contacts
     )
     return robot, tuple([*notes, *_fixed_note(urdf, joints)])
+
+
+def _check_description(document: Document, findings: Findings) -> bool:
+    """Returns whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
+    given = [key for key in ("urdf", "dh") if document.data.get(key) is not None]
+    if len(given) == 2:
+        findings.add(
+            document, ("dh",), "urdf and dh both describe the robot; keep one", "E200", key=True
+        )
+    if not given:
+        message = "'urdf' is missing; give the path of a URDF, or tables: `dh: …`"
+        findings.add(document, (), message, "E202")
+    return len(given) == 1
 
 
 def _load_urdf(

@@ -11,7 +11,6 @@ from dualarm_cli.loading.fields import Angle, Length, Name, Pose, Quantity, Sect
 
 JointSpeed = Annotated[float, Quantity(quantities.ANGULAR_VELOCITY, 1e-6)]
 Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]
-Rows = Annotated[list["RowSection"], Field(min_length=1, max_length=12)]
 
 
 class RowSection(Section):
@@ -38,6 +37,9 @@ class RowSection(Section):
                 f"lower limit {self.lower:g} rad is above upper limit {self.upper:g} rad", "lower"
             )
         return self
+
+
+Rows = Annotated[list[RowSection], Field(min_length=1, max_length=12)]
 
 
 class BasesSection(Section):

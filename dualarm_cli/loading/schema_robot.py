@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
 from dualarm_cli.loading import quantities
-from dualarm_cli.loading.fields import BodyPair, Name, Section, refuse
+from dualarm_cli.loading.fields import BodyPair, Name, Section
 from dualarm_cli.loading.schema_dh import DhSection
 
 RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
@@ -86,14 +86,8 @@ class RobotFile(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_description(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        if "urdf" not in data and "dh" not in data:
-            raise refuse("'urdf' is missing; or give dh: tables instead", code="E202")
-        if "urdf" in data and "dh" in data:
-            raise refuse("urdf and dh both describe the robot; keep one", "dh")
-        return data if "urdf" in data else _with_table_names(data)
+    def _names_of_tables(cls, data: Any) -> Any:
+        return _with_table_names(data) if isinstance(data, dict) and "dh" in data else data
 
 
 def _with_table_names(data: dict[str, Any]) -> dict[str, Any]:
