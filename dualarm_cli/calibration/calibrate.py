@@ -14,7 +14,7 @@ from dualarm_cli.calibration.solution import CalibrationSolution
 from dualarm_cli.calibration.spread import refuse_lines
 from dualarm_cli.calibration.tips import flange_poses, second_joint_height, touched_points
 from dualarm_cli.calibration.tool_fit import HEIGHT, ToolFit, fit_tool
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import InfeasibleError, UsageError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.touches import Touches, TouchSide
 
@@ -68,7 +68,12 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
     problem = CalibrationProblem(
         tips["left"], tips["right"], touches.names, touches.noise, touches.origin
     )
-    solution = CALIBRATION_SOLVERS[method].solve(problem)
+    readings = _readings_disagree(touches, tools)
+    try:
+        solution = CALIBRATION_SOLVERS[method].solve(problem)
+    except InfeasibleError as error:
+        # Readings that contradict each other are the likeliest reason.
+        raise InfeasibleError("; ".join([str(error), *readings])) from None
     if joint_fit is not None and method == "least_squares":
         # The same transform; its uncertainty now has that of the tools in it.
         solution = joint_fit.solution
@@ -76,12 +81,12 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
         solution = CalibrationSolution(solution.rotation, solution.translation, None, None)
     elif tools:
         notes.append("the transform's uncertainty takes fitted tools and heights as exact")
-    notes += _readings_disagree(touches, tools)
+    notes += readings
     return Calibration(
         method,
         problem,
         solution,
-        judge(problem, solution, method),
+        judge(problem, solution, method, 3 * len(joint_fit.tools) if joint_fit is not None else 0),
         tools,
         _second_joints(touches, tools),
         tuple(notes),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.calibration.observability import Sight, look
-from dualarm_cli.calibration.rigid import fit_rigid
+from dualarm_cli.calibration.rigid import fit_rigid, refuse_loose_turn
 from dualarm_cli.calibration.solution import CalibrationSolution
 from dualarm_cli.calibration.tips import Flanges
 from dualarm_cli.calibration.tool_fit import TOOL, ToolFit
@@ -87,7 +87,10 @@ def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
         side: _tool_fit(sight, names, 6 + 3 * k, tools[side], covariance, degrees, rest)
         for k, side in enumerate(unknown)
     }
-    spread = None if covariance is None else (G @ covariance @ G.T)[:6, :6]
+    spread = None
+    if covariance is not None:
+        spread = (G @ covariance @ G.T)[:6, :6]
+        refuse_loose_turn(spread, degrees, float(np.sqrt(rest @ rest / len(rest))))
     return JointFit(fits, CalibrationSolution(*pose, spread, degrees))
 
 
@@ -127,7 +130,7 @@ def _noise(
     degrees = len(rest) - sight.rank
     if noise is not None:
         return sight.covariance(2.0 * noise**2), None
-    if degrees <= 0:
+    if degrees <= 0:  # as many unknowns as equations: nothing is left that would tell
         return None, degrees
     return sight.covariance(float(rest @ rest) / degrees), degrees
 

@@ -68,13 +68,16 @@ class Judgement:
         return float(np.sqrt((self.residuals**2).sum() / len(self.residuals)))
 
 
-def judge(problem: CalibrationProblem, solution: CalibrationSolution, method: str) -> Judgement:
+def judge(
+    problem: CalibrationProblem, solution: CalibrationSolution, method: str, fitted: int = 0
+) -> Judgement:
     """Returns residuals, distances, spread, uncertainty and warnings.
 
     Args:
         problem: the points.
         solution: what a method made of them.
         method: which method it was.
+        fitted: how many coordinates of tools were fitted to the same residuals.
     """
     residuals = solution.residuals(problem.left, problem.right)
     left, right = measure_spread(problem.left), measure_spread(problem.right)
@@ -94,7 +97,7 @@ def judge(problem: CalibrationProblem, solution: CalibrationSolution, method: st
         *_few(problem, method),
         *_near_line(problem, left, right),
         *_repeated(problem, pairs),
-        *_disagreement(problem, pairs, residuals, method),
+        *_disagreement(problem, pairs, residuals, method, fitted),
         *_mirrored(problem),
         *_culprit(problem),
         *_uncertain(widths, method),
@@ -103,6 +106,7 @@ def judge(problem: CalibrationProblem, solution: CalibrationSolution, method: st
 
 
 def _few(problem: CalibrationProblem, method: str) -> list[str]:
+    """Says so where three points are all, or more than a method uses."""
     n = len(problem.names)
     if method == "frame" and n > 3:
         others = ", ".join(problem.names[3:])
@@ -118,6 +122,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
 
 
 def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list[str]:
+    """Says so where the points are nearly on a line."""
     worst = min(left, right, key=lambda spread: spread.ratio)
     if worst.ratio >= NEARLY_A_LINE:
         return []
@@ -131,6 +136,7 @@ def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list
 
 
 def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> list[str]:
+    """Names points that are one."""
     return [
         f"{pair.first} and {pair.second} are the same point (less than {SAME_POINT * 1000:g} mm "
         "apart): it tells how well touching "
@@ -145,7 +151,9 @@ def _disagreement(
     pairs: tuple[PairDistance, ...],
     residuals: FloatArray,
     method: str,
+    fitted: int,
 ) -> list[str]:
+    """Says so where the robots' lengths or residuals contradict each other or the stated noise."""
     found = []
     sizes = [
         float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum())) for p in (problem.left, problem.right)
@@ -164,9 +172,13 @@ def _disagreement(
             f"{worst.second}: no transform can "
             "mend that; touch them again, or look at tools and robot files"
         )
-    degrees = 3 * len(problem.names) - 6
-    least = solution_squares(problem) if method == "frame" else float((residuals**2).sum())
-    if problem.noise is not None and not explained(least, degrees, 2.0 * problem.noise**2):
+    degrees = 3 * len(problem.names) - 6 - fitted
+    least = least_squares(problem) if method == "frame" else float((residuals**2).sum())
+    if (
+        problem.noise is not None
+        and degrees > 0
+        and not explained(least, degrees, 2.0 * problem.noise**2)
+    ):
         found.append(
             f"the residuals are larger than a noise of {problem.noise * 1000:g} mm explains (it would take "
             f"{math.sqrt(least / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
@@ -176,7 +188,7 @@ def _disagreement(
     return found
 
 
-def solution_squares(problem: CalibrationProblem) -> float:
+def least_squares(problem: CalibrationProblem) -> float:
     """Returns the least sum of squared residuals [m^2] that any rigid motion leaves."""
     R, t = fit_rigid(problem.left, problem.right)
     return float(((problem.left - problem.right @ R.T - t) ** 2).sum())
@@ -185,7 +197,7 @@ def solution_squares(problem: CalibrationProblem) -> float:
 def _mirrored(problem: CalibrationProblem) -> list[str]:
     """Says so where a reflection fits far better: a sign was lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
-    plain, mirror = (math.sqrt(solution_squares(p) / len(p.names)) for p in (problem, flipped))
+    plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
     if plain < DISTANCE_OFF or mirror > plain / 3.0:
         return []
     return [
@@ -205,7 +217,7 @@ def _culprit(problem: CalibrationProblem) -> list[str]:
     R, t = fit_rigid(left, right)
     rest = left - (right @ np.swapaxes(R, -1, -2) + t[:, None])
     without = (rest**2).sum(axis=(1, 2)) / (3 * (n - 1) - 6)
-    every = solution_squares(problem) / (3 * n - 6)
+    every = least_squares(problem) / (3 * n - 6)
     worst = int(np.argmin(without))
     if every < DISTANCE_OFF**2 or every < CULPRIT**2 * without[worst]:
         return []
@@ -217,11 +229,16 @@ def _culprit(problem: CalibrationProblem) -> list[str]:
 
 
 def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
+    """Says so where the uncertainty is large, or not known."""
     if widths is None and method == "frame":
         return [
             "how sure the frame method is can be said only where the noise is stated (`noise: 0.5 mm`)"
         ]
-    if widths is None or widths[3:].max() < TURN_OFF:
+    if widths is None:
+        return [
+            "there are as many unknowns as equations, so nothing tells how sure this is; touch more points, or state the noise"
+        ]
+    if widths[3:].max() < TURN_OFF:
         return []
     return [
         f"the rotation is known to ±{math.degrees(float(widths[3:].max())):.2g} deg only (95 %), which is "

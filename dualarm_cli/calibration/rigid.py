@@ -36,12 +36,17 @@ def solve_least_squares(problem: CalibrationProblem) -> CalibrationSolution:
         2.0 * problem.noise**2 if problem.noise is not None else residual_variance(left, right)
     )
     covariance = pose_covariance(left, right, R, variance)
-    _refuse_loose_turn(covariance, degrees, float(np.sqrt(variance)))
+    refuse_loose_turn(covariance, degrees, float(np.sqrt(variance)))
     return CalibrationSolution(R, t, covariance, degrees)
 
 
-def _refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float) -> None:
+def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float) -> None:
     """Raises where the rotation is so unsure that it means nothing.
+
+    Args:
+        covariance: of translation and rotation vector, shape (6, 6).
+        degrees: of freedom of the noise's estimate; None where it was stated.
+        noise: standard deviation of one coordinate of a residual [m].
 
     Raises:
         InfeasibleError: its 95 % interval reaches a quarter turn.
@@ -55,7 +60,7 @@ def _refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float
             f"interval is ±{np.degrees(width):.0f} deg, as "
             "the points are nearly on one line or do not match (a coordinate of a residual is "
             f"{noise * 1000:.3g} mm on average); "
-            "touch more points, well spread in all directions"
+            "touch more points, well spread in all directions, and look at tools and robot files"
         )
 
 

@@ -101,7 +101,7 @@ def _fitted(fit: ToolFit, k: int) -> str:
     if not fit.determined[k]:
         return f"{name} not determined"
     width = fit_widths(fit)[k]
-    sure = "" if width is None else f" ± {_mm(width, 2)}"
+    sure = " (nothing tells how sure)" if width is None else f" ± {_mm(width, 2)}"
     return f"{name} {_mm(float(fit.values[k]), 2)}{sure} mm"
 
 

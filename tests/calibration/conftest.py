@@ -54,4 +54,4 @@ def truth() -> tuple[np.ndarray, np.ndarray]:
 def spread_points() -> np.ndarray:
     """Eight points in a box of 1.2 m, one in front of the left robot."""
     random = np.random.default_rng(5)
-    return random.uniform(-0.6, 0.6, (8, 3)) + [-1.2, 0.5, 1.2]
+    return random.uniform([-1.8, -0.1, 0.6], [-0.6, 1.1, 1.8], (8, 3))
