@@ -236,7 +236,8 @@ def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
         ]
     if widths is None:
         return [
-            "there are as many unknowns as equations, so nothing tells how sure this is; touch more points, or state the noise"
+            "there are as many unknowns as equations, so nothing tells how sure this is; touch more points, "
+            "or state the noise"
         ]
     if widths[3:].max() < TURN_OFF:
         return []

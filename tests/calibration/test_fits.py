@@ -53,8 +53,7 @@ def start(flanges: dict[str, Flanges], off: float) -> dict[str, Side]:
 
 
 def test_table_6_and_the_printed_points_tell_tool_and_base_height(qin: Touches) -> None:
-    """347 mm along z and none aside, 335 mm up to the second axis; 0.3 mm at most, and inside "
-    "95 % but for one in ten."""
+    """347 mm along z, none aside, 335 mm up to the second axis: to 0.3 mm, and most inside their intervals."""
     found = calibrate(replace(qin, fit=("tool", "base_height")), "least_squares", "joints")
     inside = []
     for name in ("left", "right"):
@@ -128,8 +127,7 @@ def test_exact_readings_give_exact_tools_and_transform() -> None:
 
 @pytest.mark.parametrize("stated", [None, 0.5e-3])
 def test_the_transform_s_region_has_the_tools_uncertainty_in_it(stated: float | None) -> None:
-    """Noise of 0.5 mm in both robots' tips, 300 trials of 8 points: 95 +- 4 %; without the "
-    "tools' part it is far less."""
+    """Noise of 0.5 mm in both robots' tips, 300 trials of 8 points: 95 +- 4 %."""
     inside = []
     for seed in range(300):
         random = np.random.default_rng(1000 + seed)
