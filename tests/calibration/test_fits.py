@@ -208,6 +208,19 @@ def test_a_fit_without_readings_is_refused(qin: Touches) -> None:
     np.testing.assert_array_equal(touched_points("left", left, "joints", np.zeros(3)), left.xyz)
 
 
+@pytest.mark.parametrize("use", ["joints", "xyz"])
+def test_a_point_is_taken_from_the_reading_that_it_has(use: str, qin: Touches) -> None:
+    """P1 has joints only, P2 coordinates only, P3 both: only P3 depends on what is preferred."""
+    joints, xyz = qin.left.joints.copy(), qin.left.xyz.copy()
+    xyz[0], joints[1] = np.nan, np.nan
+    touch = replace(qin.left, joints=joints, xyz=xyz)
+    robot = touch.robot
+    assert robot is not None
+    tips = flange_poses(robot, qin.left.joints).tips(qin.left.tcp)
+    expected = [tips[0], xyz[1], tips[2] if use == "joints" else xyz[2]]
+    np.testing.assert_array_equal(touched_points("left", touch, use, touch.tcp), expected)
+
+
 def test_look_finds_rank_and_directions_whatever_the_units() -> None:
     """The third parameter is the sum of the first two's effects; scaled by a thousand it stays so."""
     random = np.random.default_rng(0)

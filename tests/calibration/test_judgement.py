@@ -88,6 +88,17 @@ def test_noise_that_does_not_explain_the_residuals_is_told(
     assert judged(replace(noisy, noise=2e-3)).warnings == ()
 
 
+def test_fitted_tools_take_degrees_of_freedom(problem: Problem, spread_points: np.ndarray) -> None:
+    """Sixteen times the variance in squares: no wonder with 9 degrees (21.7 at 1 %), one with 3 (11.3)."""
+    noisy = problem(spread_points[:5], 1e-3)
+    solution = CALIBRATION_SOLVERS["least_squares"].solve(noisy)
+    squares = float((solution.residuals(noisy.left, noisy.right) ** 2).sum())
+    stated = replace(noisy, noise=float(np.sqrt(squares / 16.0 / 2.0)))
+    for fitted, warned in ((0, False), (6, True)):
+        text = " ".join(judge(stated, solution, "least_squares", fitted).warnings)
+        assert ("larger than a noise" in text) == warned
+
+
 def test_a_robot_that_measures_longer_is_told(problem: Problem, spread_points: np.ndarray) -> None:
     """2 % more in every length."""
     good = problem(spread_points)

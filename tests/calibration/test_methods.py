@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS, CalibrationProblem
 from dualarm_cli.calibration.calibrate import calibrate
+from dualarm_cli.calibration.frame import point_frame
 from dualarm_cli.calibration.rigid import fit_rigid
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
@@ -43,6 +44,14 @@ def test_the_frame_method_gives_the_printed_matrix(use: str, qin: Touches) -> No
     """Origin P2: the printed matrix within 5e-4, from Table 6 and from the printed points."""
     T = calibrate(qin, "frame", use).solution.matrix
     np.testing.assert_allclose(T[:3], PRINTED, atol=5e-4)
+
+
+def test_the_frame_on_the_points_is_the_printed_one(qin: Touches) -> None:
+    """T_cal_B1 as printed, whose minus signs are lost, and right-handed; 0.05 mm of rounding over 91 mm are 6e-4."""
+    frame = point_frame(qin.left.xyz)
+    printed = [[0.0301, 0.1238, 0.9918], [0.9518, 0.3066, 0.0094], [0.3053, 0.9438, 0.1271]]
+    np.testing.assert_allclose(np.abs(frame), printed, atol=1e-3)
+    assert np.linalg.det(frame) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_the_origin_of_the_text_is_another_one(qin: Touches) -> None:

@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.exporting.base_file import base_file
 from dualarm_cli.geometry.rotations import exp_rotation
 from dualarm_cli.loading.bases import read_base
 from dualarm_cli.loading.cells import load_cell
-from dualarm_cli.loading.checking import check_file
+from dualarm_cli.loading.checking import check_file, load_file
 from dualarm_cli.loading.points import load_points
 from dualarm_cli.loading.projects import Project
 
@@ -32,6 +36,61 @@ points:
 """
 PAIR = "robot:\n  left: {robot: iiwa14, base: {xyz: [0, 0.5, 0], rpy: [0, 0, 90 deg]}}\n  right: {robot: iiwa14, base: base.yaml}"
 BASE = "dualarm: base/1\nrelative_to: left\nbase: {xyz: [1, 2, 3], rpy: [0, 0, 0.3]}\n"
+
+
+TABLE = """\
+dualarm: robot/1
+name: Table
+dh:
+  bases: {left: {xyz: [0, 0, 1]}}
+  left:
+    - {joint: a, a: 0.3, alpha: 1, d: 0.3, theta: 1, lower: -3, upper: 3, velocity: 2, radius: 0.1}
+    - {joint: b, a: 1.2, lower: -2, upper: 2, velocity: 2}
+arms: {left: {kind: general, flange: f}}
+limits: {a: {acceleration: 5, source: assumed}, b: {acceleration: 5, source: assumed}}
+"""
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.sampled_from(["30 mm", "left", "P1", "qin_150", "base.yaml", "../x", "a", "a_link"])
+    | st.text(max_size=6),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=4)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(
+    max_examples=150,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(kind=st.integers(0, 3), path=st.lists(st.integers(0, 9), max_size=6), value=VALUES)
+def test_random_values_give_nouns_or_input_errors(
+    project: Path, kind: int, path: list[int], value: object
+) -> None:
+    """Any value of a good file of points, table, base or pair replaced by any YAML value."""
+    (project / "base.yaml").write_text(BASE)
+    data = yaml.safe_load([POINTS, TABLE, BASE, f"dualarm: cell/1\n{PAIR}\n"][kind])
+    holder = data
+    for step in path:
+        keys = list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+        key = keys[step % len(keys)]
+        if not isinstance(holder[key], dict | list) or not holder[key] or step == path[-1]:
+            holder[key] = value
+            break
+        holder = holder[key]
+    name = "base.yaml" if kind == 2 else "file.yaml"
+    (project / name).write_text(yaml.safe_dump(data, allow_unicode=True))
+    try:
+        load_file(name)
+    except InputError as error:
+        assert error.diagnostics
+        assert all(d.file and d.code and d.message for d in error.diagnostics)
 
 
 def test_a_file_of_points_becomes_touches(project: Path) -> None:
