@@ -11,7 +11,6 @@ from dualarm_cli.calibration.joint_fit import JointFit, Side, fit_tools_and_pose
 from dualarm_cli.calibration.judgement import Judgement, judge
 from dualarm_cli.calibration.problem import CalibrationProblem, refuse_few
 from dualarm_cli.calibration.solution import CalibrationSolution
-from dualarm_cli.calibration.spread import refuse_lines
 from dualarm_cli.calibration.tips import flange_poses, second_joint_height, touched_points
 from dualarm_cli.calibration.tool_fit import HEIGHT, ToolFit, fit_tool
 from dualarm_cli.errors import InfeasibleError, UsageError
@@ -130,11 +129,10 @@ def _joint_fit(
         flanges = flange_poses(touch.robot, touch.joints) if fitted and touch.robot else None
         tips = _tips(side, touch, tools.get(side), use)
         sides[side] = Side(flanges, tips, touch.tcp)
-    first = CalibrationProblem(sides["left"].tips, sides["right"].tips, touches.names)
-    refuse_lines(first)
     fit = fit_tools_and_pose(sides, touches.noise)
     notes.append(
-        "tools were fitted from joint readings alone, with the transform (nonlinear least squares)"
+        "tools were fitted from joint readings alone, with the transform (nonlinear least squares); base heights "
+        "cannot be observed that way: the transform takes them up"
     )
     return fit
 
