@@ -1,4 +1,4 @@
-"""`dualarm check`: cell, robot and task files validated, every error at once, nothing planned."""
+"""`dualarm check`: input files of every kind validated, every error at once, nothing planned."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ from dualarm_cli.cli.output import JsonOption, QuietOption, print_json
 
 if TYPE_CHECKING:
     from dualarm_cli.errors import Diagnostic
+    from dualarm_cli.loading.bases import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.robot import Robot
+    from dualarm_cli.model.touches import Touches
+
+    Noun = Robot | Cell | Job | Touches | Base
 
 
 def check_command(
     files: Annotated[
-        list[Path], typer.Argument(help="Task, cell or robot files.", show_default=False)
+        list[Path],
+        typer.Argument(help="Task, cell, robot, points or base files.", show_default=False),
     ],
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Validate cell, robot or task files, all errors at once, without planning."""
+    """Validate cell, robot, task, points or base files, all errors at once, without planning."""
     from dualarm_cli.loading.diagnostics import render
 
     results = [_check_one(str(file)) for file in files]
@@ -61,15 +66,18 @@ def _check_one(file: str) -> dict[str, Any]:
     return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong}
 
 
-def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
+def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
     """Returns what is wrong with the geometry: arms that are not what they are called, meshes that are no solids."""
     from dualarm_cli.collision.solids import check_meshes
     from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
+    from dualarm_cli.model.robot import Robot
 
     cell = noun.cell if isinstance(noun, Job) else noun
+    if not isinstance(cell, Cell | Robot):
+        return []
     robot = cell.robot if isinstance(cell, Cell) else cell
     try:
         messages = find_false_kinds(robot)
@@ -83,7 +91,7 @@ def _geometry(file: str, noun: Robot | Cell | Job) -> list[Diagnostic]:
     return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
 
 
-def _paths(noun: Robot | Cell | Job) -> list[Diagnostic]:
+def _paths(noun: Noun) -> list[Diagnostic]:
     """Returns what paths ask for that there is not: methods, torque limits."""
     from dualarm_cli.errors import InputError
     from dualarm_cli.model.job import Job
@@ -98,11 +106,18 @@ def _paths(noun: Robot | Cell | Job) -> list[Diagnostic]:
     return []
 
 
-def _describe(noun: Robot | Cell | Job) -> tuple[str, str]:
+def _describe(noun: Noun) -> tuple[str, str]:
     """Returns the kind of a file and what is in it."""
+    from dualarm_cli.loading.bases import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
+    from dualarm_cli.model.touches import Touches
 
+    if isinstance(noun, Touches):
+        return "points", _count(len(noun.names), "point")
+    if isinstance(noun, Base):
+        where = "the cell" if noun.relative_to is None else f"the {noun.relative_to} robot"
+        return "base", f"a pose relative to {where}"
     if isinstance(noun, Job):
         targets = sum(len(task.stops) for task in noun.tasks)
         counts = [

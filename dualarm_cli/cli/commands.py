@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dualarm_cli.cli.app import app
+from dualarm_cli.cli.calibrate import calibrate_command
 from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
 from dualarm_cli.cli.plan import plan_command
@@ -15,6 +16,7 @@ app.command("plan")(plan_command)
 app.command("platform")(platform_command)
 app.add_typer(compare_app)
 app.add_typer(robot_app)
+app.command("calibrate")(calibrate_command)
 app.command("check")(check_command)
 app.command("verify")(verify_command)
 app.command("solvers")(solvers_command)

@@ -9,6 +9,7 @@ from dualarm_cli.cli.output import JsonOption, print_json, stdout_console
 
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
+    from dualarm_cli.calibration import CALIBRATION_SOLVERS
     from dualarm_cli.path_following import PATH_SOLVERS
     from dualarm_cli.planning.methods import METHODS
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
@@ -21,6 +22,7 @@ def solvers_command(json_output: JsonOption = False) -> None:
         REDUNDANCY_SOLVERS,
         PATH_SOLVERS,
         TIMING_SOLVERS,
+        CALIBRATION_SOLVERS,
     ]
     rows = [
         {"family": family.family, "name": s.name, "summary": s.summary, "reference": s.reference}

@@ -28,6 +28,20 @@ def exp_rotation(vector: FloatArray) -> FloatArray:
     return np.eye(3) + one * K + two * (K @ K)
 
 
+def rpy_angles(R: FloatArray) -> FloatArray:
+    """Returns roll, pitch, yaw (3,) [rad] with R = Rz(yaw) Ry(pitch) Rx(roll), for one rotation (3, 3).
+
+    Pitch and roll are read after the yaw has been taken off, so that the three agree with R to rounding also where
+    pitch is a quarter turn and the yaw alone means nothing.
+    """
+    yaw = float(np.arctan2(R[1, 0], R[0, 0]))
+    c, s = np.cos(yaw), np.sin(yaw)
+    level = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    pitch = np.arctan2(-level[2, 0], level[0, 0])
+    roll = np.arctan2(-level[1, 2], level[1, 1])
+    return np.array([roll, pitch, yaw]) + 0.0
+
+
 def log_rotation(R: FloatArray) -> FloatArray:
     """Returns rotation vectors (..., 3) [rad] of rotations (..., 3, 3), angles up to pi.
 

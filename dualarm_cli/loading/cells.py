@@ -14,6 +14,7 @@ from dualarm_cli.loading.cell_frames import frame_pose, world_frames
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.meshes import check_mesh_file
+from dualarm_cli.loading.pair_bases import pair_bases
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project
 from dualarm_cli.loading.robot_pair import compose_pair, why_not_a_pair_member
@@ -143,9 +144,10 @@ class _CellReader:
 
     def _pair(self, pair: PairSection) -> Robot | None:
         left, right = self._member("left", pair.left), self._member("right", pair.right)
-        if left is None or right is None:
+        bases = pair_bases(self.project, self.path, self.document, pair, self.findings)
+        if left is None or right is None or bases is None:
             return None
-        return compose_pair(left, to_se3(pair.left.base), right, to_se3(pair.right.base))
+        return compose_pair(left, bases["left"], right, bases["right"])
 
     def _member(self, side: str, member: PairMemberSection) -> Robot | None:
         loc: Loc = ("robot", side, "robot")

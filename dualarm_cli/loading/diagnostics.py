@@ -133,6 +133,7 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
     for step in loc:
         holder = _as_model(current)
         if holder is None:
+            current = _bare(current)
             current = next((a for a in reversed(_arguments(current)) if a is not type(None)), None)
             continue
         fields = {
@@ -140,6 +141,16 @@ def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
         }
         current = fields.get(str(step))
     return _as_model(current)
+
+
+def _bare(annotation: Any) -> Any:
+    """Returns what `list | None` and `Annotated[list, …]` hold: the list or mapping itself."""
+    while getattr(annotation, "__origin__", None) not in (list, dict):
+        inner = [a for a in _arguments(annotation) if a is not type(None)]
+        if not inner:
+            break
+        annotation = inner[0]
+    return annotation
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:

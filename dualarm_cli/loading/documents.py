@@ -13,9 +13,9 @@ from dualarm_cli.loading.projects import Project
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc, parse_yaml
 
-KINDS = ("robot/1", "cell/1", "tasks/1")
+KINDS = ("robot/1", "cell/1", "tasks/1", "points/1", "base/1")
 """File kinds that this version reads."""
-LATER_KINDS = ("study/1", "points/1")
+LATER_KINDS = ("study/1",)
 """File kinds of the format that this version does not read."""
 
 M = TypeVar("M", bound=BaseModel)

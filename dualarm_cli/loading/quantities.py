@@ -40,6 +40,7 @@ LENGTH = Dimension("length", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in"
 ANGLE = Dimension("angle", {"rad": 1.0, "mrad": 1e-3, "deg": _DEG}, 1e3)
 TIME = Dimension("time", {"s": 1.0, "ms": 1e-3, "min": 60.0}, 1e5)
 MASS = Dimension("mass", {"kg": 1.0, "g": 1e-3}, 1e5)
+TORQUE = Dimension("torque", {"Nm": 1.0, "kNm": 1e3}, 1e7)
 FRACTION = Dimension("fraction", {"": 1.0, "%": 0.01}, 1e3)
 SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3)
 ACCELERATION = Dimension("acceleration", {"m/s^2": 1.0, "mm/s^2": 1e-3}, 1e6)

@@ -30,6 +30,10 @@ def file_arms(model: RobotFile) -> dict[str, ArmSection]:
     return {name: arm for name, arm in pairs if arm is not None}
 
 
+def _source(model: RobotFile) -> str:
+    return "the URDF has" if model.dh is None else "the robot of the tables has"
+
+
 def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Findings) -> bool:
     """Returns whether every joint and flange that the file names is in the URDF, each joint once.
 
@@ -40,7 +44,7 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
         findings: where errors are noted.
     """
     before = len(findings.diagnostics)
-    arms = file_arms(model)
+    arms, source = file_arms(model), _source(model)
     if not arms:
         findings.add(document, ("arms",), "has no arm; give left, right or both", "E202")
     places: list[tuple[Loc, str]] = [
@@ -52,7 +56,7 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
     for loc, name in places:
         if name not in urdf.joints:
             hint = did_you_mean(name, list(urdf.joints))
-            findings.add(document, loc, f"the URDF has no joint {quote(name)}{hint}")
+            findings.add(document, loc, f"{source} no joint {quote(name)}{hint}")
         elif name in first:
             message = f"joint {quote(name)} is named twice, first at line {first[name]}"
             findings.add(document, loc, message)
@@ -61,9 +65,9 @@ def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Find
         loc = ("arms", side, "flange")
         if arm.flange not in urdf.links:
             hint = did_you_mean(arm.flange, list(urdf.links))
-            findings.add(document, loc, f"the URDF has no link {quote(arm.flange)}{hint}")
+            findings.add(document, loc, f"{source} no link {quote(arm.flange)}{hint}")
         elif arm.flange in urdf.joints:
-            message = f"the URDF has a link and a joint named {quote(arm.flange)}; rename one"
+            message = f"{source} a link and a joint named {quote(arm.flange)}; rename one"
             findings.add(document, loc, message)
     return len(findings.diagnostics) == before
 
@@ -80,7 +84,7 @@ def check_chains(
         wanted = [*model.platform, *arm.joints]
         if chain != wanted:
             message = (
-                f"the URDF moves flange {quote(arm.flange)} by [{', '.join(chain)}], "
+                f"{_source(model).removesuffix(' has')} moves flange {quote(arm.flange)} by [{', '.join(chain)}], "
                 f"platform and arm say [{', '.join(wanted)}]"
             )
             findings.add(document, loc, message)

@@ -11,6 +11,7 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bodies import checked_pairs
 from dualarm_cli.loading.bundled import ROBOT_FILE, bundled_robots, robots_folder
+from dualarm_cli.loading.dh_tables import read_tables
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.meshes import check_urdf_meshes
@@ -128,8 +129,9 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     document = read_document(place.project, place.path, place.name, "robot/1")
     findings = Findings()
     findings.extend(document.diagnostics)
+    described = _check_description(document, findings)
     model = validate(document, RobotFile, findings)
-    if model is None:
+    if model is None or not described:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
     urdf = _load_urdf(place, document, model, findings)
@@ -160,10 +162,25 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     return robot, tuple([*notes, *_fixed_note(urdf, joints)])
 
 
+def _check_description(document: Document, findings: Findings) -> bool:
+    """Returns whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
+    given = [key for key in ("urdf", "dh") if document.data.get(key) is not None]
+    if len(given) == 2:
+        findings.add(
+            document, ("dh",), "urdf and dh both describe the robot; keep one", "E200", key=True
+        )
+    if not given:
+        message = "'urdf' is missing; give the path of a URDF, or tables: `dh: …`"
+        findings.add(document, (), message, "E202")
+    return len(given) == 1
+
+
 def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
 ) -> Urdf | None:
     """Returns the checked URDF, or None after noting what is wrong."""
+    if model.urdf is None:
+        return read_tables(document, model, findings)
     try:
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))

@@ -152,11 +152,25 @@ class LimitsSection(Section):
     )
 
 
+class BaseReference:
+    """Field annotation: a pose or a path, validated by hand: a union's errors lose their place."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema of a pose or a path."""
+        return {"anyOf": [{"type": "string"}, handler(Pose.__pydantic_core_schema__)]}
+
+
 class PairMemberSection(Section):
     """One of two robots that make the cell together."""
 
     robot: Name = Field(description="Bundled robot's name, or path of a robot file.")
-    base: Pose = Field(default=Pose(), description="Its root link in the cell.")
+    base: Annotated[Any, BaseReference()] = Field(
+        default_factory=dict,
+        description="Its root link in the cell: a pose, or the path of a `dualarm: base/1` file, such as "
+        "`dualarm calibrate --out` writes.",
+    )
 
 
 class PairSection(Section):

@@ -1,4 +1,4 @@
-"""URDF text written anew: only the robot's joints moving; or two robots as one."""
+"""URDF text written anew: only the robot's joints moving; or two robots as one; or from its parts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def write_urdf(urdf: Urdf, joints: list[UrdfJoint]) -> str:
     moving = {joint.name: joint for joint in joints}
     parts = [_clean_link(link) for link in urdf.links.values()]
     parts += [_clean_joint(joint, moving.get(joint.name)) for joint in urdf.joints.values()]
-    return _document(urdf.root.name or "robot", parts)
+    return urdf_text(urdf.root.name or "robot", parts)
 
 
 def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
@@ -49,7 +49,7 @@ def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
             Element("child", {"link": f"{prefix}_{root_link}"}),
         ]
         parts.append(joint)
-    return _document("_and_".join(root.name for root, _, _ in members.values()), parts)
+    return urdf_text("_and_".join(root.name for root, _, _ in members.values()), parts)
 
 
 def _clean_link(link: Element) -> Element:
@@ -94,7 +94,13 @@ def _prefixed(element: Element, prefix: str) -> Element:
     return Element(element.tag, attributes, children=children)
 
 
-def _document(name: str, parts: list[Element]) -> str:
+def urdf_text(name: str, parts: list[Element]) -> str:
+    """Returns the text of a robot description.
+
+    Args:
+        name: what the robot is called.
+        parts: its links and joints.
+    """
     root = Element("robot", {"name": name}, children=parts)
     return '<?xml version="1.0"?>\n' + "\n".join(_lines(root, "")) + "\n"
 

@@ -45,6 +45,7 @@ JOINTS = {
     "yumi": 14,
     "nextage": 13,
     "amiro_like": 16,
+    "qin_150": 6,
 }
 
 

@@ -132,7 +132,7 @@ def test_each_mistake_is_reported_at_its_place(
         assert found == [
             "robot.yaml:1:1: E202 'name' is missing",
             "robot.yaml:2:1: E201 unknown key 'nmae', did you mean 'name'? "
-            "Allowed: dualarm, name, urdf, platform, arms, limits, postures, allowed_contacts",
+            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, postures, allowed_contacts",
         ]
         return
     assert found == [f"robot.yaml:{expected}"]

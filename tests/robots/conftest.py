@@ -1,4 +1,4 @@
-"""The bundled robots as pinocchio and as an XML reader see them, without the loader."""
+"""The bundled robots as pinocchio and as an XML reader see them, without the loader where they have a URDF."""
 
 from __future__ import annotations
 
@@ -12,12 +12,23 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.loading.bundled import robots_folder
+from dualarm_cli.loading.robots import load_robot
 
 
 @pytest.fixture(scope="session")
-def urdf_path() -> Callable[[str], Path]:
-    """Returns where a bundled robot's URDF is."""
-    return lambda name: robots_folder() / name / f"{name}.urdf"
+def urdf_path(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Returns where a bundled robot's URDF is; of one that has tables instead, as it is exported."""
+    exported = tmp_path_factory.mktemp("urdf")
+
+    def path(name: str) -> Path:
+        shipped = robots_folder() / name / f"{name}.urdf"
+        if shipped.exists():
+            return shipped
+        file = exported / f"{name}.urdf"
+        file.write_text(load_robot(name).robot.urdf)
+        return file
+
+    return path
 
 
 @pytest.fixture(scope="session")

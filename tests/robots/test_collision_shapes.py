@@ -233,7 +233,8 @@ def test_sda10f_base_box_is_the_measured_pedestal(urdf_tree: Callable[[str], ET.
     np.testing.assert_allclose(centre + size / 2, [0.157, 0.25, 0.894], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", bundled_robots())
+# qin_150 has one arm and no body that could be near.
+@pytest.mark.parametrize("name", [name for name in bundled_robots() if name != "qin_150"])
 def test_no_arm_is_near_the_other_or_the_body_at_home(
     name: str, urdf_path: Callable[[str], Path]
 ) -> None:

@@ -1,0 +1,134 @@
+"""`dualarm calibrate`: where one robot stands from another, from points that both have touched."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stdout_console,
+)
+from dualarm_cli.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from dualarm_cli.calibration.calibrate import Calibration
+    from dualarm_cli.model.touches import Fitted, Touches
+
+
+class Reading(StrEnum):
+    """What is taken of a point that has both."""
+
+    joints = "joints"
+    xyz = "xyz"
+
+
+def calibrate_command(
+    points: Annotated[
+        Path, typer.Argument(help="File of touched points (dualarm: points/1).", show_default=False)
+    ],
+    method: Annotated[
+        str, typer.Option("--method", help="least_squares, or frame: the paper's three points.")
+    ] = "least_squares",
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--origin",
+            help="Origin of the frame method: one of the first three points.  [default: the second]",
+            show_default=False,
+        ),
+    ] = None,
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            "--fit",
+            help="What else is unknown: tool, base_height or tool,base_height.",
+            show_default=False,
+        ),
+    ] = None,
+    use: Annotated[
+        Reading, typer.Option("--use", help="What is taken where a point has both.")
+    ] = Reading.joints,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Base file to write, for `base:` of a cell file.", show_default=False
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Find where the right robot's base stands in the left one's, from points that both have touched.
+
+    Two points, points on a line, and readings that leave the transform open end with exit code 3: nothing is written.
+    """
+    from dualarm_cli.calibration import CALIBRATION_SOLVERS
+    from dualarm_cli.calibration.calibrate import calibrate
+    from dualarm_cli.loading.points import load_points
+
+    solver = CALIBRATION_SOLVERS[method]
+    if origin is not None and solver.name != "frame":
+        raise UsageError(f"--origin {origin}: only --method frame has an origin")
+    touches = _with_options(load_points(points).touches, origin, fit)
+    result = calibrate(touches, solver.name, use.value)
+    if out is not None:
+        _write(out, force, points, result)
+    if json_output:
+        from dualarm_cli.reporting.calibration import calibration_document
+
+        print_json(calibration_document(result))
+    elif not quiet:
+        from dualarm_cli.reporting.calibration_text import print_calibration
+
+        print_calibration(result, stdout_console())
+    if not quiet:
+        for note in result.notes:
+            print_message(f"note: {note}")
+        for warning in result.judgement.warnings:
+            print_message(f"warning: {warning}")
+        if out is not None:
+            print_message(f"written: {out}")
+
+
+def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touches:
+    """Returns the points with what the options say in place of the file's."""
+    from dataclasses import replace
+
+    if origin is not None:
+        known = list(touches.names[:3])
+        if origin not in known:
+            raise UsageError(
+                f"--origin {origin}: must be one of the first three points: {', '.join(known)}"
+            )
+        touches = replace(touches, origin=known.index(origin))
+    if fit is not None:
+        known_fits: dict[str, Fitted] = {"tool": "tool", "base_height": "base_height"}
+        words = [word.strip() for word in fit.split(",") if word.strip()]
+        for word in words:
+            if word not in known_fits:
+                hint = did_you_mean(word, list(known_fits)) or ";"
+                raise UsageError(
+                    f"--fit {fit}: there is no '{word}'{hint} known: tool, base_height"
+                )
+        touches = replace(touches, fit=tuple(known_fits[word] for word in dict.fromkeys(words)))
+    return touches
+
+
+def _write(out: Path, force: bool, points: Path, result: Calibration) -> None:
+    from dualarm_cli.exporting.base_file import base_file
+    from dualarm_cli.exporting.files import write_file
+
+    judgement, solution = result.judgement, result.solution
+    remarks = [
+        f"from {points.name} by dualarm calibrate --method {result.method}: {len(result.problem.names)} points, "
+        f"residuals {judgement.rms * 1000:.3g} mm RMS, {judgement.distances.max() * 1000:.3g} mm at most",
+        *(f"warning: {warning}" for warning in judgement.warnings),
+    ]
+    write_file(out, base_file(solution.rotation, solution.translation, remarks), force)
