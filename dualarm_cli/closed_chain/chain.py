@@ -100,9 +100,7 @@ class Chain:
             cell = replace(cell, tools={**cell.tools, work.master: holder})
         self._body = WholeBody(cell)
         robot = cell.robot
-        self._own = {
-            arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms
-        }
+        self._own = {arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms}
         self._slave = self._body.arms.index(work.slave)
         self._master = None if work.master is None else self._body.arms.index(work.master)
         self.joints = self._body.joints
@@ -244,7 +242,7 @@ class Chain:
         return Equations(np.concatenate([bodies.p_part - p, turn], axis=1), bodies.J_part, scale)
 
     def upward(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the vertical part of the surface's outward normal, (k,), and how it changes with the joints, (k, n).
+        """Returns the vertical part of the surface's outward normal, (k,), and its change with the joints, (k, n).
 
         Args:
             bodies: at k configurations.

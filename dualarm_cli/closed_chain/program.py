@@ -14,7 +14,7 @@ from dualarm_cli.closed_chain.starts import part_poses
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTH = 1e-4
-"""Weight of the joints' accelerations, over their speed limits, against a second of time: decides what time leaves open."""
+"""Weight of the joints' accelerations, over their speed limits, against a second of time: decides what is left open."""
 STAY = 1e-6
 """Weight of the step itself."""
 ACCURACY = 1e-6
@@ -62,7 +62,9 @@ class Program:
 
         column = self.column.ravel()
         ones = np.ones(len(column))
-        return csr_matrix((ones, (np.arange(len(column)), column)), shape=(len(column), column.max() + 1))
+        return csr_matrix(
+            (ones, (np.arange(len(column)), column)), shape=(len(column), column.max() + 1)
+        )
 
     @cached_property
     def _rates(self) -> list[Any]:
@@ -83,9 +85,13 @@ class Program:
         from scipy.sparse import csr_matrix, diags, kron
 
         second = np.diff(np.eye(NODES), 2, axis=0) * (NODES - 1) ** 2 / np.sqrt(NODES)
-        return kron(csr_matrix(second), diags(1.0 / self.problem.limits.velocity[self.decided])).tocsr()
+        return kron(
+            csr_matrix(second), diags(1.0 / self.problem.limits.velocity[self.decided])
+        ).tocsr()
 
-    def step(self, position: FloatArray, time: float, radius: float, pace: float) -> tuple[FloatArray, float] | None:
+    def step(
+        self, position: FloatArray, time: float, radius: float, pace: float
+    ) -> tuple[FloatArray, float] | None:
         """Returns joints (NODES, n) and the seam's time as the linear model has them, or None where there are none.
 
         Rates are linear in the joints; what they may be grows with time, time² and time³, taken by their tangents,
@@ -129,7 +135,9 @@ class Program:
         smooth = self._smooth @ S
         # Scaled by the time, so that slow seams are no rougher than quick ones.
         weight = SMOOTH / time**2
-        P = block_diag([weight * (smooth.T @ smooth) + STAY * identity(count), 1e-9 * identity(2)]).tocsc()
+        P = block_diag(
+            [weight * (smooth.T @ smooth) + STAY * identity(count), 1e-9 * identity(2)]
+        ).tocsc()
         c = np.append(weight * (smooth.T @ (self._smooth @ y)), [pace, BACK * time])
         low, top = self._bounds(y, radius)
         solver = piqp.SparseSolver()

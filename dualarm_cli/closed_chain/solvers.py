@@ -5,11 +5,9 @@ from __future__ import annotations
 from dualarm_cli.closed_chain.improvement import AMPLE, improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import Starts, beyond_limits, seam_starts, standing_joints
+from dualarm_cli.closed_chain.starts import LIMITS, beyond_limits, seam_starts, standing_joints
 from dualarm_cli.geometry.arrays import FloatArray
 
-LIMITS = "no way along it was found that keeps all joints within their limits and everything clear"
-"""Why there is none where the tool gets along the whole seam."""
 FIRST_ROUNDS = 16
 """Steps by which starts are compared before the best is improved further."""
 
@@ -22,7 +20,7 @@ def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
     """
     starts = seam_starts(problem)
     ways = [way for way in starts.position if _possible(problem, way)]
-    return _motion(problem, ways[0]) if ways else _none(starts)
+    return _motion(problem, ways[0]) if ways else starts.failure or NoSeam(LIMITS, 1.0)
 
 
 def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
@@ -60,14 +58,16 @@ def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
 def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
     """Returns the best ways, quickest first: a few steps for some, all for the best of them."""
     starts = seam_starts(problem, moving=moving)
-    if not len(starts.position):
-        return _none(starts)
+    if starts.failure is not None:
+        return starts.failure
     stands = standing_joints(problem, moving=moving)
-    tried = [improved(problem, way, stands, FIRST_ROUNDS) for way in starts.position[: problem.tried]]
+    tried = [
+        improved(problem, way, stands, FIRST_ROUNDS) for way in starts.position[: problem.tried]
+    ]
     tried = sorted(tried, key=lambda way: steady_time(way, problem.limits))
     best = improved(problem, tried[0], stands)
     ways = [way for way in (best, *tried, *starts.position) if _possible(problem, way)]
-    return ways or _none(starts)
+    return ways or NoSeam(LIMITS, 1.0)
 
 
 def _possible(problem: SeamProblem, way: FloatArray) -> bool:
@@ -79,7 +79,3 @@ def _possible(problem: SeamProblem, way: FloatArray) -> bool:
 
 def _motion(problem: SeamProblem, way: FloatArray) -> SeamMotion:
     return SeamMotion(way, steady_time(way, problem.limits))
-
-
-def _none(starts: Starts) -> NoSeam:
-    return NoSeam(starts.reason or LIMITS, starts.reached)

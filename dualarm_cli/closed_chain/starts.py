@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.closed_chain.closing import close
-from dualarm_cli.closed_chain.problem import NODES, SeamProblem
+from dualarm_cli.closed_chain.closing import Closed, close
+from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_times
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.tool_path import Poses
 
-MIDDLE = NODES // 2
-"""Node at which chains are drawn."""
+LIMITS = "no way along it was found that keeps all joints within their limits and everything clear"
+"""Why there is none where the tool gets along the whole seam."""
+TOUCHES = "every way along it that was found touches something or comes too near"
+FINER = 8
+"""Steps from node to node where the first place that fails is looked for."""
 CLOSING_STEPS, FOLLOWING_STEPS, PULLS = 24, 8, 2
 """Newton steps from drawn joints, and from one node to the next; of these so many pull joints to the middle."""
 CLOSED = 1e-8
@@ -40,9 +43,7 @@ class Starts:
 
     position: FloatArray
     """Joints at the nodes, quickest first [rad], shape (m, NODES, n)."""
-    reached: float
-    """Share of the seam that the farthest of all ways covers, from its middle."""
-    reason: str
+    failure: NoSeam | None
     """What ends the farthest way, where none covers the seam."""
 
 
@@ -68,7 +69,7 @@ def part_poses(problem: SeamProblem, share: FloatArray) -> Poses | None:
 
 
 def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
-    """Returns ways along the whole seam, quickest first; joints may be a little beyond their limits, which counts as slow.
+    """Returns ways along the whole seam, quickest first; joints may be a little beyond limits, which counts as slow.
 
     Joints of both arms are drawn at random, Newton steps close the chain at the seam's middle, and from there the tool
     follows the seam to both ends by steps of least norm that pull joints to the middle of their ranges.
@@ -77,21 +78,54 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
         problem: the seam.
         moving: whether joints that carry the part may move along the seam; the part stands else.
     """
-    middle = _drawn(problem)
     stands = standing_joints(problem, moving=moving)
-    ways, reached, reason = _followed(problem, middle, stands)
-    if problem.clear is not None and len(ways):
+    middle = NODES // 2
+    ways = np.empty((0, NODES, len(problem.start)))
+    drawn = _drawn(problem, middle)
+    if len(drawn):
+        ways = np.empty((len(drawn), NODES, drawn.shape[1]))
+        ways[:, middle] = drawn
+        alive = np.arange(len(drawn))
+        for nodes in (range(middle + 1, NODES), range(middle - 1, -1, -1)):
+            for node in nodes:
+                alive = (
+                    alive[_next(problem, ways, alive, node, nodes.step, stands)]
+                    if len(alive)
+                    else alive
+                )
+        ways = ways[alive]
+    if not len(ways):
+        return Starts(ways, _first_failure(problem, stands))
+    if problem.clear is not None:
         clear = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1).all(axis=1)
         if not clear.any():
-            return Starts(ways[:0], reached, "every way along it touches something or comes too near")
+            return Starts(ways[:0], NoSeam(TOUCHES, 1.0))
         ways = ways[clear]
     times = steady_times(ways, problem.limits).max(axis=-1)
     times *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
-    return Starts(ways[np.argsort(times, kind="stable")], reached, reason)
+    return Starts(ways[np.argsort(times, kind="stable")], None)
 
 
-def _drawn(problem: SeamProblem) -> FloatArray:
-    """Returns joints that close the chain at the seam's middle, (m, n) [rad]."""
+def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
+    """Returns the first place of the seam that fails, from its begin, and why: that of the way that gets farthest."""
+    drawn = _drawn(problem, 0)
+    if not len(drawn):
+        return NoSeam("no joints bring tool and part together there", 0.0)
+    here = before = drawn
+    fine = np.linspace(0.0, 1.0, FINER * (NODES - 1) + 1)
+    for k in range(1, len(fine)):
+        guess = here + (here - before) * (k > 1)
+        found = _step(problem, guess, fine[k], stands)
+        near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
+        good = near & (beyond_limits(problem, found.position) < BEYOND)
+        if not good.any():
+            return NoSeam(_why(problem, found.position[near]), float(fine[k]))
+        before, here = here[good], found.position[good]
+    return NoSeam(LIMITS, 1.0)
+
+
+def _drawn(problem: SeamProblem, node: int) -> FloatArray:
+    """Returns joints that close the chain at a node, (m, n) [rad]."""
     chain, limits = problem.chain, problem.limits
     random = np.random.default_rng(problem.seed)
     count, n = problem.samples, len(limits.joints)
@@ -107,7 +141,7 @@ def _drawn(problem: SeamProblem) -> FloatArray:
         half = np.minimum((limits.upper - limits.lower) / 2.0 * WIDTH, WIDEST)
         q = np.where(drawn, middle + half * random.uniform(-1.0, 1.0, size=(count, n)), q)
         towards = middle
-    share = np.full(count, problem.shares[MIDDLE])
+    share = np.full(count, problem.shares[node])
     weight = limits.velocity**2 * drawn
     found = close(
         chain,
@@ -124,7 +158,7 @@ def _drawn(problem: SeamProblem) -> FloatArray:
 
 
 def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:
-    """Returns how far the joints of the chain are beyond their bounds, the farthest of each (..., n), shape (...) [rad]."""
+    """Returns how far the chain's joints (..., n) are beyond their bounds, the farthest of them, shape (...) [rad]."""
     low, high = problem.bounds
     # Closing the chain moves joints a little from where they were decided; the margin to the limits has room for it.
     beyond = np.maximum(np.maximum(low - position, position - high) - ROUNDED, 0.0)
@@ -132,64 +166,51 @@ def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:
     return found
 
 
-def _followed(
-    problem: SeamProblem, middle: FloatArray, stands: BoolArray
-) -> tuple[FloatArray, float, str]:
-    """Returns whole ways (m, NODES, n), the share that the farthest covers, and what ends it."""
-    ways = np.empty((len(middle), NODES, len(problem.start)))
-    ways[:, MIDDLE] = middle
-    if not len(middle):
-        return ways, 0.0, "no joints bring tool and part together in the middle of the seam"
-    alive = np.arange(len(middle))
-    farthest, reason = 0, ""
-    for side in (1, -1):
-        for k in range(1, MIDDLE + 1):
-            node = MIDDLE + side * k
-            alive, why = _next(problem, ways, alive, node, side, stands)
-            if not len(alive):
-                share = (k - 1) / MIDDLE * 0.5 + (0.5 if side < 0 else 0.0)
-                return ways[:0], share, why
-    return ways[alive], 1.0, reason
-
-
 def _next(
     problem: SeamProblem,
     ways: FloatArray,
-    alive: np.ndarray,
+    alive: IntArray,
     node: int,
     side: int,
     stands: BoolArray,
-) -> tuple[np.ndarray, str]:
-    """Fills in one node of the ways that are alive; returns those that still are, and what ended the last ones."""
-    chain, limits = problem.chain, problem.limits
+) -> BoolArray:
+    """Fills in one node of the ways that are alive, and returns which of them still are."""
     here = ways[alive, node - side]
-    guess = here
-    if abs(node - MIDDLE) > 1:
-        guess = here + (here - ways[alive, node - 2 * side])
-    share = np.full(len(alive), problem.shares[node])
+    # The middle has no place before it.
+    first = node - side == NODES // 2
+    guess = here if first else here + (here - ways[alive, node - 2 * side])
+    found = _step(problem, guess, problem.shares[node], stands)
+    ways[alive, node] = found.position
+    near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
+    return np.asarray(near & (beyond_limits(problem, found.position) < BEYOND))
+
+
+def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArray) -> Closed:
+    """Returns joints (k, n) [rad] that close the chain at a share of the seam, near a guess."""
+    chain, limits = problem.chain, problem.limits
+    shares = np.full(len(guess), share)
     middle = (limits.lower + limits.upper) / 2.0
-    found = close(
+    return close(
         chain,
         guess,
-        share,
+        shares,
         limits.velocity**2 * (chain.closes & ~stands),
         FOLLOWING_STEPS,
-        part=part_poses(problem, share),
+        part=part_poses(problem, shares),
         towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
         pulls=PULLS,
     )
-    near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
-    inside = beyond_limits(problem, found.position) < BEYOND
-    good = near & inside
-    ways[alive, node] = found.position
-    return alive[good], "" if good.any() else _why(problem, found.position[near])
 
 
 def _why(problem: SeamProblem, position: FloatArray) -> str:
     """Returns what ended the last ways, of which these (k, n) [rad] got there: a joint's limit, or out of reach."""
     work, limits = problem.chain.work, problem.limits
     if not len(position):
-        also = "" if work.downhand is None else f" with its surface within {np.rad2deg(work.downhand):g} deg of upwards"
+        also = (
+            ""
+            if work.downhand is None
+            else f" with its surface within {np.rad2deg(work.downhand):g} deg of upwards"
+        )
         return f"the {work.slave} arm does not reach it{also}, or is stretched or singular there"
     low, high = problem.bounds
     beyond = np.maximum(low - position, position - high) * problem.chain.closes

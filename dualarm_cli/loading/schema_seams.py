@@ -145,7 +145,8 @@ class HoldSection(FramedPose):
     """Where the part is while its curve is worked on."""
 
     mode: Literal["free", "still"] | None = Field(
-        default=None, description="free: the planner moves the part as well; still: it finds a pose."
+        default=None,
+        description="free: the planner moves the part as well; still: it finds a pose.",
     )
     way: CurveSection | None = Field(
         default=None,
@@ -175,7 +176,9 @@ class EntrySection(Section):
     """How the tool comes to the curve."""
 
     approach: Distance = Field(default=0.0, description="Straight way along the tool's axis [m].")
-    dwell: Duration = Field(default=0.0, description="How long it stands where the curve begins [s].")
+    dwell: Duration = Field(
+        default=0.0, description="How long it stands where the curve begins [s]."
+    )
 
 
 class ExitSection(Section):
@@ -189,7 +192,8 @@ class CoordinateSection(Section):
     """Both arms on one part: one holds it, the other's tool works along a curve on it."""
 
     master: Literal["left", "right"] | None = Field(
-        default=None, description="The arm that holds the part; without one the part stands in the cell."
+        default=None,
+        description="The arm that holds the part; without one the part stands in the cell.",
     )
     slave: Literal["left", "right"] = Field(description="The arm whose tool works.")
     curve: FeatureSection = Field(description="The curve, in the part's frame.")
@@ -210,7 +214,8 @@ class CoordinateSection(Section):
         default=None, description="Time for the curve, ramps included, instead of a speed [s]."
     )
     acceleration: PathAcceleration | None = Field(
-        default=None, description="Largest acceleration along the curve [m/s²]; default: as the joints allow."
+        default=None,
+        description="Largest acceleration along the curve [m/s²]; default: as the joints allow.",
     )
     slower: Literal["allowed", "forbidden"] = Field(
         default="forbidden",
@@ -240,9 +245,13 @@ class CoordinateSection(Section):
     @model_validator(mode="after")
     def _consistent(self) -> CoordinateSection:
         if self.master == self.slave:
-            raise refuse("master and slave are the same arm; without a master leave the key out", "slave")
+            raise refuse(
+                "master and slave are the same arm; without a master leave the key out", "slave"
+            )
         if (self.speed is None) == (self.duration is None):
-            raise refuse("give 'speed' or 'duration', one of them", "duration" if self.speed else "")
+            raise refuse(
+                "give 'speed' or 'duration', one of them", "duration" if self.speed else ""
+            )
         if self.master is not None and self.part.in_ is not None:
             raise refuse("'in' does not go with a master: the part is in its flange", "part")
         if self.master is None and (self.hold.mode != "free"):

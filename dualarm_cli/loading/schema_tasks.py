@@ -89,7 +89,8 @@ class TaskSection(Section):
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
     move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
     coordinate: CoordinateSection | None = Field(
-        default=None, description="Both arms on one part: one holds it, the other works along a curve."
+        default=None,
+        description="Both arms on one part: one holds it, the other works along a curve.",
     )
     path: PathSection | None = Field(
         default=None, description="A path that one tool or both follow at a speed."

@@ -100,7 +100,9 @@ class SeamReader:
         bodies = [f"{arm}_tool" for arm in arms] + [one.name for one in self._cell.obstacles]
         for k, name in enumerate(section.touches or ()):
             if name not in bodies:
-                message = f"there is no body {quote(name)}{suggest(name, bodies, 'tools and obstacles')}"
+                message = (
+                    f"there is no body {quote(name)}{suggest(name, bodies, 'tools and obstacles')}"
+                )
                 self._paths.note((*loc, "touches", k), message)
                 good = False
         postures = list(robot.postures)
@@ -149,13 +151,17 @@ class SeamReader:
             return None
         if least_lean(contour) < LEAST_LEAN:
             key = "normals" if section.normals else "normal"
-            message = "the normal points along the curve somewhere; it has to point out of the surface"
+            message = (
+                "the normal points along the curve somewhere; it has to point out of the surface"
+            )
             self._paths.note((*loc, key) if getattr(section, key) else loc, message)
             return None
         return curve
 
 
-CORNERS = "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
+CORNERS = (
+    "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
+)
 
 
 def _contour(section: FeatureSection) -> Contour:
@@ -221,4 +227,3 @@ def _wrong(section: FeatureSection) -> tuple[str, str] | None:
 
 def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:
     return math.dist(one or (), other or ()) < SHORTEST
-

@@ -30,9 +30,7 @@ class ArcLength:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     @classmethod
-    def measure(
-        cls, speed: Callable[[FloatArray], FloatArray], parameter: FloatArray
-    ) -> ArcLength:
+    def measure(cls, speed: Callable[[FloatArray], FloatArray], parameter: FloatArray) -> ArcLength:
         """Returns the length of a curve.
 
         Args:

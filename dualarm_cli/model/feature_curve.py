@@ -1,4 +1,4 @@
-"""Feature curves of parts: where pipes and spheres meet, ellipses, lines, splines, each with a frame that never flips."""
+"""Feature curves of parts: where pipes and spheres meet, ellipses, lines, splines; their frames never flip."""
 
 from __future__ import annotations
 
@@ -201,8 +201,8 @@ class PointSpline:
     points: FloatArray
     """Two or more; neighbours differ [m], shape (k, 3)."""
     up: FloatArray
-    """Out of the surface: at every point, shape (k, 3); or at the first one, shape (3,), and from there on turned no more
-    than the curve bends (rotation-minimising)."""
+    """Out of the surface: at every point, shape (k, 3); or at the first one, shape (3,), and from there on turned no
+    more than the curve bends (rotation-minimising)."""
     closed: bool = False
     """Whether the last point is the first one, and the curve is as smooth there as anywhere."""
 
@@ -229,7 +229,9 @@ class PointSpline:
         from scipy.interpolate import CubicSpline
 
         if self.up.ndim == 2:
-            ends = "periodic" if self.closed and np.array_equal(self.up[0], self.up[-1]) else "natural"
+            ends = (
+                "periodic" if self.closed and np.array_equal(self.up[0], self.up[-1]) else "natural"
+            )
             return CubicSpline(self._knots, self.up, bc_type=ends)
         nodes = np.linspace(0.0, 1.0, NODES)
         return CubicSpline(nodes, _carried_along(self.up, self.point(nodes), self.rate(nodes)))

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.place import Place
+from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
 
@@ -117,7 +117,7 @@ class PathWork:
     """Of the virtual springs: K of [Choi2020] Eq. 9."""
     torque: bool = False
     """Whether the joints' torques are kept within the limits of the URDF."""
-    place: Place = Place("", 0, 0)
+    place: Place = NOWHERE
     """Where it is written."""
 
     @property
@@ -211,7 +211,7 @@ class Job:
         }
 
     def sections(self) -> list[tuple[Task, ...]]:
-        """Returns the tasks in runs that follow one another: a path or seam by itself, all else between them together."""
+        """Returns the tasks in runs that follow one another: a path or seam by itself, all between them together."""
         found: list[tuple[Task, ...]] = []
         for task in self.tasks:
             if found and task.goes_with(found[-1][0]):

@@ -19,3 +19,7 @@ class Place:
     def __str__(self) -> str:
         """Returns `file:line:column`."""
         return f"{self.file}:{self.line}:{self.column}"
+
+
+NOWHERE = Place("", 0, 0)
+"""Of what stands in no file."""

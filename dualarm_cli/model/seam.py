@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import exp_rotation
-from dualarm_cli.model.place import Place
+from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.tool_path import Poses, ToolPath
 
 INTO = np.diag([1.0, -1.0, -1.0])
@@ -128,7 +128,7 @@ class SeamWork:
     """Name of the posture near which it begins; None leaves it to the planner."""
     method: str | None = None
     """Name of the seam solver; None for the default one."""
-    place: Place = Place("", 0, 0)
+    place: Place = NOWHERE
     """Where it is written."""
 
     @property
@@ -142,7 +142,7 @@ class SeamWork:
         return self.curve.length
 
     def tool_frames(self, share: FloatArray) -> Poses:
-        """Returns the seam's points (k, 3) [m] with the tool's rotations there (k, 3, 3) as they should be, in the part.
+        """Returns the tool's rotations (k, 3, 3) as they should be and the seam's points (k, 3) [m], in the part.
 
         The tool centre point is `standoff` from the point, back along the tool's z axis.
         """

@@ -11,7 +11,7 @@ import pinocchio as pin
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import Job, JointTarget, Stop
+from dualarm_cli.model.job import Job, PoseTarget, Stop
 from dualarm_cli.planning.yaws import stop_yaws
 
 
@@ -72,7 +72,7 @@ def _fitting(job: Job, stop: Stop, part: str) -> tuple[FloatArray, tuple[float, 
     Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
     """
     yaws = stop_yaws(stop)
-    if not part or isinstance(stop.target, JointTarget) or not job.cell.obstacles:
+    if not part or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
     line = stop.retract if stop.action == "pick" else stop.approach
     reaches = [

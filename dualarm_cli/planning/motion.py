@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
 from dualarm_cli.model.trajectory import Trajectory
@@ -264,6 +264,7 @@ def _event(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) ->
         turn = pin.SE3(pin.utils.rotate("z", arm_stop.posture.yaw), np.zeros(3))
         pose = target.pose * turn
     else:
+        assert isinstance(target, JointTarget)  # seams are planned in sections of their own
         position = np.array(plan.arrival)
         position[model.arms[name].columns] = target.configurations[arm_stop.posture.target]
         pose = model.tool_pose(name, position)

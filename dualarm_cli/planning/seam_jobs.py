@@ -162,7 +162,9 @@ class SeamPlanner:
         chain, work, limits = problem.chain, problem.chain.work, problem.limits
         path = SeamPath.of(problem, motion)
         if path is None:
-            return "the joints that were found for it do not keep tool and part together between them"
+            return (
+                "the joints that were found for it do not keep tool and part together between them"
+            )
         trapezoid = self.timing.name == "trapezoid"
         seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid)
         if isinstance(seam, str):

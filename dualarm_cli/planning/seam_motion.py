@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from dualarm_cli.closed_chain.chain import Chain
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
@@ -115,10 +115,13 @@ def _profile(
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
     if top.speed > most:
-        return f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, {found.duration:.3f} s"
+        return (
+            f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
+            f"{found.duration:.3f} s"
+        )
     return (
-        f"too fast: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} decides "
-        f"{top.share * length * 1e3:.1f} mm along the seam"
+        f"too fast: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
+        f"decides {top.share * length * 1e3:.1f} mm along the seam"
     )
 
 
@@ -129,7 +132,7 @@ def _trajectory(
     edges = profile.edges()
     edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9])]
     phases = []
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in pairwise(edges.tolist()):
         parts = max(4, int(np.ceil((end - start) / spacing)))
         phases.append(np.linspace(start, end, parts + 1))
     if not jumps:

@@ -22,7 +22,7 @@ CLOSING_STEPS = 6
 CLOSED = 1e-9
 """Residual that counts as closed [m, radians by TURN]."""
 EVENED_OUT = (0.0, 0.6, 1.2, 2.0, 3.0)
-"""Half widths over which joints are evened out, in distances of nodes; the one that allows the highest speed is taken."""
+"""Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
 STANDS = 1e-9
 """Joints that move less along the nodes stand [rad]."""
 
@@ -76,9 +76,7 @@ class SeamPath:
         return PathRates(first, second, third)
 
 
-def _closed(
-    problem: SeamProblem, motion: SeamMotion, position: FloatArray
-) -> FloatArray | None:
+def _closed(problem: SeamProblem, motion: SeamMotion, position: FloatArray) -> FloatArray | None:
     """Returns joints (PLACES, n) [rad] with the chain closed; None where it cannot be, or beyond a limit or freedom."""
     chain, limits, share = problem.chain, problem.limits, np.linspace(0.0, 1.0, PLACES)
     found = close(

@@ -67,7 +67,9 @@ class _Writer:
         assert work is not None
         self._work = work
 
-    def add(self, kind: SegmentKind, action: str, motion: Trajectory, master: SegmentKind | None) -> None:
+    def add(
+        self, kind: SegmentKind, action: str, motion: Trajectory, master: SegmentKind | None
+    ) -> None:
         """Appends a motion: what the slave does, and what the master does meanwhile, the same if None."""
         record = self._record
         start, end = record.clock, record.clock + motion.duration
@@ -119,7 +121,10 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
             f"{task}: worked at {speed * 1e3:.4g} mm/s, as the joints' limits ask for, not at "
             f"{work.speed * job.speed * 1e3:.4g} mm/s"
         )
-    if work.duration is not None and found.seam.trajectory.duration > SLOWED * work.duration / job.speed:
+    if (
+        work.duration is not None
+        and found.seam.trajectory.duration > SLOWED * work.duration / job.speed
+    ):
         notes.append(
             f"{task}: takes {found.seam.trajectory.duration:.3f} s, as the joints' limits ask for, not "
             f"{work.duration / job.speed:.3f} s"

@@ -27,7 +27,9 @@ def check_seams(job: Job) -> None:
             findings.append(Diagnostic(*where, message))
         least = seam_bound(work, job.speed)
         if least > LONGEST:
-            message = f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
+            message = (
+                f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
+            )
             findings.append(Diagnostic(*where, message))
     if findings:
         raise InputError(findings)

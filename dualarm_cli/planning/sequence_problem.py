@@ -8,7 +8,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.minimum_time.clearance import Barred, SequenceClearance
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem, StopTarget
-from dualarm_cli.model.job import Job, JointTarget, Stop
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.yaws import stop_yaws
@@ -104,6 +104,7 @@ def _target(stop: Stop, yaws: FloatArray | None) -> StopTarget:
     if isinstance(target, JointTarget):
         R, p, free, configurations = np.eye(3), np.zeros(3), False, target.configurations
     else:
+        assert isinstance(target, PoseTarget)  # seams are planned in sections of their own
         R, p = target.pose.rotation, target.pose.translation
         free, configurations = target.free_yaw, None
     return StopTarget(

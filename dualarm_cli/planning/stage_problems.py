@@ -154,6 +154,7 @@ def _targets(
         p = p + R @ tcp.translation
         R = R @ tcp.rotation
         return np.broadcast_to(R, (m, *R.shape)), np.broadcast_to(p, (m, *p.shape)), q
+    assert isinstance(stop.target, PoseTarget)  # seams are planned in sections of their own
     pose = stop.target.pose
     p = (R_carried @ (pose.translation - p_world)[..., None])[..., 0]
     return (R_carried @ pose.rotation)[:, None], p[:, None], None

@@ -106,7 +106,9 @@ class SteadyProfile:
         """Returns share, speed [1/s] and acceleration [1/s²] at instants (k,) [s]."""
         first = _ramp(np.minimum(time, self.start.time), self.speed, self.start)
         last = _ramp(np.minimum(self.duration - time, self.end.time), self.speed, self.end)
-        steady = np.clip(time - self.start.time, 0.0, self.duration - self.start.time - self.end.time)
+        steady = np.clip(
+            time - self.start.time, 0.0, self.duration - self.start.time - self.end.time
+        )
         covered = self.speed * self.end.time / 2.0
         share = first[0] + self.speed * steady + np.maximum(covered - last[0], 0.0)
         ending = time > self.duration - self.end.time
@@ -278,9 +280,7 @@ def _keeps(
     return np.asarray(good)
 
 
-def _ramp(
-    time: FloatArray, speed: float, ramp: Ramp
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _ramp(time: FloatArray, speed: float, ramp: Ramp) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns share, speed and acceleration after times in a ramp from rest; after its end nothing more is covered.
 
     With the acceleration a = v / (T - x) reached in x: a t²/2 x while it rises, then steady, then as at the start

@@ -164,9 +164,7 @@ def _add_plain(
     windows += [_without([(float(time[0]), float(time[-1]))], works), works]
 
 
-def _worked(
-    schedule: Schedule, job: Job, bodies: tuple[str, str]
-) -> list[tuple[float, float]]:
+def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[tuple[float, float]]:
     """Returns when a seam's tool works on a body that it may touch, its approach and retract included [s]."""
     spans = []
     for task in job.tasks:

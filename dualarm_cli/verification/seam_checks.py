@@ -73,9 +73,7 @@ def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             continue
         task = section[0].id
         spans = {
-            arm: [
-                s for s in schedule.segments if (s.kind, s.arm, s.task) == ("seam", arm, task)
-            ]
+            arm: [s for s in schedule.segments if (s.kind, s.arm, s.task) == ("seam", arm, task)]
             for arm in work.arms
         }
         [own, *others] = [spans[arm] for arm in work.arms]
@@ -136,7 +134,11 @@ def _judge(
     add("seam_steady", 1.0 - speed[plateau] / top, middle[plateau])
     # Before it the tool only gets faster, after it only slower.
     add("seam_steady", (np.maximum.accumulate(speed) - speed)[: steady[0] + 1] / top, middle)
-    add("seam_steady", (np.maximum.accumulate(speed[::-1]) - speed[::-1])[: len(speed) - steady[-1]] / top, middle[::-1])
+    add(
+        "seam_steady",
+        (np.maximum.accumulate(speed[::-1]) - speed[::-1])[: len(speed) - steady[-1]] / top,
+        middle[::-1],
+    )
     if not work.slower:
         if work.speed is not None:
             worst["seam_as_asked"].add(max(0.0, 1.0 - top / (work.speed * job.speed)), task)
@@ -191,7 +193,10 @@ def on_seam(
     time = dense_times(schedule.trajectory.time, segment.start, segment.end)
     position = schedule.trajectory.at(time)[0]
     R, p = model.poses(work.slave, position)
-    R_part, p_part = np.tile(work.part.rotation, (len(time), 1, 1)), np.tile(work.part.translation, (len(time), 1))
+    R_part, p_part = (
+        np.tile(work.part.rotation, (len(time), 1, 1)),
+        np.tile(work.part.translation, (len(time), 1)),
+    )
     if work.master is not None:
         R_tool, p_tool = model.poses(work.master, position)
         T: pin.SE3 = job.cell.tools[work.master].tcp.inverse() * work.part
