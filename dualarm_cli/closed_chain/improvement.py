@@ -8,7 +8,7 @@ from dualarm_cli.closed_chain.closing import close
 from dualarm_cli.closed_chain.problem import SeamProblem
 from dualarm_cli.closed_chain.program import Program
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import CLOSED, DEAR, beyond_limits, part_poses
+from dualarm_cli.closed_chain.starts import AMPLE, CLOSED, DEAR, beyond_limits, part_poses
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 
 ROUNDS = 60
@@ -23,8 +23,6 @@ LOOKED_BACK, ENOUGH = 6, 2e-3
 """So many steps that together gain less than this share end it."""
 CLOSING_STEPS = 8
 """Newton steps after each step."""
-AMPLE = 0.93
-"""Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""
 SMOOTHING = 4
 """Steps that make the motion smooth at the end, the time kept."""
 SPARE_TIME = 1.01
@@ -82,9 +80,9 @@ def _cost(time: float, beyond: float) -> float:
 def _smoothed(
     problem: SeamProblem, program: Program, position: FloatArray, time: float
 ) -> FloatArray:
-    """Returns the smoothest motion near by that takes no longer than a time, (NODES, n) [rad]."""
+    """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (NODES, n) [rad]."""
     best, radius = position, FIRST_RADIUS
-    roughness = _roughness(problem, best)
+    unease = program.unease(best, time)
     for _ in range(SMOOTHING):
         found = program.step(best, time, radius, pace=0.0)
         tried = None if found is None else _closed(problem, found[0], program.stands)
@@ -92,17 +90,12 @@ def _smoothed(
             tried is None
             or beyond_limits(problem, tried).max() > 0.0
             or steady_time(tried, problem.limits) > time * SPARE_TIME
-            or _roughness(problem, tried) >= roughness
+            or program.unease(tried, time) >= unease
         ):
             radius *= REFUSED
             continue
-        best, roughness = tried, _roughness(problem, tried)
+        best, unease = tried, program.unease(tried, time)
     return best
-
-
-def _roughness(problem: SeamProblem, position: FloatArray) -> float:
-    second = np.diff(position, 2, axis=0) / problem.limits.velocity
-    return float((second**2).sum())
 
 
 def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> FloatArray | None:

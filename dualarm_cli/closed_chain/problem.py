@@ -29,6 +29,8 @@ class SeamProblem:
     """All joints where the seam's plan begins [rad], shape (n,); the platform stands as there."""
     near: FloatArray | None
     """Joints near which it is to begin [rad], shape (n,); None where any will do."""
+    begin: FloatArray | None
+    """Joints in which it has to begin, where the robot already has tool and part together [rad], shape (n,)."""
     time: float
     """How long the whole seam takes at the speed that is asked for [s]: no solver need be faster."""
     samples: int
@@ -42,7 +44,7 @@ class SeamProblem:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("start", "near"):
+        for name in ("start", "near", "begin"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.problem import NODES, SeamProblem
-from dualarm_cli.closed_chain.starts import part_poses
+from dualarm_cli.closed_chain.starts import ROOM, part_poses
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTH = 1e-4
@@ -27,6 +27,8 @@ KEPT = 0.97
 """Share of what tool and surface may lean that is used at the nodes: between them they lean a little more."""
 BACK = 100.0
 """Weight of a radian beyond limits, as a share of the time."""
+AWAY = 0.2
+"""Weight of joints nearer to their limits than ROOM, squared, where the time is kept."""
 LEAST_TIME = 0.3
 """Share of its time that a seam keeps in one step."""
 
@@ -104,7 +106,7 @@ class Program:
             pace: what a second of time weighs; 0 to make the motion smooth at the same time.
         """
         import piqp
-        from scipy.sparse import block_diag, csr_matrix, hstack, identity, vstack
+        from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity, vstack
 
         S = self._spread
         y = position[:, self.decided].ravel()
@@ -138,7 +140,12 @@ class Program:
         P = block_diag(
             [weight * (smooth.T @ smooth) + STAY * identity(count), 1e-9 * identity(2)]
         ).tocsc()
-        c = np.append(weight * (smooth.T @ (self._smooth @ y)), [pace, BACK * time])
+        pull = weight * (smooth.T @ (self._smooth @ y))
+        if pace == 0.0:
+            crowded, away = self._crowded(y)
+            P = P + block_diag([diags(crowded), csr_matrix((2, 2))])
+            pull = pull - away
+        c = np.append(pull, [pace, BACK * time])
         low, top = self._bounds(y, radius)
         solver = piqp.SparseSolver()
         solver.settings.eps_abs = solver.settings.eps_rel = ACCURACY
@@ -203,6 +210,33 @@ class Program:
             found.append((block_diag(list(slope)).tocsr(), upward - np.cos(KEPT * work.downhand)))
         return found
 
+    def unease(self, position: FloatArray, time: float) -> float:
+        """Returns what a motion costs where its time is kept: accelerations, and joints near their limits.
+
+        Args:
+            position: joints at the nodes [rad], shape (NODES, n).
+            time: steady time of the seam [s].
+        """
+        y = position[:, self.decided].ravel()
+        near = self._near(y)
+        rough = self._smooth @ y
+        return float(SMOOTH / time**2 * (rough @ rough) + AWAY / NODES * (near @ near)) / 2.0
+
+    def _near(self, y: FloatArray) -> FloatArray:
+        """Returns by how much joints at all nodes are nearer to a limit than they should be, positive at the lower [rad]."""
+        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        room = ROOM * (upper - lower)
+        found: FloatArray = np.maximum(lower + room - y, 0.0) - np.maximum(y - upper + room, 0.0)
+        return found
+
+    def _crowded(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns curvature and slope, by variable, of what joints near their limits cost."""
+        near = self._near(y)
+        column, count = self.column.ravel(), self._spread.shape[1]
+        share = AWAY / NODES
+        crowded = np.bincount(column, weights=share * (near != 0.0), minlength=count)
+        return crowded, np.bincount(column, weights=share * near, minlength=count)
+
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
         """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""
         from scipy.sparse import csr_matrix
@@ -220,6 +254,8 @@ class Program:
         lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
         column, count = self.column.ravel(), self._spread.shape[1]
         low, top = np.full(count, -radius), np.full(count, radius)
+        if self.problem.begin is not None:
+            low[self.column[0]] = top[self.column[0]] = 0.0
         np.maximum.at(low, column, np.minimum(lower - y, 0.0))
         np.minimum.at(top, column, np.maximum(upper - y, 0.0))
         return low, top

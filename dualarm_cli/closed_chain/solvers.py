@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dualarm_cli.closed_chain.improvement import AMPLE, improved
+from dualarm_cli.closed_chain.improvement import improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import LIMITS, beyond_limits, seam_starts, standing_joints
+from dualarm_cli.closed_chain.starts import AMPLE, LIMITS, beyond_limits, seam_starts, standing_joints, way_cost
 from dualarm_cli.geometry.arrays import FloatArray
 
 FIRST_ROUNDS = 16
@@ -64,7 +64,7 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
     tried = [
         improved(problem, way, stands, FIRST_ROUNDS) for way in starts.position[: problem.tried]
     ]
-    tried = sorted(tried, key=lambda way: steady_time(way, problem.limits))
+    tried = sorted(tried, key=lambda way: way_cost(problem, way))
     best = improved(problem, tried[0], stands)
     ways = [way for way in (best, *tried, *starts.position) if _possible(problem, way)]
     return ways or NoSeam(LIMITS, 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.closed_chain.closing import Closed, close
 from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
-from dualarm_cli.closed_chain.rates import steady_times
+from dualarm_cli.closed_chain.rates import steady_time
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.tool_path import Poses
 
@@ -31,6 +31,12 @@ BEYOND = 0.5
 """Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
 ROUNDED = 5e-3
 """How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
+ROOM = 0.25
+"""Distance from limits, as a share of a joint's range, beyond which more is no better."""
+CROWDED = 0.15
+"""What a joint at its limit counts, as a share of the time."""
+AMPLE = 0.93
+"""Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""
 DEAR = 5.0
 """What a radian beyond limits counts, as a share of the time."""
 FARTHEST = 0.7
@@ -79,7 +85,7 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
         moving: whether joints that carry the part may move along the seam; the part stands else.
     """
     stands = standing_joints(problem, moving=moving)
-    middle = NODES // 2
+    middle = 0 if problem.begin is not None else NODES // 2
     ways = np.empty((0, NODES, len(problem.start)))
     drawn = _drawn(problem, middle)
     if len(drawn):
@@ -101,9 +107,33 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
         if not clear.any():
             return Starts(ways[:0], NoSeam(TOUCHES, 1.0))
         ways = ways[clear]
-    times = steady_times(ways, problem.limits).max(axis=-1)
-    times *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
-    return Starts(ways[np.argsort(times, kind="stable")], None)
+    if problem.begin is None:
+        ways = _turned_back(problem, ways)
+    costs = np.array([way_cost(problem, way) for way in ways])
+    costs *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
+    return Starts(ways[np.argsort(costs, kind="stable")], None)
+
+
+def _turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
+    """Returns the ways with joints of more than one turn as near to the middle of their ranges as whole turns bring them."""
+    limits, full = problem.limits, 2.0 * np.pi
+    several = problem.chain.closes & (limits.upper - limits.lower > full)
+    middle = np.where(several, (limits.upper + limits.lower) / 2.0, 0.0)
+    center = (ways.max(axis=1) + ways.min(axis=1)) / 2.0
+    turns = np.where(several, np.round((center - middle) / full), 0.0)
+    return ways - full * turns[:, None]
+
+
+def way_cost(problem: SeamProblem, way: FloatArray) -> float:
+    """Returns by what ways along a seam (NODES, n) are compared: the time that it takes, or how near limits it comes.
+
+    Of ways that are as fast as asked the one is better whose joints stay farther from their limits [s].
+    """
+    limits = problem.limits
+    room = np.minimum(way - limits.lower, limits.upper - way) / (limits.upper - limits.lower)
+    crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / ROOM, 0.0), 1.0)
+    time = max(steady_time(way, limits), AMPLE * problem.time)
+    return time * (1.0 + CROWDED * crowded)
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
@@ -127,6 +157,8 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
 def _drawn(problem: SeamProblem, node: int) -> FloatArray:
     """Returns joints that close the chain at a node, (m, n) [rad]."""
     chain, limits = problem.chain, problem.limits
+    if problem.begin is not None:
+        return problem.begin[None]
     random = np.random.default_rng(problem.seed)
     count, n = problem.samples, len(limits.joints)
     q = np.tile(problem.start, (count, 1))
@@ -176,8 +208,8 @@ def _next(
 ) -> BoolArray:
     """Fills in one node of the ways that are alive, and returns which of them still are."""
     here = ways[alive, node - side]
-    # The middle has no place before it.
-    first = node - side == NODES // 2
+    # Where ways begin there is no place before.
+    first = node - side == (0 if problem.begin is not None else NODES // 2)
     guess = here if first else here + (here - ways[alive, node - 2 * side])
     found = _step(problem, guess, problem.shares[node], stands)
     ways[alive, node] = found.position

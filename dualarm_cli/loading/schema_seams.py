@@ -132,6 +132,10 @@ class SeamToolSection(Section):
     travel_angle: Angle = Field(
         default=0.0, description="Then about the curve frame's y: it leans forwards or back [rad]."
     )
+    spin: Angle | None = Field(
+        default=None,
+        description="Turn about the tool's own axis [rad]; default 0: its x axis is along the curve.",
+    )
     free: Literal["spin", "none"] = Field(
         default="none",
         description="spin: the tool may turn about its own axis; none: its x axis is along the curve.",
@@ -139,6 +143,12 @@ class SeamToolSection(Section):
     tilt: Tilt = Field(
         default=0.0, description="By how much its axis may lean away from where it should be [rad]."
     )
+
+    @model_validator(mode="after")
+    def _one_spin(self) -> SeamToolSection:
+        if self.spin is not None and self.free == "spin":
+            raise refuse("'spin' does not go with free: spin; keep one", "spin")
+        return self
 
 
 class HoldSection(FramedPose):

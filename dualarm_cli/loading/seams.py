@@ -68,7 +68,12 @@ class SeamReader:
             part=part,
             curve=curve,
             tool=SeamTool(
-                tool.standoff, tool.work_angle, tool.travel_angle, tool.free == "spin", tool.tilt
+                standoff=tool.standoff,
+                work_angle=tool.work_angle,
+                travel_angle=tool.travel_angle,
+                spin=tool.spin or 0.0,
+                free_spin=tool.free == "spin",
+                tilt=tool.tilt,
             ),
             hold=hold,
             speed=section.speed,

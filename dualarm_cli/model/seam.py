@@ -39,6 +39,8 @@ class SeamTool:
     """Turn about the seam's tangent [rad]."""
     travel_angle: float = 0.0
     """Then about the frame's y [rad]: the tool leans forwards or backwards."""
+    spin: float = 0.0
+    """Then about the tool's own axis [rad]: at 0 its x axis is along the curve."""
     free_spin: bool = True
     """Whether the tool may turn about its own axis."""
     tilt: float = 0.0
@@ -49,7 +51,8 @@ class SeamTool:
         """Rotation of the tool in the curve's frame as it should be, shape (3, 3)."""
         work = exp_rotation(np.array([self.work_angle, 0.0, 0.0]))
         travel = exp_rotation(np.array([0.0, self.travel_angle, 0.0]))
-        found: FloatArray = work @ travel @ INTO
+        spin = exp_rotation(np.array([0.0, 0.0, self.spin]))
+        found: FloatArray = work @ travel @ INTO @ spin
         return found
 
 

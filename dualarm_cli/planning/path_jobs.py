@@ -12,6 +12,7 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Task
+from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.clear_checks import check_start
 from dualarm_cli.planning.clear_plan import Found, quickest_clear
@@ -30,6 +31,8 @@ from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
+SAME = 1e-9
+"""Difference of two configurations that count as one [rad]."""
 HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 LOOKED_AT = 0.02
@@ -89,9 +92,10 @@ class SectionPlanner:
         if self.clear and here is not None:
             # What no plan can mend is told before one is looked for.
             check_start(self.problem, Holding.of(self._problem((), here).job))
-        for section in job.sections():
+        sections = job.sections()
+        for section, after in zip(sections, [*sections[1:], ()], strict=True):
             if section[0].seam is not None:
-                self._add_seam(record, section, here)
+                self._add_seam(record, section, here, after[0].seam if after else None)
             elif section[0].path is None:
                 self._add_stops(record, section, here)
             else:
@@ -179,7 +183,13 @@ class SectionPlanner:
         add_followed(record, context, section, found, name, begin)
         record.notes += path_notes(context, task, work, found, name)
 
-    def _add_seam(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
+    def _add_seam(
+        self,
+        record: Record,
+        section: tuple[Task, ...],
+        here: FloatArray | None,
+        after: SeamWork | None,
+    ) -> None:
         """Appends a seam with the transfer to where its tool's approach begins."""
         work = section[0].seam
         assert work is not None
@@ -189,14 +199,15 @@ class SectionPlanner:
         planner = SeamPlanner(
             job, self.timing, self.problem.effort, self.problem.seed, self.clear, self.seam_solver
         )
-        found = planner.plan(section[0].id, work, home if here is None else here)
+        found = planner.plan(section[0].id, work, home if here is None else here, after)
         begin, transfer = record.clock, None
-        if here is not None and np.abs(found.first - here).max() > 0.0:
+        if here is not None and np.abs(found.first - here).max() > SAME:
             try:
                 transfer = self._transfer(here, found.first)
             except InfeasibleError as error:
                 raise InfeasibleError(
-                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from: {error}"
+                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from (`entry: {{approach: …}}` "
+                    f"lets it come from farther away): {error}"
                 ) from None
             add_transfer(record, transfer.cleared.motion, section)
             record.count(transfer)

@@ -9,6 +9,8 @@ import numpy as np
 
 from dualarm_cli.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.chain import Chain
+from dualarm_cli.closed_chain.closing import all_equations
+from dualarm_cli.closed_chain.starts import seam_starts
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.errors import InfeasibleError
@@ -31,6 +33,8 @@ ROUNDS = 3
 """How often other starts are drawn where what comes of the first ones cannot be worked."""
 LOOKED_AT = 0.01
 """Time between the postures of a seam that are looked at [s]."""
+TOGETHER = 1e-6
+"""Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
 STEADY_SHARE = 0.8
 """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
 
@@ -88,13 +92,16 @@ class SeamPlanner:
     asked: str | None = None
     """Name of the seam solver that was asked for; None for the file's choice."""
 
-    def plan(self, task: str, work: SeamWork, start: FloatArray) -> PlannedSeam:
+    def plan(
+        self, task: str, work: SeamWork, start: FloatArray, after: SeamWork | None = None
+    ) -> PlannedSeam:
         """Returns the seam as it is worked.
 
         Args:
             task: its name, for messages.
             work: the seam.
             start: all joints before [rad], shape (n,); a platform stands as there unless it helps to turn it.
+            after: the seam that comes next, if one does: where it begins where this one ends, it goes on from there.
 
         Raises:
             InfeasibleError: it cannot be worked as the file asks, with the first place and the reason.
@@ -102,8 +109,12 @@ class SeamPlanner:
         chain = Chain(self.job.cell, work)
         holding = self._holding(work) if self.clear else None
         refusals: list[str] = []
-        for k in range(ROUNDS):
-            problem = self._problem(chain, start, holding, k)
+        first: PlannedSeam | None = None
+        begins: list[FloatArray | None] = [None] * ROUNDS
+        if work.approach == 0.0 and _together(chain, start):
+            begins.insert(0, start)
+        for k, begin in enumerate(begins):
+            problem = self._problem(chain, start, holding, k, begin)
             name = self._solver(problem)
             solver = SEAM_SOLVERS[name]
             if reason := solver.why_unsupported(problem):
@@ -113,13 +124,33 @@ class SeamPlanner:
                 refusals.append(_nowhere(work, motion))
                 continue
             found = self._timed(problem, motion, holding, name)
-            if isinstance(found, PlannedSeam):
+            if isinstance(found, str):
+                refusals.append(found)
+            elif self._goes_on(found, after):
                 return found
-            refusals.append(found)
+            else:
+                first = first or found
+        if first is not None:
+            return first
         raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {refusals[0]}")
 
+    def _goes_on(self, found: PlannedSeam, after: SeamWork | None) -> bool:
+        """Returns whether the next seam can be worked from where one ends, if it begins there."""
+        if after is None or after.approach > 0.0 or found.retract is not None:
+            return True
+        end = found.seam.trajectory.position[-1]
+        chain = Chain(self.job.cell, after)
+        if not _together(chain, end):
+            return True
+        return seam_starts(self._problem(chain, end, None, 0, end)).failure is None
+
     def _problem(
-        self, chain: Chain, start: FloatArray, holding: Holding | None, round_number: int
+        self,
+        chain: Chain,
+        start: FloatArray,
+        holding: Holding | None,
+        number: int,
+        begin: FloatArray | None,
     ) -> SeamProblem:
         robot, work = self.job.cell.robot, chain.work
         near = None if work.posture is None else np.array(robot.postures[work.posture])
@@ -133,10 +164,11 @@ class SeamPlanner:
             limits=robot.limits.scaled(self.job.speed),
             start=start,
             near=near,
+            begin=begin,
             time=time / self.job.speed,
             samples=SAMPLES[self.effort],
             tried=TRIED[self.effort],
-            seed=self.seed + round_number,
+            seed=self.seed + number,
             clear=None if holding is None else _test(holding),
         )
 
@@ -215,6 +247,14 @@ class SeamPlanner:
                 lack = max(0.0, -missing) * 1e3
                 return f"{words}, after {time[k]:.3f} s, {one} and {other} lack {lack:.1f} mm of clearance"
         return None
+
+
+def _together(chain: Chain, position: FloatArray) -> bool:
+    """Returns whether joints (n,) [rad] have tool and part where the seam begins."""
+    share = np.zeros(1)
+    poses = chain.work.hold.at(share) if chain.work.hold.given else None
+    left = all_equations(chain, position[None], share, part=poses).size
+    return bool(left[0] < TOGETHER)
 
 
 def _test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
