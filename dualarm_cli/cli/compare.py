@@ -215,6 +215,7 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
 def _print(document: dict[str, Any]) -> None:
     from dualarm_cli.reporting.comparison_table import comparison_table, reason_lines
     from dualarm_cli.reporting.path_table import paths_table
+    from dualarm_cli.reporting.seam_table import seams_table
 
     console = stdout_console()
     clock = document["wall_clock"]
@@ -223,6 +224,8 @@ def _print(document: dict[str, Any]) -> None:
         console.print(comparison_table(section, mine))
         if (paths := paths_table(section)) is not None:
             console.print(paths)
+        if (seams := seams_table(section)) is not None:
+            console.print(seams)
         for line in (*reason_lines(section), section["sentence"]):
             console.print(line, markup=False, soft_wrap=True)
 

@@ -63,7 +63,7 @@ def plan_command(
     plot: Annotated[
         Path | None,
         typer.Option(
-            "--plot", help="Figure of the paths to write (.png, .svg, .pdf).", show_default=False
+            "--plot", help="Figure of the paths or seams to write (.png, .svg, .pdf).", show_default=False
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
@@ -85,8 +85,8 @@ def plan_command(
     if plot is not None:
         refuse_plot(plot, force)
     job = load_job(tasks)
-    if plot is not None and not job.has_paths:
-        raise UsageError(f"--plot {plot}: draws paths, and {tasks} has none")
+    if plot is not None and not job.in_sections:
+        raise UsageError(f"--plot {plot}: draws paths and seams, and {tasks} has none")
     settings = PlanSettings(timing=timing, effort=effort.value, seed=seed)
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
@@ -111,8 +111,10 @@ def plan_command(
 def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
     from dualarm_cli.exporting.files import write_file
     from dualarm_cli.reporting.path_figure import draw_paths
+    from dualarm_cli.reporting.seam_figure import draw_seams
 
-    write_file(plot, draw_paths(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
+    draw = draw_paths if job.has_paths else draw_seams
+    write_file(plot, draw(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
 
 
 def refuse_existing(folder: Path, force: bool) -> None:

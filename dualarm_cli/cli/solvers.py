@@ -10,6 +10,7 @@ from dualarm_cli.cli.output import JsonOption, print_json, stdout_console
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
+    from dualarm_cli.closed_chain import SEAM_SOLVERS
     from dualarm_cli.path_following import PATH_SOLVERS
     from dualarm_cli.planning.methods import METHODS
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
@@ -21,6 +22,7 @@ def solvers_command(json_output: JsonOption = False) -> None:
         PLATFORM_SOLVERS,
         REDUNDANCY_SOLVERS,
         PATH_SOLVERS,
+        SEAM_SOLVERS,
         TIMING_SOLVERS,
         CALIBRATION_SOLVERS,
     ]

@@ -13,6 +13,8 @@ from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.seam import SeamWork
 
+KEPT = 0.97
+"""Share of what tool and surface may lean that is used: between the places that are looked at they lean a little more."""
 TURN = 0.1
 """Length that a radian counts as where residuals are compared [m]."""
 
@@ -180,13 +182,30 @@ class Chain:
             lean = np.linalg.norm(r[:, 3:5], axis=1)
             along = r[:, 3:5] / np.maximum(lean, 1e-12)[:, None]
             slope = (along[:, :, None] * J[:, 3:5]).sum(axis=1)
-            found = found.with_one_sided(lean - work.tool.tilt, slope)
+            found = found.with_one_sided(lean - KEPT * work.tool.tilt, slope)
         if work.downhand is not None:
             upward, J_upward = self.upward(bodies, share)
             angle = np.arccos(np.clip(upward, -1.0, 1.0))
             slope = -J_upward / np.maximum(np.sin(angle), 1e-6)[:, None]
-            found = found.with_one_sided(angle - work.downhand, slope)
+            found = found.with_one_sided(angle - KEPT * work.downhand, slope)
         return found
+
+    def leans_too_far(self, bodies: Bodies, share: FloatArray) -> bool:
+        """Returns whether tool or surface lean farther than the work lets them, at any of k configurations.
+
+        Args:
+            bodies: at k configurations.
+            share: of the seam, shape (k,).
+        """
+        work, farthest = self.work, -np.inf
+        if work.tool.tilt > 0.0:
+            lean = np.linalg.norm(self.offsets(bodies, share)[0][:, 3:5], axis=1)
+            farthest = float((lean - work.tool.tilt).max())
+        if work.downhand is not None:
+            upward, _ = self.upward(bodies, share)
+            angle = np.arccos(np.clip(upward, -1.0, 1.0))
+            farthest = max(farthest, float((angle - work.downhand).max()))
+        return farthest > 0.0
 
     def offsets(
         self, bodies: Bodies, share: FloatArray, back: float | FloatArray = 0.0

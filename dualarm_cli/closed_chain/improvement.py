@@ -23,8 +23,10 @@ LOOKED_BACK, ENOUGH = 6, 2e-3
 """So many steps that together gain less than this share end it."""
 CLOSING_STEPS = 8
 """Newton steps after each step."""
-SMOOTHING = 4
-"""Steps that make the motion smooth at the end, the time kept."""
+SMOOTHING = 16
+"""Steps at most that make the motion easy at the end, the time kept."""
+EASY = 0.01
+"""Share of what a motion costs whose gain in a step ends that."""
 SPARE_TIME = 1.01
 """Factor on the least time within which the motion is made smooth."""
 
@@ -93,8 +95,13 @@ def _smoothed(
             or program.unease(tried, time) >= unease
         ):
             radius *= REFUSED
+            if radius < NARROWEST:
+                break
             continue
-        best, unease = tried, program.unease(tried, time)
+        gained = unease - program.unease(tried, time)
+        best, unease, radius = tried, unease - gained, min(WIDEST, radius * GROWN)
+        if gained < EASY * unease:
+            break
     return best
 
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.closed_chain.chain import KEPT
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.problem import NODES, SeamProblem
 from dualarm_cli.closed_chain.starts import ROOM, part_poses
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTH = 1e-4
-"""Weight of the joints' accelerations, over their speed limits, against a second of time: decides what is left open."""
+"""Weight of the joints' effort against time, both as shares: decides what time leaves open."""
 STAY = 1e-6
 """Weight of the step itself."""
 ACCURACY = 1e-6
@@ -23,12 +24,10 @@ MOST_ITERATIONS = 60
 """Iterations of the solver; what it has then is tried."""
 LEAN_SIDES = 8
 """Sides of the polygon that stands for the cone in which the tool's axis may lean."""
-KEPT = 0.97
-"""Share of what tool and surface may lean that is used at the nodes: between them they lean a little more."""
 BACK = 100.0
 """Weight of a radian beyond limits, as a share of the time."""
-AWAY = 0.2
-"""Weight of joints nearer to their limits than ROOM, squared, where the time is kept."""
+AWAY = 3.0
+"""Weight of the room at limits that joints use up, as a share, against their effort."""
 LEAST_TIME = 0.3
 """Share of its time that a seam keeps in one step."""
 
@@ -81,15 +80,11 @@ class Program:
             found.append(kron(csr_matrix(difference), diags(1.0 / own)).tocsr())
         return found
 
-    @cached_property
-    def _smooth(self) -> Any:
-        """Matrix from the joints at all nodes to accelerations over speed limits."""
-        from scipy.sparse import csr_matrix, diags, kron
+    def _effort(self, time: float) -> Any:
+        """Matrix from the joints at all nodes to shares of speed and acceleration limits, the squares' mean over nodes."""
+        from scipy.sparse import vstack
 
-        second = np.diff(np.eye(NODES), 2, axis=0) * (NODES - 1) ** 2 / np.sqrt(NODES)
-        return kron(
-            csr_matrix(second), diags(1.0 / self.problem.limits.velocity[self.decided])
-        ).tocsr()
+        return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(NODES)
 
     def step(
         self, position: FloatArray, time: float, radius: float, pace: float
@@ -134,17 +129,16 @@ class Program:
         high = np.append(high, -short)
         A, b = self._equations(position)
         A = hstack([A @ S, csr_matrix((A.shape[0], 2))]).tocsc()
-        smooth = self._smooth @ S
-        # Scaled by the time, so that slow seams are no rougher than quick ones.
-        weight = SMOOTH / time**2
-        P = block_diag(
-            [weight * (smooth.T @ smooth) + STAY * identity(count), 1e-9 * identity(2)]
-        ).tocsc()
-        pull = weight * (smooth.T @ (self._smooth @ y))
+        effort = self._effort(time)
+        smooth = effort @ S
+        weight = SMOOTH * time if pace > 0.0 else 1.0
+        quadratic = weight * (smooth.T @ smooth) + STAY * identity(count)
+        pull = weight * (smooth.T @ (effort @ y))
         if pace == 0.0:
             crowded, away = self._crowded(y)
-            P = P + block_diag([diags(crowded), csr_matrix((2, 2))])
+            quadratic = quadratic + diags(crowded)
             pull = pull - away
+        P = block_diag([quadratic, 1e-9 * identity(2)]).tocsc()
         c = np.append(pull, [pace, BACK * time])
         low, top = self._bounds(y, radius)
         solver = piqp.SparseSolver()
@@ -211,31 +205,40 @@ class Program:
         return found
 
     def unease(self, position: FloatArray, time: float) -> float:
-        """Returns what a motion costs where its time is kept: accelerations, and joints near their limits.
+        """Returns what a motion costs where its time is kept: effort, and joints near their limits.
 
         Args:
             position: joints at the nodes [rad], shape (NODES, n).
             time: steady time of the seam [s].
         """
         y = position[:, self.decided].ravel()
-        near = self._near(y)
-        rough = self._smooth @ y
-        return float(SMOOTH / time**2 * (rough @ rough) + AWAY / NODES * (near @ near)) / 2.0
+        near, effort = self._near(y), self._effort(time) @ y
+        return float(effort @ effort + AWAY / NODES * (near @ near)) / 2.0
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """The room at each limit that is better left free, of all nodes' joints [rad]."""
+        low, high = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        found: FloatArray = ROOM * (high - low)
+        return found
 
     def _near(self, y: FloatArray) -> FloatArray:
-        """Returns by how much joints at all nodes are nearer to a limit than they should be, positive at the lower [rad]."""
-        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
-        room = ROOM * (upper - lower)
-        found: FloatArray = np.maximum(lower + room - y, 0.0) - np.maximum(y - upper + room, 0.0)
-        return found
+        """Returns what share of that room joints at all nodes use up, positive at the lower limit."""
+        low, high = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        room = self._room
+        found: FloatArray = np.maximum(low + room - y, 0.0) - np.maximum(y - high + room, 0.0)
+        return found / room
 
     def _crowded(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns curvature and slope, by variable, of what joints near their limits cost."""
-        near = self._near(y)
+        near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
-        share = AWAY / NODES
-        crowded = np.bincount(column, weights=share * (near != 0.0), minlength=count)
-        return crowded, np.bincount(column, weights=share * near, minlength=count)
+        crowded = AWAY / NODES * (near != 0.0) / room**2
+        away = AWAY / NODES * near / room
+        return (
+            np.bincount(column, weights=crowded, minlength=count),
+            np.bincount(column, weights=away, minlength=count),
+        )
 
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
         """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""

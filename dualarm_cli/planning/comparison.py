@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from dualarm_cli.closed_chain import SEAM_SOLVERS
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
@@ -94,9 +95,9 @@ def job_cases(
     redundancies: Sequence[str] = (),
     timings: Sequence[str] = (),
 ) -> list[Case]:
-    """Returns the combinations that make sense for a job; see `cases` for one without paths.
+    """Returns the combinations that make sense for a job; see `cases` for one without paths and seams.
 
-    Of a job with paths every follower with the default method and, where it has stops as well, every method with the
+    Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as well, every method with the
     file's followers (written as the redundancy solver of its stops). What is named is taken in all combinations.
 
     Args:
@@ -111,18 +112,24 @@ def job_cases(
     for name in redundancies:
         with_redundancy(PlanSettings(), name)
     own = served_settings(PlanSettings(), job.cell.robot)[0].platform
-    if not job.has_paths:
+    if not job.in_sections:
         of_stops = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
         found = cases(methods, of_stops, timings) if of_stops or not redundancies else []
         others = [name for name in dict.fromkeys(redundancies) if name not in of_stops]
         return found + _with_each(others, cases(methods, (), timings))
     if methods or redundancies:
-        names = list(dict.fromkeys(redundancies or PATH_SOLVERS.names))
+        names = list(dict.fromkeys(redundancies or _solvers(job)))
         return _with_each(names, cases(methods or [own], (), timings))
-    found = _with_each(PATH_SOLVERS.names, cases([own], (), timings))
-    if all(task.path is not None for task in job.tasks):
+    found = _with_each(_solvers(job), cases([own], (), timings))
+    if all(task.alone for task in job.tasks):
         return found
     return found + [case for case in cases((), (), timings) if case.method != own]
+
+
+def _solvers(job: Job) -> list[str]:
+    """Returns the followers of paths and the seam solvers that a job asks for."""
+    paths = PATH_SOLVERS.names if job.has_paths else []
+    return [*paths, *(SEAM_SOLVERS.names if job.has_seams else [])]
 
 
 def _with_each(names: Sequence[str], every: Sequence[Case]) -> list[Case]:
@@ -181,8 +188,10 @@ def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
     """Returns why a case cannot be run on a job, or None."""
     redundancy = case.redundancy
     if redundancy not in REDUNDANCY_SOLVERS.names:
-        if not job.has_paths:
+        if not job.has_paths and redundancy in PATH_SOLVERS.names:
             return f"{redundancy} follows paths, and the job has none"
+        if not job.has_seams and redundancy in SEAM_SOLVERS.names:
+            return f"{redundancy} works seams, and the job has none"
         redundancy = own_redundancy(case.method, job.cell.robot)
     model = cell_model(job.cell, redundancy)
     problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)

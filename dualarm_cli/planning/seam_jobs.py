@@ -13,7 +13,7 @@ from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.starts import seam_starts
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
@@ -105,6 +105,7 @@ class SeamPlanner:
 
         Raises:
             InfeasibleError: it cannot be worked as the file asks, with the first place and the reason.
+            UnsupportedError: the named seam solver does not serve it.
         """
         chain = Chain(self.job.cell, work)
         holding = self._holding(work) if self.clear else None
@@ -118,7 +119,7 @@ class SeamPlanner:
             name = self._solver(problem)
             solver = SEAM_SOLVERS[name]
             if reason := solver.why_unsupported(problem):
-                raise InfeasibleError(f"{work.place}: task '{task}': method {name}: {reason}")
+                raise UnsupportedError(f"{work.place}: task '{task}': method {name}: {reason}")
             motion = solver.solve(problem)
             if isinstance(motion, NoSeam):
                 refusals.append(_nowhere(work, motion))

@@ -23,7 +23,7 @@ from dualarm_cli.timing.steady_profile import (
 SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Times between knots that are tried until the chain is closed between them too [s]."""
 OPEN = 4e-7
-"""How far the chain may be open between knots [m, radians by TURN]."""
+"""How far the chain may be open between knots [m, rad]."""
 UNEVEN = 4e-4
 """Share by which the speed along the seam may be off between knots, ramps not counted."""
 PER_KNOT = 3
@@ -42,7 +42,7 @@ class TimedSeam:
     profile: SteadyProfile
     """Where on the seam the tool is when."""
     residual: float
-    """How far the chain is open at most [m, radians by TURN]."""
+    """How far the chain is open at most [m, rad]."""
 
     def speed(self, length: float) -> float:
         """Returns the steady speed along a seam of a length [m/s]."""
@@ -179,7 +179,11 @@ def _deviations(
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
     bodies = chain.bodies(trajectory.at(time)[0])
     nearest = chain.nearest_share(bodies, profile.at(time)[0])
-    residual = float(chain.equations(bodies, nearest).size.max())
+    left = [chain.equations(bodies, nearest).exact.left]
+    hold = chain.work.hold
+    if chain.work.master is not None and hold.given:
+        left.append(chain.part_equations(bodies, *hold.at(nearest)).left)
+    residual = float(max(np.abs(one).max() for one in left))
     steady = (time > profile.start.time) & (time < profile.duration - profile.end.time)
     if steady.sum() < 2:
         return residual, 0.0

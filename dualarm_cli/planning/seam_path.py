@@ -90,8 +90,8 @@ def _closed(problem: SeamProblem, motion: SeamMotion, position: FloatArray) -> F
     )
     q = found.position
     inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()
-    left = chain.equations(chain.bodies(q), share).size
-    return q if inside and max(left.max(), found.residual.max()) < CLOSED else None
+    good = inside and found.residual.max() < CLOSED
+    return q if good and not chain.leans_too_far(chain.bodies(q), share) else None
 
 
 def _evened_out(position: FloatArray, width: float) -> FloatArray:

@@ -19,6 +19,7 @@ from dualarm_cli.reporting.measures import (
     platform_travel,
 )
 from dualarm_cli.reporting.path_measures import path_measures
+from dualarm_cli.reporting.seam_measures import seam_measures
 from dualarm_cli.reporting.report import (
     count_parts,
     relative_gap,
@@ -131,6 +132,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             None,
         ),
         "paths": [],
+        "seams": [],
     }
     if schedule is None:
         return row
@@ -147,6 +149,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "deciding_stages": found.stages,
         "deciding_time": found.time,
         "paths": path_measures(schedule, job),
+        "seams": seam_measures(schedule, job),
     }
 
 

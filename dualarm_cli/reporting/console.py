@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.reporting.path_table import path_lines
+from dualarm_cli.reporting.seam_table import seam_lines
 
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
@@ -64,10 +65,12 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
             f"{_shares(use['dwell_shares'])}, "
             + (f"paths {use['path']:.2f} s, " if use["path"] > 0 else "")
+            + (f"seams {use['seam']:.2f} s, " if use["seam"] > 0 else "")
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )
     lines += path_lines(report)
+    lines += seam_lines(report)
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")

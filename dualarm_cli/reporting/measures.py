@@ -13,7 +13,7 @@ from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
 ELBOW = 3
 """Place of the elbow among the joints of a 7-axis arm."""
 AXES = 7
-LINES, DWELLS, PATHS, OTHER = "lines", "dwells", "paths", "other"
+LINES, DWELLS, PATHS, SEAMS, OTHER = "lines", "dwells", "paths", "seams", "other"
 """What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
 
 
@@ -68,6 +68,8 @@ def _shares(part: StageParts) -> dict[str, float]:
     }
     if (paths := part.length(arm, "path")) > 0.0:
         shares[PATHS] = paths
+    if (seams := part.length(arm, "seam")) > 0.0:
+        shares[SEAMS] = seams
     transfer = part.length(arm, "transfer", "return")
     if part.group:
         shares[part.group] = transfer

@@ -13,6 +13,7 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.reporting.path_measures import path_measures
+from dualarm_cli.reporting.seam_measures import seam_measures
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
 
@@ -42,6 +43,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
         "paths": path_measures(schedule, job),
+        "seams": seam_measures(schedule, job),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
@@ -149,7 +151,7 @@ def _bottlenecks(schedule: Schedule) -> dict[str, int]:
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     """Returns how long one arm does what [s], and the share of the time in which it works."""
-    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", "path"), 0.0)
+    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", "path", "seam"), 0.0)
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
         if segment.arm != arm:

@@ -10,7 +10,7 @@ from dualarm_cli.model.schedule import TOOL_SPEED, Schedule
 from dualarm_cli.planning.stage_parts import StageParts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
-KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",))
+KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",), ("seam",))
 """Parts of an arm's work, by what they are called together."""
 SAME_ANGLE = 1e-6
 """Displacements nearer than this are one [rad]."""

@@ -49,6 +49,8 @@ class OnSeam:
     """How far the tool's working point is from it [m], shape (k,)."""
     angle: FloatArray
     """By how much the tool is turned away, beyond what is free [rad], shape (k,)."""
+    lean: FloatArray
+    """By how much its axis leans away from where it should point [rad], shape (k,)."""
     R_part: FloatArray
     """Rotations of the part in the world, shape (k, 3, 3)."""
     p_part: FloatArray
@@ -211,17 +213,18 @@ def on_seam(
     R_seam, p_seam = work.curve.at(s)
     E = np.swapaxes(R_part @ R_seam @ work.tool.R_curve_tool, -1, -2) @ R
     distance = np.linalg.norm(inside - p_seam, axis=1)
-    return OnSeam(time, s, distance, _turned_away(E, work), R_part, p_part)
+    lean = np.arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
+    return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
 
 
-def _turned_away(E: FloatArray, work: SeamWork) -> FloatArray:
+def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
     """Returns by how much tools are turned away beyond what is free, (k,) [rad].
 
     Args:
         E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
+        lean: of their axes [rad], shape (k,).
         work: the seam.
     """
-    lean = np.arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
     beyond = np.maximum(lean - work.tool.tilt, 0.0)
     if work.tool.free_spin:
         return beyond
