@@ -63,7 +63,9 @@ def plan_command(
     plot: Annotated[
         Path | None,
         typer.Option(
-            "--plot", help="Figure of the paths or seams to write (.png, .svg, .pdf).", show_default=False
+            "--plot",
+            help="Figure of the paths or seams to write (.png, .svg, .pdf).",
+            show_default=False,
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,

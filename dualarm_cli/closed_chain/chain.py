@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.rotations import log_rotation, skew
-from dualarm_cli.kinematics.whole_body import WholeBody
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.seam import SeamWork
 
@@ -82,6 +83,39 @@ class Equations:
         )
 
 
+@dataclass(frozen=True)
+class _Limb:
+    """What one arm holds, with all joints that move it."""
+
+    arm: GeneralArm
+    """Platform and arm as one chain in the world, the frame of what is held in place of the flange."""
+    columns: list[int]
+    """Columns of its joints within the robot's."""
+
+    def at(self, position: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns rotations (k, 3, 3), positions (k, 3) [m] and Jacobians (k, 6, n) at configurations (k, n)."""
+        R, p, J_own = self.arm.linearised(np.ascontiguousarray(position[:, self.columns]))
+        J = np.zeros((len(position), 6, position.shape[1]))
+        J[:, :, self.columns] = J_own
+        return R, p, J
+
+
+def _limb(model: pin.Model, cell: Cell, name: str, T_flange_held: pin.SE3) -> _Limb:
+    """Returns an arm with what it holds.
+
+    Raises:
+        UnsupportedError: a joint slides.
+    """
+    robot, arm = cell.robot, cell.robot.arm(name)
+    joints = [*robot.platform, *arm.joints]
+    columns = robot.columns(joints)
+    bounds = robot.limits.lower[columns], robot.limits.upper[columns]
+    bare = GeneralArm.from_model(model, joints, arm.flange, cell.base, bounds)
+    R = bare.R_last_flange @ T_flange_held.rotation
+    p = bare.p_last_flange + bare.R_last_flange @ T_flange_held.translation
+    return _Limb(replace(bare, R_last_flange=R, p_last_flange=p), columns)
+
+
 class Chain:
     """A seam's closed chain on one cell's robot: [Qin2024] Eq. 2-6, 18 and 19, as residuals with Jacobians.
 
@@ -95,41 +129,28 @@ class Chain:
         Args:
             cell: robot, base and tools.
             work: the seam.
+
+        Raises:
+            UnsupportedError: a joint slides.
         """
+        robot, n = cell.robot, len(cell.robot.joints)
         self.work = work
-        if work.master is not None:
-            holder = replace(cell.tools[work.master], tcp=work.part)
-            cell = replace(cell, tools={**cell.tools, work.master: holder})
-        self._body = WholeBody(cell)
-        robot = cell.robot
-        self._own = {arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms}
-        self._slave = self._body.arms.index(work.slave)
-        self._master = None if work.master is None else self._body.arms.index(work.master)
-        self.joints = self._body.joints
+        self.joints = robot.joints
         """Names of the n joints."""
-
-    @cached_property
-    def slave_joints(self) -> BoolArray:
+        model = pin.buildModelFromXML(robot.urdf)
+        own = {arm.name: np.isin(robot.joints, arm.joints) for arm in robot.arms}
+        none = np.zeros(n, dtype=np.bool_)
+        self.slave_joints: BoolArray = own[work.slave]
         """The slave's own joints, shape (n,)."""
-        return self._own[self.work.slave]
-
-    @cached_property
-    def master_joints(self) -> BoolArray:
+        self.master_joints: BoolArray = none if work.master is None else own[work.master]
         """The master's own joints, shape (n,); none without a master."""
-        none = np.zeros(len(self.joints), dtype=np.bool_)
-        return none if self.work.master is None else self._own[self.work.master]
-
-    @cached_property
-    def moves_tool(self) -> BoolArray:
+        carries = np.isin(robot.joints, robot.platform)
+        self.moves_tool: BoolArray = self.slave_joints | carries
         """Which joints move the tool, shape (n,)."""
-        return self._body.moves[self._slave]
-
-    @cached_property
-    def moves_part(self) -> BoolArray:
+        self.moves_part: BoolArray = none if work.master is None else self.master_joints | carries
         """Which joints move the part, shape (n,)."""
-        if self._master is None:
-            return np.zeros(len(self.joints), dtype=np.bool_)
-        return self._body.moves[self._master]
+        self._tool = _limb(model, cell, work.slave, cell.tools[work.slave].tcp)
+        self._part = None if work.master is None else _limb(model, cell, work.master, work.part)
 
     @cached_property
     def closes(self) -> BoolArray:
@@ -138,26 +159,13 @@ class Chain:
 
     def bodies(self, position: FloatArray) -> Bodies:
         """Returns part and tool at configurations (k, n) [rad]."""
+        tool = self._tool.at(position)
+        if self._part is not None:
+            return Bodies(*self._part.at(position), *tool)
         k, n = position.shape
-        found = Bodies(
-            np.empty((k, 3, 3)),
-            np.empty((k, 3)),
-            np.zeros((k, 6, n)),
-            np.empty((k, 3, 3)),
-            np.empty((k, 3)),
-            np.empty((k, 6, n)),
-        )
-        tool, part = self._slave, self._master
-        for i, q in enumerate(position):
-            state = self._body.at(q)
-            found.R_tool[i], found.p_tool[i] = state.R[tool], state.p[tool]
-            found.J_tool[i] = state.J[6 * tool : 6 * tool + 6]
-            if part is not None:
-                found.R_part[i], found.p_part[i] = state.R[part], state.p[part]
-                found.J_part[i] = state.J[6 * part : 6 * part + 6]
-        if part is None:
-            found.R_part[:], found.p_part[:] = self.work.part.rotation, self.work.part.translation
-        return found
+        T = self.work.part
+        stands = np.tile(T.rotation, (k, 1, 1)), np.tile(T.translation, (k, 1))
+        return Bodies(*stands, np.zeros((k, 6, n)), *tool)
 
     def equations(
         self, bodies: Bodies, share: FloatArray, back: float | FloatArray = 0.0

@@ -32,17 +32,23 @@ SPARE_TIME = 1.01
 
 
 def improved(
-    problem: SeamProblem, position: FloatArray, stands: BoolArray, rounds: int = ROUNDS
+    problem: SeamProblem,
+    position: FloatArray,
+    stands: BoolArray,
+    rounds: int = ROUNDS,
+    *,
+    easy: bool = True,
 ) -> FloatArray:
     """Returns joints at the nodes of a seam that can be worked faster, at a steady speed, (NODES, n) [rad].
 
-    Ends where it is as fast as asked or no faster one is found near by; then what is left open is used for smoothness.
+    Ends where it is as fast as asked or no faster one is found near by; then what is left open makes the motion easy.
 
     Args:
         problem: the seam.
         position: joints at the nodes, chain closed [rad], shape (NODES, n).
         stands: joints that are the same at all nodes, shape (n,).
         rounds: steps at most.
+        easy: whether what is left open is used at the end.
     """
     program = Program(problem, stands)
     best, time = position, steady_time(position, problem.limits)
@@ -69,7 +75,7 @@ def improved(
         history.append(_cost(time, beyond))
         if len(history) > LOOKED_BACK and history[-LOOKED_BACK] - history[-1] < ENOUGH * time:
             break
-    if beyond > 0.0:
+    if beyond > 0.0 or not easy:
         return best
     return _smoothed(problem, program, best, max(time * SPARE_TIME, enough))
 

@@ -5,7 +5,14 @@ from __future__ import annotations
 from dualarm_cli.closed_chain.improvement import improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import AMPLE, LIMITS, beyond_limits, seam_starts, standing_joints, way_cost
+from dualarm_cli.closed_chain.starts import (
+    AMPLE,
+    LIMITS,
+    beyond_limits,
+    seam_starts,
+    standing_joints,
+    way_cost,
+)
 from dualarm_cli.geometry.arrays import FloatArray
 
 FIRST_ROUNDS = 16
@@ -62,7 +69,8 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
         return starts.failure
     stands = standing_joints(problem, moving=moving)
     tried = [
-        improved(problem, way, stands, FIRST_ROUNDS) for way in starts.position[: problem.tried]
+        improved(problem, way, stands, FIRST_ROUNDS, easy=False)
+        for way in starts.position[: problem.tried]
     ]
     tried = sorted(tried, key=lambda way: way_cost(problem, way))
     best = improved(problem, tried[0], stands)

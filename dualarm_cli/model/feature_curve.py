@@ -196,7 +196,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class PointSpline:
-    """A smooth curve through points: C2, by the chords' lengths, with normals given or carried along."""
+    """A smooth curve through points: a natural quintic (C4) by the chords' lengths, normals given or carried along."""
 
     points: FloatArray
     """Two or more; neighbours differ [m], shape (k, 3)."""
@@ -218,23 +218,16 @@ class PointSpline:
 
     @cached_property
     def _curve(self) -> object:
-        # Slow to import, and needed for splines alone.
-        from scipy.interpolate import CubicSpline
-
-        ends = "periodic" if self.closed else "natural"
-        return CubicSpline(self._knots, self.points, bc_type=ends)
+        return _smooth_spline(self._knots, self.points, closed=self.closed)
 
     @cached_property
     def _normals(self) -> object:
-        from scipy.interpolate import CubicSpline
-
         if self.up.ndim == 2:
-            ends = (
-                "periodic" if self.closed and np.array_equal(self.up[0], self.up[-1]) else "natural"
-            )
-            return CubicSpline(self._knots, self.up, bc_type=ends)
+            closed = self.closed and np.array_equal(self.up[0], self.up[-1])
+            return _smooth_spline(self._knots, self.up, closed=closed)
         nodes = np.linspace(0.0, 1.0, NODES)
-        return CubicSpline(nodes, _carried_along(self.up, self.point(nodes), self.rate(nodes)))
+        carried = _carried_along(self.up, self.point(nodes), self.rate(nodes))
+        return _smooth_spline(nodes, carried, closed=False)
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
@@ -247,6 +240,15 @@ class PointSpline:
     def normal(self, t: FloatArray) -> FloatArray:
         """Returns vectors (k, 3) that point out of the surface."""
         return np.asarray(self._normals(t))  # type: ignore[operator]
+
+
+def _smooth_spline(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
+    """Returns a quintic spline: tangents are as smooth as joints need them for finite jerk."""
+    # Slow to import, and needed for splines alone.
+    from scipy.interpolate import make_interp_spline
+
+    free = [(3, np.zeros(3)), (4, np.zeros(3))]
+    return make_interp_spline(knots, values, k=5, bc_type="periodic" if closed else (free, free))
 
 
 def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArray:

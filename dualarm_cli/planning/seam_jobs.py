@@ -25,9 +25,9 @@ from dualarm_cli.planning.seam_path import SeamPath
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 
-SAMPLES = {"quick": 300, "normal": 800, "thorough": 2400}
+SAMPLES = {"quick": 500, "normal": 1500, "thorough": 5000}
 """Configurations that are drawn as starts of a seam, by effort."""
-TRIED = {"quick": 2, "normal": 4, "thorough": 10}
+TRIED = {"quick": 2, "normal": 5, "thorough": 12}
 """Starts that are improved, by effort."""
 ROUNDS = 3
 """How often other starts are drawn where what comes of the first ones cannot be worked."""

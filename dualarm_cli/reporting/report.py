@@ -151,7 +151,9 @@ def _bottlenecks(schedule: Schedule) -> dict[str, int]:
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     """Returns how long one arm does what [s], and the share of the time in which it works."""
-    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", "path", "seam"), 0.0)
+    times = dict.fromkeys(
+        ("transfer", "approach", "dwell", "retract", "return", "path", "seam"), 0.0
+    )
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
         if segment.arm != arm:

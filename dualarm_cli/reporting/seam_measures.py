@@ -124,7 +124,9 @@ def seam_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     """
     limits = job.cell.robot.limits.scaled(job.speed)
     clearances = schedule.verification.clearances if schedule.verification is not None else ()
-    return [_measured(schedule, job, seam, limits, clearances) for seam in seam_samples(schedule, job)]
+    return [
+        _measured(schedule, job, seam, limits, clearances) for seam in seam_samples(schedule, job)
+    ]
 
 
 def _measured(

@@ -26,7 +26,11 @@ def seam_lines(report: dict[str, Any]) -> list[str]:
             f"seam {seam['task']} by {seam['method']}: {seam['length'] * 1e3:.1f} mm at {seam['speed'] * 1e3:.4g} mm/s in "
             f"{seam['duration']:.3f} s (ramps {start:.2f} and {end:.2f} s); chain closed to {_closed(seam)}; "
             f"{part_words(seam)}; "
-            + (f"tool leans up to {math.degrees(seam['lean']):.1f} deg; " if seam["lean"] > 1e-6 else "")
+            + (
+                f"tool leans up to {math.degrees(seam['lean']):.1f} deg; "
+                if seam["lean"] > 1e-6
+                else ""
+            )
             + f"least manipulability {least}; {seam['limit_joint']} comes within "
             f"{math.degrees(seam['limit_room']):.1f} deg of its limit, {seam['speed_joint']} uses "
             f"{seam['speed_share']:.0%} of its speed"
@@ -49,9 +53,7 @@ def part_words(seam: dict[str, Any]) -> str:
         platform = math.degrees(seam["platform_travel"])
         turns = f", the platform turns {platform:.1f} deg" if platform > 0.05 else ""
         return f"the part stands at {where}{turns}"
-    return (
-        f"the part moves {seam['part_way'] * 1e3:.0f} mm and turns {math.degrees(seam['part_turn']):.0f} deg from {where}"
-    )
+    return f"the part moves {seam['part_way'] * 1e3:.0f} mm and turns {math.degrees(seam['part_turn']):.0f} deg from {where}"
 
 
 def seams_table(section: dict[str, Any]) -> Table | None:
