@@ -2,9 +2,10 @@
 
     python benchmarks/seams.py [still-and-moving | platform] [--effort normal] [--seed 0]
 
-The cell is that of tasks/10_seam (SDA10F, acceleration and jerk limits assumed). Every seam may be as fast as the joints allow
-at a steady speed; times are of whole seams with their ramps, chain closed and all limits kept. The nominal pose is the one
-nearest to the middle in front of the robot from which inverse kinematics by steps of least norm works the seam.
+The cell is that of tasks/10_seam (SDA10F, acceleration and jerk limits assumed). Every seam may be as fast as the
+joints allow at a steady speed; times are of whole seams with their ramps, chain closed and all limits kept. The nominal
+pose is the one nearest to the middle in front of the robot from which inverse kinematics by steps of least norm works
+the seam.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.seam import SeamWork
 
 KEPT = 0.97
-"""Share of what tool and surface may lean that is used: between the places that are looked at they lean a little more."""
+"""Share of what tool and surface may lean that is used: between the places looked at they lean a little more."""
 TURN = 0.1
 """Length that a radian counts as where residuals are compared [m]."""
 

@@ -81,7 +81,7 @@ class Program:
         return found
 
     def _effort(self, time: float) -> Any:
-        """Matrix from the joints at all nodes to shares of speed and acceleration limits, the squares' mean over nodes."""
+        """Matrix from the joints at all nodes to shares of their limits; squares add up to means over the nodes."""
         from scipy.sparse import vstack
 
         return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(NODES)
@@ -233,12 +233,10 @@ class Program:
         """Returns curvature and slope, by variable, of what joints near their limits cost."""
         near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
-        crowded = AWAY / NODES * (near != 0.0) / room**2
-        away = AWAY / NODES * near / room
-        return (
-            np.bincount(column, weights=crowded, minlength=count),
-            np.bincount(column, weights=away, minlength=count),
-        )
+        crowded, away = np.zeros(count), np.zeros(count)
+        np.add.at(crowded, column, AWAY / NODES * (near != 0.0) / room**2)
+        np.add.at(away, column, AWAY / NODES * near / room)
+        return crowded, away
 
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
         """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""

@@ -115,7 +115,7 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
 
 
 def _turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
-    """Returns the ways with joints of more than one turn as near to the middle of their ranges as whole turns bring them."""
+    """Returns the ways, joints of several turns as near to the middle of their ranges as whole turns bring them."""
     limits, full = problem.limits, 2.0 * np.pi
     several = problem.chain.closes & (limits.upper - limits.lower > full)
     middle = np.where(several, (limits.upper + limits.lower) / 2.0, 0.0)

@@ -97,8 +97,9 @@ def job_cases(
 ) -> list[Case]:
     """Returns the combinations that make sense for a job; see `cases` for one without paths and seams.
 
-    Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as well, every method with the
-    file's followers (written as the redundancy solver of its stops). What is named is taken in all combinations.
+    Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as
+    well, every method with the file's followers (written as the redundancy solver of its stops). What is named is
+    taken in all combinations.
 
     Args:
         job: what is to be planned.

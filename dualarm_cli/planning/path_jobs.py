@@ -197,7 +197,13 @@ class SectionPlanner:
         self.progress(f"working {section[0].id}")
         home = np.array(job.cell.robot.postures["home"])
         planner = SeamPlanner(
-            job, self.timing, self.problem.effort, self.problem.seed, self.clear, self.seam_solver
+            job,
+            self.problem.model,
+            self.timing,
+            self.problem.effort,
+            self.problem.seed,
+            self.clear,
+            self.seam_solver,
         )
         found = planner.plan(section[0].id, work, home if here is None else here, after)
         begin, transfer = record.clock, None
@@ -206,8 +212,8 @@ class SectionPlanner:
                 transfer = self._transfer(here, found.first)
             except InfeasibleError as error:
                 raise InfeasibleError(
-                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from (`entry: {{approach: …}}` "
-                    f"lets it come from farther away): {error}"
+                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from "
+                    f"(`entry: {{approach: …}}` lets it come from farther away): {error}"
                 ) from None
             add_transfer(record, transfer.cleared.motion, section)
             record.count(transfer)

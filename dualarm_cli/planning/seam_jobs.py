@@ -15,6 +15,7 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
@@ -33,6 +34,8 @@ ROUNDS = 3
 """How often other starts are drawn where what comes of the first ones cannot be worked."""
 LOOKED_AT = 0.01
 """Time between the postures of a seam that are looked at [s]."""
+CAP_USED = 0.998
+"""Share of a cap on the tools' speed that seams use: knots are joined by curves."""
 TOGETHER = 1e-6
 """Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
 STEADY_SHARE = 0.8
@@ -81,6 +84,8 @@ class SeamPlanner:
 
     job: Job
     """The whole job."""
+    model: CellModel
+    """Its cell."""
     timing: TimingSolver
     """How lines are timed; trapezoid also decides the seam's ramps."""
     effort: str
@@ -199,7 +204,9 @@ class SeamPlanner:
                 "the joints that were found for it do not keep tool and part together between them"
             )
         trapezoid = self.timing.name == "trapezoid"
-        seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid)
+        seam = timed_seam(
+            path, work, limits, self.job.speed, trapezoid=trapezoid, most=self._capped(path)
+        )
         if isinstance(seam, str):
             return seam
         lines: dict[str, Trajectory | None] = {"approach": None, "retract": None}
@@ -227,6 +234,16 @@ class SeamPlanner:
             motion.time,
         )
         return planned if holding is None else self._touching(planned, holding) or planned
+
+    def _capped(self, path: SeamPath) -> float:
+        """Returns the steady speed at which the quickest tool comes to the cap on tools, in seams a second [1/s]."""
+        if self.job.tool_speed is None:
+            return float("inf")
+        arms = list(self.model.arms)
+        tools = self.model.tool_positions(arms, path.position)
+        rate = np.gradient(tools, 1.0 / (len(path.position) - 1), axis=1)
+        fastest = float(np.linalg.norm(rate, axis=-1).max())
+        return self.job.tool_speed * CAP_USED / max(fastest, 1e-9)
 
     def _touching(self, planned: PlannedSeam, holding: Holding) -> str | None:
         """Returns where a planned seam does not keep clear, or None."""

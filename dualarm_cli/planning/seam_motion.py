@@ -56,6 +56,7 @@ def timed_seam(
     pace: float,
     *,
     trapezoid: bool,
+    most: float = np.inf,
 ) -> TimedSeam | str:
     """Returns the seam in time, or why it cannot be worked as the file asks.
 
@@ -65,6 +66,7 @@ def timed_seam(
         limits: of all joints, at the job's speed.
         pace: the job's share of full speed.
         trapezoid: whether accelerations may jump, as far as joints have no jerk limits.
+        most: largest steady speed that a cap on the tools leaves, in seams a second [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
     reason = "no motion along it keeps all limits"
@@ -75,7 +77,7 @@ def timed_seam(
             acceleration=limits.acceleration * share,
             jerk=limits.jerk * share,
         )
-        profile = _profile(path, work, tight, pace, trapezoid=jumps)
+        profile = _profile(path, work, tight, pace, most, trapezoid=jumps)
         if isinstance(profile, str):
             return profile
         for spacing in SPACINGS:
@@ -92,7 +94,13 @@ def timed_seam(
 
 
 def _profile(
-    path: SeamPath, work: SeamWork, limits: JointLimits, pace: float, *, trapezoid: bool
+    path: SeamPath,
+    work: SeamWork,
+    limits: JointLimits,
+    pace: float,
+    cap: float,
+    *,
+    trapezoid: bool,
 ) -> SteadyProfile | str:
     """Returns how fast a seam is worked, or why not as asked."""
     length = work.length
@@ -101,19 +109,21 @@ def _profile(
         found = profile_of_duration(
             path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
         )
-        if found is not None:
+        if found is not None and found.speed <= cap:
             return found
         most, asked = np.inf, f"{work.duration / pace:.4g} s"
     else:
         assert work.speed is not None
         most, asked = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
-    found = fastest_profile(path.rates, limits, most, acceleration, trapezoid=trapezoid)
+    found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
     if found is None:
         return "no ramps are gentle enough for the joints' limits"
     if work.slower or (work.duration is None and found.speed >= most * AS_ASKED):
         return found
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
+    if cap < min(most, top.speed):
+        return f"too fast: {asked} asked for, at best {speed} under the cap on the tools' speed in the world"
     if top.speed > most:
         return (
             f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "

@@ -19,13 +19,13 @@ from dualarm_cli.reporting.measures import (
     platform_travel,
 )
 from dualarm_cli.reporting.path_measures import path_measures
-from dualarm_cli.reporting.seam_measures import seam_measures
 from dualarm_cli.reporting.report import (
     count_parts,
     relative_gap,
     smallest_clearance,
     throughput,
 )
+from dualarm_cli.reporting.seam_measures import seam_measures
 
 FORMAT = "dualarm.comparison/1"
 ORDER = ("verified", "failed", "infeasible", "not served")

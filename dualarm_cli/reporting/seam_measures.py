@@ -100,7 +100,7 @@ def _sampled(
     for configuration in q:
         J = body.at(configuration).J
         for arm, a in rows.items():
-            alone[arm].append(manipulability(J[6 * a : 6 * a + 6][:, own[a]]))
+            alone[arm].append(float(manipulability(J[6 * a : 6 * a + 6][:, own[a]])))
     methods = [s.platform_solver for s in schedule.stages if segment.task in s.tasks]
     return SeamSamples(
         segment.task,

@@ -23,9 +23,9 @@ def seam_lines(report: dict[str, Any]) -> list[str]:
         least = ", ".join(f"{arm} {m:.4g}" for arm, m in seam["least_manipulability"].items())
         start, end = seam["ramps"]
         lines.append(
-            f"seam {seam['task']} by {seam['method']}: {seam['length'] * 1e3:.1f} mm at {seam['speed'] * 1e3:.4g} mm/s in "
-            f"{seam['duration']:.3f} s (ramps {start:.2f} and {end:.2f} s); chain closed to {_closed(seam)}; "
-            f"{part_words(seam)}; "
+            f"seam {seam['task']} by {seam['method']}: {seam['length'] * 1e3:.1f} mm at "
+            f"{seam['speed'] * 1e3:.4g} mm/s in {seam['duration']:.3f} s "
+            f"(ramps {start:.2f} and {end:.2f} s); chain closed to {_closed(seam)}; {part_words(seam)}; "
             + (
                 f"tool leans up to {math.degrees(seam['lean']):.1f} deg; "
                 if seam["lean"] > 1e-6
@@ -53,7 +53,8 @@ def part_words(seam: dict[str, Any]) -> str:
         platform = math.degrees(seam["platform_travel"])
         turns = f", the platform turns {platform:.1f} deg" if platform > 0.05 else ""
         return f"the part stands at {where}{turns}"
-    return f"the part moves {seam['part_way'] * 1e3:.0f} mm and turns {math.degrees(seam['part_turn']):.0f} deg from {where}"
+    way, turn = seam["part_way"] * 1e3, math.degrees(seam["part_turn"])
+    return f"the part moves {way:.0f} mm and turns {turn:.0f} deg from {where}"
 
 
 def seams_table(section: dict[str, Any]) -> Table | None:
