@@ -134,6 +134,7 @@ def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:
         samples=SAMPLES[effort],
         tried=TRIED[effort],
         seed=seed,
+        coming=None,
         clear=None,
     )
 

@@ -39,6 +39,9 @@ class SeamProblem:
     """How many of the best starts are improved."""
     seed: int
     """Of what is drawn."""
+    coming: Callable[[FloatArray], FloatArray] | None
+    """How long it takes to get to configurations (k, n) [rad] from where the robot is, (k,) [s]; None where it may be
+    anywhere."""
     clear: Callable[[FloatArray], BoolArray] | None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 

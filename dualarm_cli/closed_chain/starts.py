@@ -25,6 +25,8 @@ WIDTH = 0.7
 """Share of the joints' ranges from which starts are drawn."""
 WIDEST = 2.6
 """Widest half range from which starts are drawn [rad]."""
+ABOUT = 0.7
+"""Standard deviation of starts about where the robot is [rad]."""
 SPREAD = 0.3
 """Standard deviation of starts about joints that the file names [rad]."""
 BEYOND = 0.5
@@ -35,6 +37,10 @@ ROOM = 0.25
 """Distance from limits, as a share of a joint's range, beyond which more is no better."""
 CROWDED = 0.15
 """What a joint at its limit counts, as a share of the time."""
+ARM = 0.5
+"""Length by which singular values count metres [m]: about an arm's."""
+REGULAR, SINGULAR = 0.15, 0.3
+"""Least singular value above which more is no better, and what a singular posture counts, as a share of the time."""
 AMPLE = 0.93
 """Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""
 DEAR = 5.0
@@ -125,15 +131,29 @@ def _turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
 
 
 def way_cost(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns by what ways along a seam (NODES, n) are compared: the time that it takes, or how near limits it comes.
+    """Returns by what ways along a seam (NODES, n) are compared [s]: their time, and that to get to where they begin.
 
-    Of ways that are as fast as asked the one is better whose joints stay farther from their limits [s].
+    Of ways that are as fast as asked the one is better whose joints stay farther from limits and singular postures.
     """
     limits = problem.limits
     room = np.minimum(way - limits.lower, limits.upper - way) / (limits.upper - limits.lower)
     crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / ROOM, 0.0), 1.0)
     time = max(steady_time(way, limits), AMPLE * problem.time)
-    return time * (1.0 + CROWDED * crowded)
+    singular = 1.0 - min(_least_singular_value(problem, way) / REGULAR, 1.0)
+    coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
+    return time * (1.0 + CROWDED * crowded + SINGULAR * singular) + coming
+
+
+def _least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
+    """Returns how near to singular the working arms come: the least singular value of their Jacobians, metres by ARM."""
+    chain = problem.chain
+    bodies = chain.bodies(way)
+    scale = np.array([1.0 / ARM] * 3 + [1.0] * 3)[:, None]
+    values = []
+    for J, joints in ((bodies.J_tool, chain.slave_joints), (bodies.J_part, chain.master_joints)):
+        if joints.any():
+            values.append(np.linalg.svd(scale * J[:, :, joints], compute_uv=False).min())
+    return float(min(values))
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
@@ -171,7 +191,11 @@ def _drawn(problem: SeamProblem, node: int) -> FloatArray:
         towards = problem.near
     else:
         half = np.minimum((limits.upper - limits.lower) / 2.0 * WIDTH, WIDEST)
-        q = np.where(drawn, middle + half * random.uniform(-1.0, 1.0, size=(count, n)), q)
+        wide = middle + half * random.uniform(-1.0, 1.0, size=(count, n))
+        about = problem.start + ABOUT * random.normal(size=(count, n))
+        # Every other one about where the robot is: of ways as good as each other the nearer one shall be met.
+        near = (np.arange(count) % 2 == 0)[:, None] & (problem.coming is not None)
+        q = np.where(drawn, np.where(near, about, wide), q)
         towards = middle
     share = np.full(count, problem.shares[node])
     weight = limits.velocity**2 * drawn

@@ -203,6 +203,7 @@ class SectionPlanner:
             self.problem.effort,
             self.problem.seed,
             self.clear,
+            here is None,
             self.seam_solver,
         )
         found = planner.plan(section[0].id, work, home if here is None else here, after)

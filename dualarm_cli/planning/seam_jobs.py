@@ -25,6 +25,7 @@ from dualarm_cli.planning.seam_motion import TimedSeam, timed_seam
 from dualarm_cli.planning.seam_path import SeamPath
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAMPLES = {"quick": 500, "normal": 1500, "thorough": 5000}
 """Configurations that are drawn as starts of a seam, by effort."""
@@ -94,6 +95,8 @@ class SeamPlanner:
     """Of what is drawn."""
     clear: bool
     """Whether anything has to keep clear."""
+    free_start: bool = False
+    """Whether the motion may start anywhere, so that there is no way to where the seam begins."""
     asked: str | None = None
     """Name of the seam solver that was asked for; None for the file's choice."""
 
@@ -175,8 +178,17 @@ class SeamPlanner:
             samples=SAMPLES[self.effort],
             tried=TRIED[self.effort],
             seed=self.seed + number,
+            coming=self._coming(start),
             clear=None if holding is None else _test(holding),
         )
+
+    def _coming(self, start: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
+        """Returns how long straight transfers from a configuration take."""
+        if self.free_start:
+            return None
+        limits = self.job.cell.robot.limits.scaled(self.job.speed)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        return lambda position: np.array([float(law.duration(q - start)) for q in position])
 
     def _solver(self, problem: SeamProblem) -> str:
         """Returns the solver that was asked for, or the first one that serves."""
