@@ -211,7 +211,7 @@ class CoordinateSection(Section):
         description="The part's frame in the master's flange; without a master in the world or a named frame."
     )
     tool: SeamToolSection = Field(
-        default=SeamToolSection(), description="How the tool stands on the curve."
+        default=SeamToolSection(), description="Stand-off, angles and freedoms of the tool."
     )
     hold: Hold = Field(
         default=HoldSection(mode="free"),

@@ -70,7 +70,7 @@ def test_a_figure_of_no_paths_is_refused_before_planning(seam, tasks_folder, cap
     """Exit 2, nothing is written, the file is named."""
     tasks = tasks_folder / "03_bottin_planar" / "tasks.yaml"
     assert run(["plan", str(tasks), "--out", "plan", "--plot", "paths.png"]) == 2
-    assert f"--plot paths.png: draws paths, and {tasks} has none" in _one_line(capsys)
+    assert f"--plot paths.png: draws paths and seams, and {tasks} has none" in _one_line(capsys)
     assert not (seam / "plan").exists()
     assert not (seam / "paths.png").exists()
 

@@ -14,8 +14,12 @@ import pytest
 from dualarm_cli.errors import InputError
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.path_checks import NAMES
+from dualarm_cli.verification.path_checks import NAMES as PATH_NAMES
+from dualarm_cli.verification.seam_checks import NAMES as SEAM_NAMES
 from dualarm_cli.verification.torque_checks import NAME
+
+NAMES = (*PATH_NAMES, *SEAM_NAMES)
+"""Checks of paths and seams."""
 
 
 def with_cell(job, **changes):
@@ -24,7 +28,7 @@ def with_cell(job, **changes):
 
 
 def test_a_schedule_without_fault_passes_every_check(clean):
-    """Made by hand, without the planner; collisions, cap, bound and paths are said not to be checked."""
+    """Made by hand, without the planner; collisions, cap, bound, paths and seams are said not to be checked."""
     verification = verify(clean.schedule, clean.job)
     assert verification.passed
     verdicts = {check.name: check.verdict for check in verification.checks}
