@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.closed_chain.chain import TURN
 from dualarm_cli.closed_chain.closing import Closed, close
 from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
@@ -145,7 +146,7 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
 
 
 def _least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns how near to singular the working arms come: the least singular value of their Jacobians, metres by ARM."""
+    """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by ARM."""
     chain = problem.chain
     bodies = chain.bodies(way)
     scale = np.array([1.0 / ARM] * 3 + [1.0] * 3)[:, None]
@@ -160,7 +161,7 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
     """Returns the first place of the seam that fails, from its begin, and why: that of the way that gets farthest."""
     drawn = _drawn(problem, 0)
     if not len(drawn):
-        return NoSeam("no joints bring tool and part together there", 0.0)
+        return NoSeam(_apart(problem), 0.0)
     here = before = drawn
     fine = np.linspace(0.0, 1.0, FINER * (NODES - 1) + 1)
     for k in range(1, len(fine)):
@@ -174,11 +175,30 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
     return NoSeam(LIMITS, 1.0)
 
 
+def _apart(problem: SeamProblem) -> str:
+    """Returns why nothing that was drawn has tool and part together where the seam begins."""
+    found = _closed_draws(problem, 0)
+    nearest = int(np.argmin(found.residual))
+    if found.residual[nearest] > CLOSED:
+        apart = f"{found.residual[nearest] * 1e3:.1f} mm (a radian counted as {TURN:g} m)"
+        return f"no joints bring tool and part together there: at best {apart} are missing"
+    held = found.position[found.residual < CLOSED]
+    nearest = int(np.argmin(beyond_limits(problem, held)))
+    return _why(problem, held[nearest : nearest + 1])
+
+
 def _drawn(problem: SeamProblem, node: int) -> FloatArray:
     """Returns joints that close the chain at a node, (m, n) [rad]."""
-    chain, limits = problem.chain, problem.limits
     if problem.begin is not None:
         return problem.begin[None]
+    found = _closed_draws(problem, node)
+    good = (found.residual < CLOSED) & (beyond_limits(problem, found.position) < BEYOND)
+    return found.position[good]
+
+
+def _closed_draws(problem: SeamProblem, node: int) -> Closed:
+    """Returns joints that were drawn, after Newton steps that close the chain at a node where they can."""
+    chain, limits = problem.chain, problem.limits
     random = np.random.default_rng(problem.seed)
     count, n = problem.samples, len(limits.joints)
     q = np.tile(problem.start, (count, 1))
@@ -199,7 +219,7 @@ def _drawn(problem: SeamProblem, node: int) -> FloatArray:
         towards = middle
     share = np.full(count, problem.shares[node])
     weight = limits.velocity**2 * drawn
-    found = close(
+    return close(
         chain,
         q,
         share,
@@ -209,8 +229,6 @@ def _drawn(problem: SeamProblem, node: int) -> FloatArray:
         towards=towards,
         pulls=CLOSING_STEPS // 2,
     )
-    good = (found.residual < CLOSED) & (beyond_limits(problem, found.position) < BEYOND)
-    return found.position[good]
 
 
 def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:

@@ -29,10 +29,12 @@ from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
 PATH_BOUND = (
-    "lower bound: the sections between paths each by itself, from wherever they like; paths at full speed; the "
-    "transfers to where paths begin and from where they end count nothing"
+    "lower bound: the sections between paths and seams each by itself, from wherever they like; these at full speed; "
+    "the transfers to where they begin and from where they end count nothing"
 )
 """What a bound with paths assumes."""
+SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
+"""What sensitivities of jobs with seams assume."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
 """What is said where there is no bound."""
 
@@ -166,6 +168,7 @@ def _with_paths(
         notes=(
             *job.notes,
             *(replaced if planned.stage_plans else ()),
+            *([SEAMS_KEPT] if job.has_seams else []),
             *path_job_notes(job, settings.platform, motion.trajectory),
             *_job_notes(job),
             *dict.fromkeys(planned.notes),

@@ -21,7 +21,7 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.seam_lines import drawn_back, line_motion
-from dualarm_cli.planning.seam_motion import TimedSeam, timed_seam
+from dualarm_cli.planning.seam_motion import TOO_FAST, TimedSeam, timed_seam
 from dualarm_cli.planning.seam_path import SeamPath
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
@@ -37,6 +37,8 @@ LOOKED_AT = 0.01
 """Time between the postures of a seam that are looked at [s]."""
 CAP_USED = 0.998
 """Share of a cap on the tools' speed that seams use: knots are joined by curves."""
+ENOUGH_REFUSALS = 2
+"""So many times too fast, and other starts will be as well."""
 TOGETHER = 1e-6
 """Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
 STEADY_SHARE = 0.8
@@ -135,6 +137,8 @@ class SeamPlanner:
             found = self._timed(problem, motion, holding, name)
             if isinstance(found, str):
                 refusals.append(found)
+                if sum(TOO_FAST in reason for reason in refusals) == ENOUGH_REFUSALS:
+                    break
             elif self._goes_on(found, after):
                 return found
             else:

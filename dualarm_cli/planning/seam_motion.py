@@ -30,6 +30,8 @@ PER_KNOT = 3
 """Instants between knots that are looked at."""
 TIGHTER = (1.0, 0.97, 0.92, 0.85)
 """Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
+TOO_FAST = "too fast"
+"""How reasons begin that less speed would help against."""
 AS_ASKED = 1.0 - 1e-9
 
 
@@ -123,14 +125,14 @@ def _profile(
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
     if cap < min(most, top.speed):
-        return f"too fast: {asked} asked for, at best {speed} under the cap on the tools' speed in the world"
+        return f"{TOO_FAST}: {asked} asked for, at best {speed} under the cap on the tools' speed in the world"
     if top.speed > most:
         return (
             f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
             f"{found.duration:.3f} s"
         )
     return (
-        f"too fast: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
+        f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
         f"decides {top.share * length * 1e3:.1f} mm along the seam"
     )
 
