@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,24 +14,29 @@ from dualarm_cli.loading.schema_seams import CoordinateSection, FeatureSection, 
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.contours import Contour, Ellipse, Saddle, Segment, SphereArc
 from dualarm_cli.model.feature_curve import (
-    Contour,
-    Ellipse,
     FeatureCurve,
-    PointSpline,
-    Saddle,
-    Segment,
-    SphereArc,
+    MeasuredCurve,
+    PoseCurve,
     least_lean,
+    sharpest_bend,
 )
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.seam import Curve, Hold, SeamTool, SeamWork
-from dualarm_cli.model.tool_path import Spline
+from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 
 LEAST_LEAN = math.radians(1.0)
 """Least angle between a curve and its surface's normal [rad]."""
+SHARPEST = math.radians(30.0)
+"""Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
 SHORTEST = 1e-5
-"""Least length of a curve, and distance of neighbouring points of a spline [m]."""
+"""Least length of a curve, distance of neighbouring points of a spline, and of a branch pipe from the main one's side
+[m]."""
+SAME_POINT = 1e-6
+"""Distance below which neighbouring poses of a file stand at one place [m]."""
+SMALLEST_NORMAL = 1e-9
+"""Least length of a normal."""
 FULL_TURN = 2.0 * math.pi
 
 
@@ -132,13 +138,9 @@ class SeamReader:
         pose = self._paths.placed(section, loc)
         return None if pose is None else Hold(pose=pose)
 
-    def _curve(self, section: FeatureSection, loc: Loc) -> Curve | None:
+    def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
         if section.kind == "poses":
-            poses = self._paths.poses(str(section.file), (*loc, "file"))
-            if poses is None:
-                return None
-            placed = to_se3(section)
-            return Spline(tuple(placed * pose for pose in poses))
+            return self._through(section, (*loc, "file"))
         wrong = _wrong(section)
         if wrong:
             key, message = wrong
@@ -146,8 +148,7 @@ class SeamReader:
             return None
         contour = _contour(section)
         curve = FeatureCurve(contour, to_se3(section))
-        if curve.length < SHORTEST:
-            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+        if not self._smooth(curve, loc):
             return None
         if least_lean(contour) < LEAST_LEAN:
             key = "normals" if section.normals else "normal"
@@ -157,6 +158,35 @@ class SeamReader:
             self._paths.note((*loc, key) if getattr(section, key) else loc, message)
             return None
         return curve
+
+    def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
+        """Returns the curve through the poses of a file, or None after noting what is wrong."""
+        poses = self._paths.poses(str(section.file), loc)
+        if poses is None:
+            return None
+        for k, (one, other) in enumerate(pairwise(poses), 1):
+            if math.dist(one.translation, other.translation) < SAME_POINT:
+                message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
+                self._paths.note(loc, message)
+                return None
+        curve = PoseCurve.through([to_se3(section) * pose for pose in poses])
+        return curve if self._smooth(curve, loc) else None
+
+    def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
+        """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
+        if curve.length < SHORTEST:
+            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+            return False
+        bend, at = sharpest_bend(curve.contour)
+        if bend > SHARPEST:
+            where = ", ".join(f"{v + 0.0:.6g}" for v in at)
+            self._paths.note(
+                loc,
+                f"the curve turns by {math.degrees(bend):.0f} deg at once near ({where}), where the tool would have to "
+                "stop; round it, or end the curve there and begin another task",
+            )
+            return False
+        return True
 
 
 CORNERS = (
@@ -195,7 +225,7 @@ def _wrong(section: FeatureSection) -> tuple[str, str] | None:
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":
         R, r = section.main_radius or 0.0, section.branch_radius or 0.0
-        if r + shift >= R:
+        if r + shift > R - SHORTEST:
             return "branch_radius", (
                 f"{r:g} m and the eccentricity reach beyond the main pipe of {R:g} m; "
                 "the branch pipe must meet it all round"
@@ -204,7 +234,7 @@ def _wrong(section: FeatureSection) -> tuple[str, str] | None:
             return "angle", "the pipes are (nearly) parallel and do not meet in a closed curve"
     if section.kind == "arc":
         r = section.radius or 0.0
-        if section.main_radius is not None and r + shift >= section.main_radius:
+        if section.main_radius is not None and r + shift > section.main_radius - SHORTEST:
             return "radius", f"{r:g} m and the eccentricity reach beyond the sphere"
         if section.main_radius is None:
             for key in ("angle", "eccentricity"):
@@ -212,6 +242,19 @@ def _wrong(section: FeatureSection) -> tuple[str, str] | None:
                     return key, f"'{key}' needs main_radius, the sphere that the arc lies on"
         elif section.side is not None:
             return "side", "on a sphere the tool comes from outside it; leave 'side' out"
+    return _wrong_points(section)
+
+
+def _wrong_points(section: FeatureSection) -> tuple[str, str] | None:
+    """Returns key and message of what is wrong with points and normals, or None."""
+    for key in ("normal", "normals"):
+        directions = getattr(section, key) or []
+        for direction in directions if key == "normals" else [directions]:
+            if direction and math.hypot(*direction) < SMALLEST_NORMAL:
+                return (
+                    key,
+                    "a normal of no length points nowhere; give a direction such as [0, 0, 1]",
+                )
     if section.kind == "line" and _near(section.start, section.end):
         return "end", "the line ends where it begins"
     if section.points is not None:
