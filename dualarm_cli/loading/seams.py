@@ -143,8 +143,8 @@ class SeamReader:
             return self._through(section, (*loc, "file"))
         wrong = _wrong(section)
         if wrong:
-            key, message = wrong
-            self._paths.note((*loc, key), message)
+            where, message = wrong
+            self._paths.note((*loc, *where), message)
             return None
         contour = _contour(section)
         curve = FeatureCurve(contour, to_se3(section))
@@ -169,7 +169,7 @@ class SeamReader:
                 message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
                 self._paths.note(loc, message)
                 return None
-        curve = PoseCurve.through([to_se3(section) * pose for pose in poses])
+        curve = PoseCurve.through(poses, to_se3(section))
         return curve if self._smooth(curve, loc) else None
 
     def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
@@ -215,57 +215,64 @@ def _contour(section: FeatureSection) -> Contour:
     return PointSpline(np.array(section.points), normals, bool(section.closed))
 
 
-def _wrong(section: FeatureSection) -> tuple[str, str] | None:
-    """Returns key and message of what makes a curve impossible, or None."""
+def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what makes a curve impossible, or None."""
     begin = section.begin or 0.0
     if section.finish is not None and section.finish == begin:
-        return "finish", "the curve ends where it begins; leave 'finish' out for a full turn"
+        return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
     if section.finish is not None and abs(section.finish - begin) > FULL_TURN + 1e-9:
-        return "finish", "the curve goes round more than once; end it after a full turn"
+        return ("finish",), "the curve goes round more than once; end it after a full turn"
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":
         R, r = section.main_radius or 0.0, section.branch_radius or 0.0
         if r + shift > R - SHORTEST:
-            return "branch_radius", (
-                f"{r:g} m and the eccentricity reach beyond the main pipe of {R:g} m; "
-                "the branch pipe must meet it all round"
+            return ("branch_radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the main pipe of {R:g} m, "
+                "so that the branch pipe meets it all round"
             )
         if section.angle is not None and abs(math.sin(section.angle)) < 0.05:
-            return "angle", "the pipes are (nearly) parallel and do not meet in a closed curve"
+            return ("angle",), "the pipes are (nearly) parallel and do not meet in a closed curve"
     if section.kind == "arc":
         r = section.radius or 0.0
         if section.main_radius is not None and r + shift > section.main_radius - SHORTEST:
-            return "radius", f"{r:g} m and the eccentricity reach beyond the sphere"
+            return ("radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the sphere of {section.main_radius:g} m"
+            )
         if section.main_radius is None:
             for key in ("angle", "eccentricity"):
                 if getattr(section, key) is not None:
-                    return key, f"'{key}' needs main_radius, the sphere that the arc lies on"
+                    return (key,), f"'{key}' needs main_radius, the sphere that the arc lies on"
         elif section.side is not None:
-            return "side", "on a sphere the tool comes from outside it; leave 'side' out"
+            return ("side",), "on a sphere the tool comes from outside it; leave 'side' out"
     return _wrong_points(section)
 
 
-def _wrong_points(section: FeatureSection) -> tuple[str, str] | None:
-    """Returns key and message of what is wrong with points and normals, or None."""
-    for key in ("normal", "normals"):
-        directions = getattr(section, key) or []
-        for direction in directions if key == "normals" else [directions]:
-            if direction and math.hypot(*direction) < SMALLEST_NORMAL:
-                return (
-                    key,
-                    "a normal of no length points nowhere; give a direction such as [0, 0, 1]",
-                )
+def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what is wrong with points and normals, or None."""
+    for where, direction in _directions(section):
+        if math.hypot(*direction) < SMALLEST_NORMAL:
+            return where, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
     if section.kind == "line" and _near(section.start, section.end):
-        return "end", "the line ends where it begins"
+        return ("end",), "the line ends where it begins"
     if section.points is not None:
         for k, (one, other) in enumerate(zip(section.points, section.points[1:], strict=False)):
             if _near(one, other):
-                return "points", f"points {k + 1} and {k + 2} are the same; remove one"
+                return ("points", k + 1), "the same point as the one before; remove it"
         if section.closed and not _near(section.points[0], section.points[-1]):
-            return "points", "a closed spline ends with the point it begins with"
+            return ("points",), "a closed spline ends with the point it begins with"
         if section.closed and len(section.points) < 4:
-            return "points", "a closed spline needs three different points or more"
+            return ("points",), "a closed spline needs three different points or more"
     return None
+
+
+def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
+    """Returns all normals with their places."""
+    found: list[tuple[Loc, list[float]]] = []
+    if section.normal is not None:
+        found.append((("normal",), section.normal))
+    for k, direction in enumerate(section.normals or ()):
+        found.append((("normals", k), direction))
+    return found
 
 
 def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:

@@ -28,6 +28,8 @@ class MeasuredCurve(ABC):
 
     contour: Contour
     """The curve by a parameter, in a frame of its own."""
+    T_part_curve: pin.SE3
+    """That frame in the part's."""
 
     @cached_property
     def arc(self) -> ArcLength:
@@ -45,9 +47,14 @@ class MeasuredCurve(ABC):
         """Returns frames on the curve in the part's frame at lengths (k,) [m]."""
         return self.at_parameter(self.arc.at(np.clip(s, 0.0, self.length)))
 
-    @abstractmethod
     def at_parameter(self, t: FloatArray) -> Poses:
         """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
+        T = self.T_part_curve
+        return T.rotation @ self.frames(t), self.contour.point(t) @ T.rotation.T + T.translation
+
+    @abstractmethod
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +65,9 @@ class FeatureCurve(MeasuredCurve):
     section 3.3, Fig. 8).
     """
 
-    T_part_curve: pin.SE3
-    """The contour's frame in the part's."""
-
-    def at_parameter(self, t: FloatArray) -> Poses:
-        """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
-        R = contour_frames(self.contour, t)
-        T = self.T_part_curve
-        return T.rotation @ R, self.contour.point(t) @ T.rotation.T + T.translation
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        return contour_frames(self.contour, t)
 
 
 @dataclass(frozen=True)
@@ -83,16 +85,17 @@ class PoseCurve(MeasuredCurve):
         object.__setattr__(self, "rotations", readonly(self.rotations))
 
     @classmethod
-    def through(cls, poses: Sequence[pin.SE3]) -> PoseCurve:
-        """Returns the curve through frames in the part's frame, smooth also where it ends as it begins.
+    def through(cls, poses: Sequence[pin.SE3], T_part_curve: pin.SE3) -> PoseCurve:
+        """Returns the curve through frames, smooth also where it ends as it begins.
 
         Args:
             poses: two or more; neighbours stand at different places.
+            T_part_curve: what they are given in, in the part's frame.
         """
         p = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
         closed = len(p) > 3 and float(np.linalg.norm(p[0] - p[-1])) < SAME_PLACE
-        return cls(PointSpline(p, R[:, :, 2], closed), R)
+        return cls(PointSpline(p, R[:, :, 2], closed), T_part_curve, R)
 
     @cached_property
     def _turning(self) -> object:
@@ -102,10 +105,9 @@ class PoseCurve(MeasuredCurve):
         assert isinstance(self.contour, PointSpline)
         return RotationSpline(self.contour.knots, Rotation.from_matrix(self.rotations))
 
-    def at_parameter(self, t: FloatArray) -> Poses:
-        """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
-        R = self._turning(t).as_matrix()  # type: ignore[operator]
-        return R, self.contour.point(t)
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        return np.asarray(self._turning(t).as_matrix())  # type: ignore[operator]
 
 
 def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:

@@ -4,29 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import exp_rotation
+from dualarm_cli.model.feature_curve import MeasuredCurve
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.tool_path import Poses, ToolPath
 
 INTO = np.diag([1.0, -1.0, -1.0])
 """Rotation of a tool that points into the surface, in the curve's frame: z against z, x along the curve."""
-
-
-class Curve(Protocol):
-    """A curve on the part, by the length along it."""
-
-    @property
-    def length(self) -> float:
-        """Length [m]."""
-
-    def at(self, s: FloatArray) -> Poses:
-        """Returns its frames in the part's frame at lengths (k,) [m]: x along it, z out of the surface."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +85,7 @@ class SeamWork:
     """The arm whose tool works."""
     part: pin.SE3
     """The part's frame in the master's flange; without a master in the world."""
-    curve: Curve
+    curve: MeasuredCurve
     """The seam in the part's frame."""
     tool: SeamTool
     """How the tool stands on it."""
