@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.loading.paths import PathReader
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.schema_seams import CoordinateSection, FeatureSection, HoldSection
@@ -21,6 +22,7 @@ from dualarm_cli.model.feature_curve import (
     PoseCurve,
     least_lean,
     sharpest_bend,
+    sharpest_roll,
 )
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.point_spline import PointSpline
@@ -150,12 +152,18 @@ class SeamReader:
         curve = FeatureCurve(contour, to_se3(section))
         if not self._smooth(curve, loc):
             return None
+        key = "normals" if section.normals else "normal"
+        where = (*loc, key) if getattr(section, key) else loc
         if least_lean(contour) < LEAST_LEAN:
-            key = "normals" if section.normals else "normal"
             message = (
                 "the normal points along the curve somewhere; it has to point out of the surface"
             )
-            self._paths.note((*loc, key) if getattr(section, key) else loc, message)
+            self._paths.note(where, message)
+            return None
+        roll, at = sharpest_roll(contour)
+        if roll > SHARPEST:
+            message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
+            self._paths.note(where, message)
             return None
         return curve
 
@@ -179,11 +187,10 @@ class SeamReader:
             return False
         bend, at = sharpest_bend(curve.contour)
         if bend > SHARPEST:
-            where = ", ".join(f"{v + 0.0:.6g}" for v in at)
             self._paths.note(
                 loc,
-                f"the curve turns by {math.degrees(bend):.0f} deg at once near ({where}), where the tool would have to "
-                "stop; round it, or end the curve there and begin another task",
+                f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
+                "to stop; round it, or end the curve there and begin another task",
             )
             return False
         return True
@@ -192,6 +199,12 @@ class SeamReader:
 CORNERS = (
     "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
 )
+
+
+def _shown(point: FloatArray) -> str:
+    """Returns a point of a curve for people."""
+    # What is less than a nanometre is 0.
+    return f"({', '.join(f'{round(v, 9) + 0.0:.6g}' for v in point.tolist())})"
 
 
 def _contour(section: FeatureSection) -> Contour:

@@ -134,11 +134,25 @@ def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
 
     On a smooth contour it is small; where it is large the contour has a corner or turns back, and its frame flips.
     """
-    rate, at = contour.rate(contour.nodes), contour.point(contour.nodes)
-    turned = np.arctan2(
-        np.linalg.norm(np.cross(rate[:-1], rate[1:]), axis=1), (rate[:-1] * rate[1:]).sum(axis=1)
-    )
+    rate = contour.rate(contour.nodes)
+    turned = _angles(rate)
     # Where the direction vanishes it cannot be told from its neighbours': the contour stops there.
     turned[np.linalg.norm(rate[1:], axis=1) < STANDS * np.linalg.norm(rate, axis=1).max()] = np.pi
     k = int(np.argmax(turned))
-    return float(turned[k]), at[k + 1]
+    return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
+
+
+def sharpest_roll(contour: Contour) -> tuple[float, FloatArray]:
+    """Returns the largest turn of z of a contour's frames from node to node [rad], and where that is, shape (3,) [m].
+
+    Where it is large, normals that are given turn over between two points.
+    """
+    turned = _angles(contour_frames(contour, contour.nodes)[:, :, 2])
+    k = int(np.argmax(turned))
+    return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
+
+
+def _angles(v: FloatArray) -> FloatArray:
+    """Returns the angles between neighbouring vectors (k, 3), shape (k - 1,) [rad]."""
+    sine = np.linalg.norm(np.cross(v[:-1], v[1:]), axis=1)
+    return np.arctan2(sine, (v[:-1] * v[1:]).sum(axis=1))

@@ -10,6 +10,8 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.contours import NODES
 
+ALONG = 1e-9
+"""Sine of the angle to the curve below which a normal points along it."""
 SAME_NORMAL = 1e-6
 """Difference of the first and last normal of a closed spline below which they are one."""
 
@@ -106,14 +108,18 @@ class PointSpline:
 def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArray:
     """Returns a normal carried along a curve without turning about it, by double reflection ([Wang2008]).
 
+    Zeros where it points along the curve at the first point: there is nothing to carry then.
+
     Args:
-        up: at the first point, not along the curve, shape (3,).
+        up: at the first point, shape (3,).
         p: points [m], shape (k, 3).
         rate: along the curve, shape (k, 3).
     """
     tangent = rate / np.linalg.norm(rate, axis=1)[:, None]
     found = np.empty_like(p)
     r = up - (up @ tangent[0]) * tangent[0]
+    if np.linalg.norm(r) < ALONG * np.linalg.norm(up):
+        return np.zeros_like(p)
     found[0] = r = r / np.linalg.norm(r)
     for k in range(len(p) - 1):
         # First in the plane between the points, then in the one between the tangents.
