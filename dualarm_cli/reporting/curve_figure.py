@@ -68,4 +68,4 @@ def _draw(axes: Any, report: CurveReport) -> None:
         axes.locator_params(axis=name, nbins=5)
     axes.set_box_aspect((1.0, 1.0, 1.0))
     axes.view_init(elev=28.0, azim=35.0)
-    axes.set_title(f"{report.task}: {report.curve.length * 1e3:.2f} mm", parse_math=False)
+    axes.set_title(f"{report.task}: {report.curve.length * 1e3:.3f} mm", parse_math=False)

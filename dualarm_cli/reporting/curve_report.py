@@ -75,7 +75,8 @@ def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
     from rich.table import Table
 
     for report in reports:
-        table = Table("", title=_title(report), title_justify="left")
+        console.print(_title(report), markup=False, soft_wrap=True)
+        table = Table("")
         for name in report.points:
             table.add_column(TITLES[name], justify="right")
         for label, cells in _rows(report):
@@ -90,9 +91,7 @@ def _title(report: CurveReport) -> str:
     if report.interval is not None and report.speed is not None:
         mean = " on average" if report.mean else ""
         step += f" (every {report.interval * 1e3:.6g} ms at {report.speed * 1e3:.6g} mm/s{mean})"
-    # Names are of the file: no markup.
-    name = report.task.replace("[", "\\[")
-    return f"{name}: {report.curve.length * 1e3:.3f} mm, {step}"
+    return f"{report.task}: {report.curve.length * 1e3:.3f} mm, {step}"
 
 
 def _rows(report: CurveReport) -> list[tuple[str, list[str]]]:
