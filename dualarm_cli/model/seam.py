@@ -75,9 +75,12 @@ class Hold:
         return np.tile(self.pose.rotation, (k, 1, 1)), np.tile(self.pose.translation, (k, 1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SeamWork:
-    """One seam on one part, and how it is to be worked."""
+    """One seam on one part, and how it is to be worked.
+
+    Each is only equal to itself: tasks of both arms share one, and curves hold arrays, which have no hash.
+    """
 
     master: str | None
     """The arm that holds the part; None where it stands in the cell."""

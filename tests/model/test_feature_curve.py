@@ -170,6 +170,20 @@ def test_lengths_are_scipy_s_integrals_and_steps_equal(contour):
     assert parts == pytest.approx([curve.length / 10] * 10, rel=1e-8)
 
 
+def test_pipes_that_only_just_meet_are_as_exact():
+    """10 um from the main pipe's side the saddle nearly has a corner: equal parts around it by scipy, to 1e-11 m."""
+    contour = Saddle(0.05, 0.04999, np.pi / 2, 0.0, 0.0, TURN)
+    curve = FeatureCurve(contour, HERE)
+
+    def speed(t):
+        return float(np.linalg.norm(contour.rate(np.array([t]))))
+
+    s = curve.length / 4 + np.linspace(-0.003, 0.003, 41)
+    edges = curve.arc.at(s)
+    parts = [quad(speed, a, b, epsabs=1e-14, epsrel=1e-12)[0] for a, b in pairwise(edges)]
+    assert parts == pytest.approx([0.006 / 40] * 40, abs=1e-11)
+
+
 def test_table_2_s_curves():
     """[Qin2024] Table 2: the saddle of 50 and 45 mm; the arc of 20 mm on the ball of 50 mm is a circle at 45.8 mm."""
     saddle = FeatureCurve(Saddle(0.05, 0.045, np.pi / 2, 0.0, 0.0, TURN), HERE)

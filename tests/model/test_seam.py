@@ -82,3 +82,10 @@ def test_the_arms_that_work_are_the_slave_and_then_the_master():
     """Without a master only the slave."""
     assert work().arms == ("right", "left")
     assert work(master=None).arms == ("right",)
+
+
+def test_seams_can_be_keys_whatever_their_curves_are_made_of():
+    """Curves with arrays have no hash; a seam is the same as itself alone."""
+    one, other = work(), work()
+    assert list(dict.fromkeys([one, other, one])) == [one, other]
+    assert one != other
