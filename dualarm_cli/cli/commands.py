@@ -6,6 +6,7 @@ from dualarm_cli.cli.app import app
 from dualarm_cli.cli.calibrate import calibrate_command
 from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
+from dualarm_cli.cli.curve import curve_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
@@ -14,6 +15,7 @@ from dualarm_cli.cli.verify import verify_command
 
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)
+app.command("curve")(curve_command)
 app.add_typer(compare_app)
 app.add_typer(robot_app)
 app.command("calibrate")(calibrate_command)

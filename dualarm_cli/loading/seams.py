@@ -4,33 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.loading.paths import PathReader
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.schema_seams import CoordinateSection, FeatureSection, HoldSection
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.contours import Contour, Ellipse, Saddle, Segment, SphereArc
 from dualarm_cli.model.feature_curve import (
-    Contour,
-    Ellipse,
     FeatureCurve,
-    PointSpline,
-    Saddle,
-    Segment,
-    SphereArc,
+    MeasuredCurve,
+    PoseCurve,
     least_lean,
+    sharpest_bend,
+    sharpest_roll,
 )
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.seam import Curve, Hold, SeamTool, SeamWork
-from dualarm_cli.model.tool_path import Spline
+from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 
 LEAST_LEAN = math.radians(1.0)
 """Least angle between a curve and its surface's normal [rad]."""
+SHARPEST = math.radians(30.0)
+"""Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
 SHORTEST = 1e-5
-"""Least length of a curve, and distance of neighbouring points of a spline [m]."""
+"""Least length of a curve, distance of neighbouring points of a spline, and of a branch pipe from the main one's side
+[m]."""
+SAME_POINT = 1e-6
+"""Distance below which neighbouring poses of a file stand at one place [m]."""
+SMALLEST_NORMAL = 1e-9
+"""Least length of a normal."""
 FULL_TURN = 2.0 * math.pi
 
 
@@ -137,36 +145,71 @@ class SeamReader:
         pose = self._paths.placed(section, loc)
         return None if pose is None else Hold(pose=pose)
 
-    def _curve(self, section: FeatureSection, loc: Loc) -> Curve | None:
+    def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
         if section.kind == "poses":
-            poses = self._paths.poses(str(section.file), (*loc, "file"))
-            if poses is None:
-                return None
-            placed = to_se3(section)
-            return Spline(tuple(placed * pose for pose in poses))
+            return self._through(section, (*loc, "file"))
         wrong = _wrong(section)
         if wrong:
-            key, message = wrong
-            self._paths.note((*loc, key), message)
+            where, message = wrong
+            self._paths.note((*loc, *where), message)
             return None
         contour = _contour(section)
         curve = FeatureCurve(contour, to_se3(section))
-        if curve.length < SHORTEST:
-            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+        if not self._smooth(curve, loc):
             return None
+        key = "normals" if section.normals else "normal"
+        where = (*loc, key) if getattr(section, key) else loc
         if least_lean(contour) < LEAST_LEAN:
-            key = "normals" if section.normals else "normal"
             message = (
                 "the normal points along the curve somewhere; it has to point out of the surface"
             )
-            self._paths.note((*loc, key) if getattr(section, key) else loc, message)
+            self._paths.note(where, message)
+            return None
+        roll, at = sharpest_roll(contour)
+        if roll > SHARPEST:
+            message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
+            self._paths.note(where, message)
             return None
         return curve
+
+    def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
+        """Returns the curve through the poses of a file, or None after noting what is wrong."""
+        poses = self._paths.poses(str(section.file), loc)
+        if poses is None:
+            return None
+        for k, (one, other) in enumerate(pairwise(poses), 1):
+            if math.dist(one.translation, other.translation) < SAME_POINT:
+                message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
+                self._paths.note(loc, message)
+                return None
+        curve = PoseCurve.through(poses, to_se3(section))
+        return curve if self._smooth(curve, loc) else None
+
+    def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
+        """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
+        if curve.length < SHORTEST:
+            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+            return False
+        bend, at = sharpest_bend(curve.contour)
+        if bend > SHARPEST:
+            self._paths.note(
+                loc,
+                f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
+                "to stop; round it, or end the curve there and begin another task",
+            )
+            return False
+        return True
 
 
 CORNERS = (
     "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
 )
+
+
+def _shown(point: FloatArray) -> str:
+    """Returns a point of a curve for people."""
+    # What is less than a nanometre is 0.
+    return f"({', '.join(f'{round(v, 9) + 0.0:.6g}' for v in point.tolist())})"
 
 
 def _contour(section: FeatureSection) -> Contour:
@@ -190,44 +233,64 @@ def _contour(section: FeatureSection) -> Contour:
     return PointSpline(np.array(section.points), normals, bool(section.closed))
 
 
-def _wrong(section: FeatureSection) -> tuple[str, str] | None:
-    """Returns key and message of what makes a curve impossible, or None."""
+def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what makes a curve impossible, or None."""
     begin = section.begin or 0.0
     if section.finish is not None and section.finish == begin:
-        return "finish", "the curve ends where it begins; leave 'finish' out for a full turn"
+        return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
     if section.finish is not None and abs(section.finish - begin) > FULL_TURN + 1e-9:
-        return "finish", "the curve goes round more than once; end it after a full turn"
+        return ("finish",), "the curve goes round more than once; end it after a full turn"
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":
         R, r = section.main_radius or 0.0, section.branch_radius or 0.0
-        if r + shift >= R:
-            return "branch_radius", (
-                f"{r:g} m and the eccentricity reach beyond the main pipe of {R:g} m; "
-                "the branch pipe must meet it all round"
+        if r + shift > R - SHORTEST:
+            return ("branch_radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the main pipe of {R:g} m, "
+                "so that the branch pipe meets it all round"
             )
         if section.angle is not None and abs(math.sin(section.angle)) < 0.05:
-            return "angle", "the pipes are (nearly) parallel and do not meet in a closed curve"
+            return ("angle",), "the pipes are (nearly) parallel and do not meet in a closed curve"
     if section.kind == "arc":
         r = section.radius or 0.0
-        if section.main_radius is not None and r + shift >= section.main_radius:
-            return "radius", f"{r:g} m and the eccentricity reach beyond the sphere"
+        if section.main_radius is not None and r + shift > section.main_radius - SHORTEST:
+            return ("radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the sphere of {section.main_radius:g} m"
+            )
         if section.main_radius is None:
             for key in ("angle", "eccentricity"):
                 if getattr(section, key) is not None:
-                    return key, f"'{key}' needs main_radius, the sphere that the arc lies on"
+                    return (key,), f"'{key}' needs main_radius, the sphere that the arc lies on"
         elif section.side is not None:
-            return "side", "on a sphere the tool comes from outside it; leave 'side' out"
+            return ("side",), "on a sphere the tool comes from outside it; leave 'side' out"
+    return _wrong_points(section)
+
+
+def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what is wrong with points and normals, or None."""
+    for where, direction in _directions(section):
+        if math.hypot(*direction) < SMALLEST_NORMAL:
+            return where, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
     if section.kind == "line" and _near(section.start, section.end):
-        return "end", "the line ends where it begins"
+        return ("end",), "the line ends where it begins"
     if section.points is not None:
         for k, (one, other) in enumerate(zip(section.points, section.points[1:], strict=False)):
             if _near(one, other):
-                return "points", f"points {k + 1} and {k + 2} are the same; remove one"
+                return ("points", k + 1), "the same point as the one before; remove it"
         if section.closed and not _near(section.points[0], section.points[-1]):
-            return "points", "a closed spline ends with the point it begins with"
+            return ("points",), "a closed spline ends with the point it begins with"
         if section.closed and len(section.points) < 4:
-            return "points", "a closed spline needs three different points or more"
+            return ("points",), "a closed spline needs three different points or more"
     return None
+
+
+def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
+    """Returns all normals with their places."""
+    found: list[tuple[Loc, list[float]]] = []
+    if section.normal is not None:
+        found.append((("normal",), section.normal))
+    for k, direction in enumerate(section.normals or ()):
+        found.append((("normals", k), direction))
+    return found
 
 
 def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:

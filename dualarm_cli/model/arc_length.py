@@ -11,6 +11,10 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 
 _OFFSETS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+TOLERANCE = 1e-12
+"""Error between two nodes that refining leaves, per length of the whole curve."""
+ROUNDS = 16
+"""Times that nodes are halved at most."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +41,32 @@ class ArcLength:
             speed: length per unit of the parameter (k,) [m] for parameters (k,).
             parameter: the nodes, rising, shape (k,); the curve is smooth between them.
         """
-        h = np.diff(parameter)
-        inner = parameter[:-1, None] + h[:, None] * (0.5 + 0.5 * _OFFSETS)
-        steps = h * (speed(inner.ravel()).reshape(inner.shape) @ _WEIGHTS)
+        steps = _steps(speed, parameter[:-1], parameter[1:])
         return cls(parameter, np.concatenate([[0.0], np.cumsum(steps)]), speed(parameter))
+
+    @classmethod
+    def refine(cls, speed: Callable[[FloatArray], FloatArray], parameter: FloatArray) -> ArcLength:
+        """Returns the length of a curve with more nodes where its speed changes fast.
+
+        What is found between two nodes is compared with what both halves give, and the parameter at half the length
+        with the length up to it, until both agree.
+
+        Args:
+            speed: length per unit of the parameter (k,) [m] for parameters (k,).
+            parameter: the nodes to begin with, rising, shape (k,); the curve is smooth between them.
+        """
+        found = cls.measure(speed, parameter)
+        for _ in range(ROUNDS):
+            u, length = found.parameter, found.length
+            half = 0.5 * (length[:-1] + length[1:])
+            middle = found.at(half)
+            first, second = _steps(speed, u[:-1], middle), _steps(speed, middle, u[1:])
+            wrong = np.abs(first + length[:-1] - half) + np.abs(first + second - np.diff(length))
+            poor = wrong > TOLERANCE * found.whole
+            if not poor.any():
+                break
+            found = cls.measure(speed, np.sort([*u, *(0.5 * (u[:-1] + u[1:]))[poor]]))
+        return found
 
     @property
     def whole(self) -> float:
@@ -61,3 +87,13 @@ class ArcLength:
         rise = x**2 * (3.0 - 2.0 * x)
         found: FloatArray = u[k] + h * rise + m0 * x * (1.0 - x) ** 2 - m1 * x**2 * (1.0 - x)
         return found
+
+
+def _steps(
+    speed: Callable[[FloatArray], FloatArray], start: FloatArray, end: FloatArray
+) -> FloatArray:
+    """Returns lengths (k,) [m] between parameters (k,) and (k,)."""
+    h = end - start
+    inner = start[:, None] + h[:, None] * (0.5 + 0.5 * _OFFSETS)
+    found: FloatArray = h * (speed(inner.ravel()).reshape(inner.shape) @ _WEIGHTS)
+    return found

@@ -4,29 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import exp_rotation
+from dualarm_cli.model.feature_curve import MeasuredCurve
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.tool_path import Poses, ToolPath
 
 INTO = np.diag([1.0, -1.0, -1.0])
 """Rotation of a tool that points into the surface, in the curve's frame: z against z, x along the curve."""
-
-
-class Curve(Protocol):
-    """A curve on the part, by the length along it."""
-
-    @property
-    def length(self) -> float:
-        """Length [m]."""
-
-    def at(self, s: FloatArray) -> Poses:
-        """Returns its frames in the part's frame at lengths (k,) [m]: x along it, z out of the surface."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +78,12 @@ class Hold:
         return np.tile(self.pose.rotation, (k, 1, 1)), np.tile(self.pose.translation, (k, 1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SeamWork:
-    """One seam on one part, and how it is to be worked."""
+    """One seam on one part, and how it is to be worked.
+
+    Each is only equal to itself: tasks of both arms share one, and curves hold arrays, which have no hash.
+    """
 
     master: str | None
     """The arm that holds the part; None where it stands in the cell."""
@@ -99,7 +91,7 @@ class SeamWork:
     """The arm whose tool works."""
     part: pin.SE3
     """The part's frame in the master's flange; without a master in the world."""
-    curve: Curve
+    curve: MeasuredCurve
     """The seam in the part's frame."""
     tool: SeamTool
     """How the tool stands on it."""

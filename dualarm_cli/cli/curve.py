@@ -1,0 +1,163 @@
+"""`dualarm curve`: the curves of coordinate tasks as a controller needs them, and how good their points are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stdout_console,
+)
+from dualarm_cli.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from dualarm_cli.loading.quantities import Dimension
+    from dualarm_cli.model.seam import SeamWork
+    from dualarm_cli.reporting.curve_report import CurveReport
+
+INTERVAL = "4 ms"
+"""Interval of the points where nothing else is said."""
+
+
+def curve_command(
+    tasks: Annotated[
+        Path, typer.Argument(help="Task file with coordinate tasks.", show_default=False)
+    ],
+    task: Annotated[
+        str | None,
+        typer.Option("--task", help="The task whose curve is taken.  [default: all of them]"),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option("--step", help=f"Interval between points.  [default: {INTERVAL}]"),
+    ] = None,
+    spacing: Annotated[
+        str | None,
+        typer.Option("--spacing", help="Distance between points along the curve instead."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="CSV to write: s, x, y, z, qx, qy, qz, qw.", show_default=False),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files.")] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Discretise the curves of coordinate tasks: points and frames at constant tool speed.
+
+    The last step is shorter where the curve is not a whole number of steps long. Beside it stands the forward Euler
+    step that Qin et al. (2024) print, Eq. 14 to 17.
+    """
+    from dualarm_cli.loading.tasks import load_job
+
+    if plot is not None:
+        from dualarm_cli.cli.options import refuse_plot
+
+        refuse_plot(plot, force)
+    interval, distance = _steps(step, spacing)
+    job = load_job(tasks)
+    seams = _chosen({one.id: one.seam for one in job.tasks if one.seam is not None}, task, tasks)
+    if out is not None and len(seams) > 1:
+        raise UsageError(f"--out {out}: holds one curve; choose with --task: {', '.join(seams)}")
+    reports = [_report(name, work, interval, distance) for name, work in seams.items()]
+    _write(reports, out, plot, force)
+    if json_output:
+        from dualarm_cli.reporting.curve_report import curves_document
+
+        print_json(curves_document(reports))
+    elif not quiet:
+        from dualarm_cli.reporting.curve_report import print_curves
+
+        print_curves(reports, stdout_console())
+    for file in (out, plot):
+        if file is not None and not quiet:
+            print_message(f"written: {file}")
+
+
+def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float | None]:
+    """Returns interval [s] or distance [m], whichever is given."""
+    from dualarm_cli.loading.quantities import LENGTH, TIME
+
+    if step is not None and spacing is not None:
+        raise UsageError("--spacing does not go with --step; keep one")
+    if spacing is not None:
+        return None, _positive("--spacing", spacing, LENGTH)
+    return _positive("--step", step if step is not None else INTERVAL, TIME), None
+
+
+def _positive(option: str, text: str, dimension: Dimension) -> float:
+    from dualarm_cli.loading.quantities import parse_quantity
+
+    try:
+        value = parse_quantity(text, dimension)
+    except ValueError as error:
+        raise UsageError(f"{option} '{text}': {error}") from None
+    if value <= 0.0:
+        raise UsageError(f"{option} '{text}': must be positive")
+    return value
+
+
+def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[str, SeamWork]:
+    """Returns the seams that are asked for by their tasks."""
+    if not seams:
+        raise UsageError(f"{file}: has no coordinate task, so there is no curve")
+    if task is None:
+        return seams
+    if task not in seams:
+        guess = did_you_mean(task, list(seams)) or ";"
+        raise UsageError(
+            f"--task {task}: {file} has no such coordinate task{guess} it has {', '.join(seams)}"
+        )
+    return {task: seams[task]}
+
+
+def _report(
+    name: str, work: SeamWork, interval: float | None, distance: float | None
+) -> CurveReport:
+    """Returns the points of one task's curve, after refusing steps that make no sense."""
+    from dualarm_cli.model.discretisation import MOST_POINTS, SHORTEST_STEP
+    from dualarm_cli.reporting.curve_report import curve_report
+
+    speed = None
+    if distance is None and interval is not None:
+        speed = work.speed if work.speed is not None else work.length / (work.duration or 1.0)
+        distance = speed * interval
+    step = distance or 0.0
+    option = "--spacing" if interval is None else "--step"
+    if step < SHORTEST_STEP:
+        raise UsageError(
+            f"{option}: task {name} would have a point every {step * 1e6:.3g} um; at least "
+            f"{SHORTEST_STEP * 1e6:g} um are needed"
+        )
+    if work.length / step > MOST_POINTS:
+        raise UsageError(
+            f"{option}: task {name} would have {work.length / step:.3g} points; at most "
+            f"{MOST_POINTS} are allowed"
+        )
+    return curve_report(name, work.curve, step, interval, speed, mean=work.speed is None)
+
+
+def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, force: bool) -> None:
+    from dualarm_cli.exporting.files import write_file
+
+    if out is not None:
+        from dualarm_cli.exporting.curve_csv import curve_csv
+        from dualarm_cli.model.discretisation import step_lengths
+
+        report = reports[0]
+        s = step_lengths(report.curve.length, report.step)
+        write_file(out, curve_csv(s, report.points["arc_length"]), force)
+    if plot is not None:
+        from dualarm_cli.reporting.curve_figure import draw_curves
+
+        write_file(plot, draw_curves(reports, plot.suffix.lower().lstrip(".")), force)
