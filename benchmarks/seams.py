@@ -135,6 +135,7 @@ def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:
         tried=TRIED[effort],
         seed=seed,
         coming=None,
+        goes_on=None,
         clear=None,
     )
 

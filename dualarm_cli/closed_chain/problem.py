@@ -42,6 +42,8 @@ class SeamProblem:
     coming: Callable[[FloatArray], FloatArray] | None
     """How long it takes to get to configurations (k, n) [rad] from where the robot is, (k,) [s]; None where it may be
     anywhere."""
+    goes_on: Callable[[FloatArray], bool] | None
+    """Whether what comes next can be done from where the seam ends, joints (n,) [rad]; None where nothing depends on it."""
     clear: Callable[[FloatArray], BoolArray] | None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 from dualarm_cli.closed_chain.improvement import improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
@@ -26,8 +28,8 @@ def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
     section 3.5 does, from many starts.
     """
     starts = seam_starts(problem)
-    ways = [way for way in starts.position if _possible(problem, way)]
-    return _motion(problem, ways[0]) if ways else starts.failure or NoSeam(LIMITS, 1.0)
+    first = next((way for way in starts.position if _possible(problem, way)), None)
+    return _motion(problem, first) if first is not None else starts.failure or NoSeam(LIMITS, 1.0)
 
 
 def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
@@ -52,7 +54,7 @@ def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
         if best.time <= AMPLE * problem.time:
             return best
         stands = standing_joints(problem, moving=True)
-        for way in found[: max(1, problem.tried // 2)]:
+        for way in found:
             moving = improved(problem, way, stands)
             if _possible(problem, moving):
                 best = min(best, _motion(problem, moving), key=lambda one: one.time)
@@ -74,13 +76,20 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
     ]
     tried = sorted(tried, key=lambda way: way_cost(problem, way))
     best = improved(problem, tried[0], stands)
-    ways = [way for way in (best, *tried, *starts.position) if _possible(problem, way)]
-    return ways or NoSeam(LIMITS, 1.0)
+    possible = (way for way in (best, *tried, *starts.position) if _possible(problem, way))
+    return list(islice(possible, _kept(problem))) or NoSeam(LIMITS, 1.0)
+
+
+def _kept(problem: SeamProblem) -> int:
+    """Returns how many still ways are taken as starts for moving ones."""
+    return max(1, problem.tried // 2)
 
 
 def _possible(problem: SeamProblem, way: FloatArray) -> bool:
-    """Returns whether a way keeps within limits and clear of everything."""
+    """Returns whether a way keeps within limits and clear of everything, and what comes next can be done from its end."""
     if beyond_limits(problem, way).max() > 0.0:
+        return False
+    if problem.goes_on is not None and not problem.goes_on(way[-1]):
         return False
     return problem.clear is None or bool(problem.clear(way).all())
 

@@ -147,15 +147,22 @@ class SeamPlanner:
             return first
         raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {refusals[0]}")
 
-    def _goes_on(self, found: PlannedSeam, after: SeamWork | None) -> bool:
-        """Returns whether the next seam can be worked from where one ends, if it begins there."""
-        if after is None or after.approach > 0.0 or found.retract is not None:
-            return True
-        end = found.seam.trajectory.position[-1]
+    def _goes_on(self, after: SeamWork | None) -> Callable[[FloatArray], bool] | None:
+        """Returns a test of joints (n,) [rad] in which a seam ends: whether the next can be worked from there at once.
+
+        Only where it begins in the part's pose and the tool's place in which the one before ends.
+        """
+        if after is None or after.approach > 0.0:
+            return None
         chain = Chain(self.job.cell, after)
-        if not _together(chain, end):
-            return True
-        return seam_starts(self._problem(chain, end, None, 0, end)).failure is None
+
+        def goes_on(end: FloatArray) -> bool:
+            if not _together(chain, end):
+                return True
+            problem = self._problem(chain, end, None, (0, end, None))
+            return seam_starts(problem).failure is None
+
+        return goes_on
 
     def _problem(
         self,
