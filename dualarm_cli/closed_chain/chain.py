@@ -258,7 +258,7 @@ class Chain:
 def lean_and_spin(E: FloatArray) -> FloatArray:
     """Returns how tools are turned away from how they should be, (k, 3) [rad].
 
-    The first two are the lean of the axis, a vector as long as its angle; the third the turn about the axis that is left.
+    The first two are the lean of the axis, a vector as long as its angle; the third the turn about it that is left.
 
     Args:
         E: rotations of the tools in the frames as they should be, shape (k, 3, 3).

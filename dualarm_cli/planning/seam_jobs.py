@@ -104,18 +104,22 @@ class SeamPlanner:
         refusals: list[str] = []
         for k in range(ROUNDS):
             problem = self._problem(chain, start, holding, k)
-            name = self._solver(problem)
-            solver = SEAM_SOLVERS[name]
-            if reason := solver.why_unsupported(problem):
-                raise InfeasibleError(f"{work.place}: task '{task}': method {name}: {reason}")
-            motion = solver.solve(problem)
-            if isinstance(motion, NoSeam):
-                refusals.append(_nowhere(work, motion))
-                continue
-            found = self._timed(problem, motion, holding, name)
-            if isinstance(found, PlannedSeam):
-                return found
-            refusals.append(found)
+            planned: list[PlannedSeam] = []
+            for name in self._solvers(problem):
+                solver = SEAM_SOLVERS[name]
+                if reason := solver.why_unsupported(problem):
+                    raise InfeasibleError(f"{work.place}: task '{task}': method {name}: {reason}")
+                motion = solver.solve(problem)
+                if isinstance(motion, NoSeam):
+                    refusals.append(_nowhere(work, motion))
+                    continue
+                found = self._timed(problem, motion, holding, name)
+                if isinstance(found, PlannedSeam):
+                    planned.append(found)
+                else:
+                    refusals.append(found)
+            if planned:
+                return min(planned, key=lambda one: one.seam.trajectory.duration)
         raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {refusals[0]}")
 
     def _problem(
@@ -140,12 +144,17 @@ class SeamPlanner:
             clear=None if holding is None else _test(holding),
         )
 
-    def _solver(self, problem: SeamProblem) -> str:
-        """Returns the solver that was asked for, or the first one that serves."""
+    def _solvers(self, problem: SeamProblem) -> list[str]:
+        """Returns the solver that was asked for, or the first one that serves.
+
+        Solvers know of no cap on the tools' speed, under which a part that moves may be worth less than one that
+        stands: there both are tried.
+        """
         named = self.asked or problem.chain.work.method
         if named is not None:
-            return named
-        return next(one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None)
+            return [named]
+        serve = [one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None]
+        return serve[: 1 if self.job.tool_speed is None else 2]
 
     def _holding(self, work: SeamWork) -> Holding:
         """Returns what has to keep clear while the tool works: it may touch the part, not reach into it."""
@@ -166,7 +175,10 @@ class SeamPlanner:
                 "the joints that were found for it do not keep tool and part together between them"
             )
         trapezoid = self.timing.name == "trapezoid"
-        seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid)
+        cap = np.inf
+        if self.job.tool_speed is not None:
+            cap = self.job.tool_speed / float(path.tool_rates(self.job.cell).max())
+        seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid, cap=cap)
         if isinstance(seam, str):
             return seam
         lines: dict[str, Trajectory | None] = {"approach": None, "retract": None}
