@@ -42,6 +42,7 @@ def improved(
     """Returns joints at the nodes of a seam that can be worked faster, at a steady speed, (NODES, n) [rad].
 
     Ends where it is as fast as asked or no faster one is found near by; then what is left open makes the motion easy.
+    Where that touches something, steps that touch are refused from the beginning.
 
     Args:
         problem: the seam.
@@ -50,6 +51,27 @@ def improved(
         rounds: steps at most.
         easy: whether what is left open is used at the end.
     """
+    found = _descended(problem, position, stands, rounds, easy=easy, keeps_clear=False)
+    if problem.clear is None or bool(problem.clear(found).all()):
+        return found
+    # The free descent ran into something; one that stops short of it is worth less, but can be worked.
+    return _descended(problem, position, stands, rounds, easy=easy, keeps_clear=True)
+
+
+def _descended(
+    problem: SeamProblem,
+    position: FloatArray,
+    stands: BoolArray,
+    rounds: int,
+    *,
+    easy: bool,
+    keeps_clear: bool,
+) -> FloatArray:
+    """Returns joints at the nodes after steps that each make the seam faster, and if asked keep clear."""
+
+    def touches(tried: FloatArray) -> bool:
+        return keeps_clear and problem.clear is not None and not problem.clear(tried).all()
+
     program = Program(problem, stands)
     best, time = position, steady_time(position, problem.limits)
     beyond = float(beyond_limits(problem, best).max())
@@ -66,7 +88,7 @@ def improved(
         reached = steady_time(tried, problem.limits)
         still_beyond = float(beyond_limits(problem, tried).max())
         gained = _cost(time, beyond) - _cost(reached, still_beyond)
-        if gained <= 0.0:
+        if gained <= 0.0 or touches(tried):
             radius *= REFUSED
             continue
         gain = gained / max(_cost(time, beyond) - found[1], 1e-12)
@@ -77,7 +99,8 @@ def improved(
             break
     if beyond > 0.0 or not easy:
         return best
-    return _smoothed(problem, program, best, max(time * SPARE_TIME, enough))
+    smooth = _smoothed(problem, program, best, max(time * SPARE_TIME, enough))
+    return best if touches(smooth) else smooth
 
 
 def _cost(time: float, beyond: float) -> float:

@@ -198,7 +198,6 @@ class SectionPlanner:
         home = np.array(job.cell.robot.postures["home"])
         planner = SeamPlanner(
             job,
-            self.problem.model,
             self.timing,
             self.problem.effort,
             self.problem.seed,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,15 +11,13 @@ from dualarm_cli.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProbl
 from dualarm_cli.closed_chain.chain import Chain
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.starts import seam_starts
-from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.seam_clearance import clearance_test, seam_holding, where_it_touches
 from dualarm_cli.planning.seam_lines import drawn_back, line_motion
 from dualarm_cli.planning.seam_motion import TOO_FAST, TimedSeam, timed_seam
 from dualarm_cli.planning.seam_path import SeamPath
@@ -33,16 +31,12 @@ TRIED = {"quick": 2, "normal": 5, "thorough": 12}
 """Starts that are improved, by effort."""
 ROUNDS = 3
 """How often other starts are drawn where what comes of the first ones cannot be worked."""
-LOOKED_AT = 0.01
-"""Time between the postures of a seam that are looked at [s]."""
-CAP_USED = 0.998
-"""Share of a cap on the tools' speed that seams use: knots are joined by curves."""
 ENOUGH_REFUSALS = 2
 """So many times too fast, and other starts will be as well."""
-TOGETHER = 1e-6
-"""Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
 STEADY_SHARE = 0.8
 """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
+TOGETHER = 1e-6
+"""Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +57,6 @@ class PlannedSeam:
     """Name of the seam solver."""
     chain: Chain
     """Part and tool."""
-    steady: float
-    """Least time for the seam at a steady speed, ramps not counted [s]."""
 
     @property
     def first(self) -> FloatArray:
@@ -72,13 +64,17 @@ class PlannedSeam:
         start: FloatArray = (self.approach or self.seam.trajectory).position[0]
         return start
 
-    @property
-    def duration(self) -> float:
-        """How long all of it takes [s]."""
-        lines = [line.duration for line in (self.approach, self.retract) if line is not None]
-        return sum(lines) + sum(
-            part.duration for part in (self.dwell_start, self.seam.trajectory, self.dwell_end)
-        )
+
+@dataclass(frozen=True)
+class _Start:
+    """How one try begins."""
+
+    here: FloatArray
+    """All joints where the robot is [rad], shape (n,)."""
+    begin: FloatArray | None = None
+    """Joints in which the seam has to begin [rad], shape (n,); None where any will do."""
+    number: int = 0
+    """Number of the try: each draws anew."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +83,6 @@ class SeamPlanner:
 
     job: Job
     """The whole job."""
-    model: CellModel
-    """Its cell."""
     timing: TimingSolver
     """How lines are timed; trapezoid also decides the seam's ramps."""
     effort: str
@@ -103,14 +97,14 @@ class SeamPlanner:
     """Name of the seam solver that was asked for; None for the file's choice."""
 
     def plan(
-        self, task: str, work: SeamWork, start: FloatArray, after: SeamWork | None = None
+        self, task: str, work: SeamWork, here: FloatArray, after: SeamWork | None = None
     ) -> PlannedSeam:
         """Returns the seam as it is worked.
 
         Args:
             task: its name, for messages.
             work: the seam.
-            start: all joints before [rad], shape (n,); a platform stands as there unless it helps to turn it.
+            here: all joints before [rad], shape (n,); a platform stands as there unless it helps to turn it.
             after: the seam that comes next, if one does: where it begins where this one ends, it goes on from there.
 
         Raises:
@@ -118,33 +112,28 @@ class SeamPlanner:
             UnsupportedError: the named seam solver does not serve it.
         """
         chain = Chain(self.job.cell, work)
-        holding = self._holding(work) if self.clear else None
+        holding = seam_holding(self.job, work) if self.clear else None
+        goes_on = self._goes_on(after)
+        tries = [(_Start(here, number=k), goes_on) for k in range(ROUNDS)]
+        if goes_on is not None:
+            # Better with a way in between than not at all.
+            tries.append((_Start(here), None))
+        if work.approach == 0.0 and _together(chain, here):
+            tries.insert(0, (_Start(here, here), goes_on))
         refusals: list[str] = []
-        first: PlannedSeam | None = None
-        begins: list[FloatArray | None] = [None] * ROUNDS
-        if work.approach == 0.0 and _together(chain, start):
-            begins.insert(0, start)
-        for k, begin in enumerate(begins):
-            problem = self._problem(chain, start, holding, k, begin)
-            name = self._solver(problem)
-            solver = SEAM_SOLVERS[name]
-            if reason := solver.why_unsupported(problem):
-                raise UnsupportedError(f"{work.place}: task '{task}': method {name}: {reason}")
-            motion = solver.solve(problem)
-            if isinstance(motion, NoSeam):
-                refusals.append(_nowhere(work, motion))
-                continue
-            found = self._timed(problem, motion, holding, name)
-            if isinstance(found, str):
-                refusals.append(found)
-                if sum(TOO_FAST in reason for reason in refusals) == ENOUGH_REFUSALS:
-                    break
-            elif self._goes_on(found, after):
-                return found
-            else:
-                first = first or found
-        if first is not None:
-            return first
+        for start, test in tries:
+            problem = self._problem(chain, start, holding, test)
+            planned = []
+            for name in self._solvers(task, problem):
+                found = self._worked(problem, holding, name)
+                if isinstance(found, PlannedSeam):
+                    planned.append(found)
+                else:
+                    refusals.append(found)
+            if planned:
+                return min(planned, key=lambda one: one.seam.trajectory.duration)
+            if sum(TOO_FAST in reason for reason in refusals) >= ENOUGH_REFUSALS:
+                break
         raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {refusals[0]}")
 
     def _goes_on(self, after: SeamWork | None) -> Callable[[FloatArray], bool] | None:
@@ -159,7 +148,7 @@ class SeamPlanner:
         def goes_on(end: FloatArray) -> bool:
             if not _together(chain, end):
                 return True
-            problem = self._problem(chain, end, None, (0, end, None))
+            problem = self._problem(chain, _Start(end, end), None, None)
             return seam_starts(problem).failure is None
 
         return goes_on
@@ -167,10 +156,9 @@ class SeamPlanner:
     def _problem(
         self,
         chain: Chain,
-        start: FloatArray,
+        start: _Start,
         holding: Holding | None,
-        number: int,
-        begin: FloatArray | None,
+        goes_on: Callable[[FloatArray], bool] | None,
     ) -> SeamProblem:
         robot, work = self.job.cell.robot, chain.work
         near = None if work.posture is None else np.array(robot.postures[work.posture])
@@ -182,43 +170,62 @@ class SeamPlanner:
         return SeamProblem(
             chain=chain,
             limits=robot.limits.scaled(self.job.speed),
-            start=start,
+            start=start.here,
             near=near,
-            begin=begin,
+            begin=start.begin,
             time=time / self.job.speed,
             samples=SAMPLES[self.effort],
             tried=TRIED[self.effort],
-            seed=self.seed + number,
-            coming=self._coming(start),
-            clear=None if holding is None else _test(holding),
+            seed=self.seed + start.number,
+            coming=self._coming(start.here),
+            goes_on=goes_on,
+            clear=None if holding is None else clearance_test(holding),
         )
 
-    def _coming(self, start: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
+    def _coming(self, here: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
         """Returns how long straight transfers from a configuration take."""
         if self.free_start:
             return None
         limits = self.job.cell.robot.limits.scaled(self.job.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
-        return lambda position: np.array([float(law.duration(q - start)) for q in position])
+        return lambda position: np.array([float(law.duration(q - here)) for q in position])
 
-    def _solver(self, problem: SeamProblem) -> str:
-        """Returns the solver that was asked for, or the first one that serves."""
-        named = self.asked or problem.chain.work.method
+    def _solvers(self, task: str, problem: SeamProblem) -> list[str]:
+        """Returns the solver that was asked for, or the first one that serves.
+
+        Solvers know of no cap on the tools' speed, under which a part that moves may be worth less than one that
+        stands: there both are tried.
+
+        Raises:
+            UnsupportedError: the one that was asked for does not serve.
+        """
+        work = problem.chain.work
+        named = self.asked or work.method
         if named is not None:
-            return named
-        return next(one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None)
+            if reason := SEAM_SOLVERS[named].why_unsupported(problem):
+                raise UnsupportedError(f"{work.place}: task '{task}': method {named}: {reason}")
+            return [named]
+        serve = [one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None]
+        return serve[: 1 if self.job.tool_speed is None else 2]
 
-    def _holding(self, work: SeamWork) -> Holding:
-        """Returns what has to keep clear while the tool works: it may touch the part, not reach into it."""
-        cell = self.job.cell
-        tool = f"{work.slave}_tool"
-        contacts = tuple((tool, body, -OVERLAP) for body in work.touches)
-        cell = replace(cell, clearances=(*cell.clearances, *contacts))
-        return Holding.of(replace(self.job, cell=cell, tasks=()))
-
-    def _timed(
-        self, problem: SeamProblem, motion: SeamMotion, holding: Holding | None, name: str
+    def _worked(
+        self, problem: SeamProblem, holding: Holding | None, name: str
     ) -> PlannedSeam | str:
+        """Returns the seam by one solver, or why there is none."""
+        motion = SEAM_SOLVERS[name].solve(problem)
+        if isinstance(motion, NoSeam):
+            return _nowhere(problem.chain.work, motion)
+        planned = self._timed(problem, motion, name)
+        if isinstance(planned, str) or holding is None:
+            return planned
+        motions = (
+            ("on the approach", planned.approach),
+            ("along the seam", planned.seam.trajectory),
+            ("on the retract", planned.retract),
+        )
+        return where_it_touches(holding, motions) or planned
+
+    def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | str:
         """Returns a solver's answer in time, with the tool's lines, or why there is none."""
         chain, work, limits = problem.chain, problem.chain.work, problem.limits
         path = SeamPath.of(problem, motion)
@@ -226,10 +233,11 @@ class SeamPlanner:
             return (
                 "the joints that were found for it do not keep tool and part together between them"
             )
+        cap = np.inf
+        if self.job.tool_speed is not None:
+            cap = self.job.tool_speed / float(path.tool_rates(self.job.cell).max())
         trapezoid = self.timing.name == "trapezoid"
-        seam = timed_seam(
-            path, work, limits, self.job.speed, trapezoid=trapezoid, most=self._capped(path)
-        )
+        seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid, cap=cap)
         if isinstance(seam, str):
             return seam
         lines: dict[str, Trajectory | None] = {"approach": None, "retract": None}
@@ -244,68 +252,25 @@ class SeamPlanner:
             if isinstance(found, str):
                 return f"{line}: {found}"
             lines[line] = found
-        q = seam.trajectory.position
-        joints = limits.joints
-        planned = PlannedSeam(
-            lines["approach"],
-            hold(joints, q[0], work.dwell_start),
-            seam,
-            hold(joints, q[-1], work.dwell_end),
-            lines["retract"],
-            name,
-            chain,
-            motion.time,
+        q, joints = seam.trajectory.position, limits.joints
+        return PlannedSeam(
+            approach=lines["approach"],
+            dwell_start=hold(joints, q[0], work.dwell_start),
+            seam=seam,
+            dwell_end=hold(joints, q[-1], work.dwell_end),
+            retract=lines["retract"],
+            solver=name,
+            chain=chain,
         )
-        return planned if holding is None else self._touching(planned, holding) or planned
-
-    def _capped(self, path: SeamPath) -> float:
-        """Returns the steady speed at which the quickest tool comes to the cap on tools, in seams a second [1/s]."""
-        if self.job.tool_speed is None:
-            return float("inf")
-        arms = list(self.model.arms)
-        tools = self.model.tool_positions(arms, path.position)
-        rate = np.gradient(tools, 1.0 / (len(path.position) - 1), axis=1)
-        fastest = float(np.linalg.norm(rate, axis=-1).max())
-        return self.job.tool_speed * CAP_USED / max(fastest, 1e-9)
-
-    def _touching(self, planned: PlannedSeam, holding: Holding) -> str | None:
-        """Returns where a planned seam does not keep clear, or None."""
-        for words, motion in (
-            ("on the approach", planned.approach),
-            ("along the seam", planned.seam.trajectory),
-            ("on the retract", planned.retract),
-        ):
-            if motion is None:
-                continue
-            count = max(2, int(np.ceil(motion.duration / LOOKED_AT)) + 1)
-            time = np.linspace(0.0, motion.duration, count)
-            position = motion.at(time)[0]
-            held = np.zeros((count, len(holding.cell.arms)), dtype=np.int64)
-            margin = holding.cell.margins(position, held)
-            k = int(np.argmin(margin))
-            if margin[k] < SLACK / 4.0:
-                one, other, missing = holding.cell.nearest(position[k], held[k])
-                lack = max(0.0, -missing) * 1e3
-                return f"{words}, after {time[k]:.3f} s, {one} and {other} lack {lack:.1f} mm of clearance"
-        return None
 
 
 def _together(chain: Chain, position: FloatArray) -> bool:
     """Returns whether joints (n,) [rad] have tool and part where the seam begins."""
     share = np.zeros(1)
-    poses = chain.work.hold.at(share) if chain.work.hold.given else None
+    given = chain.work.master is not None and chain.work.hold.given
+    poses = chain.work.hold.at(share) if given else None
     left = all_equations(chain, position[None], share, part=poses).size
     return bool(left[0] < TOGETHER)
-
-
-def _test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
-    """Returns a test of which configurations (k, n) [rad] keep clear."""
-
-    def clear(position: FloatArray) -> BoolArray:
-        held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
-        return np.asarray(holding.cell.margins(position, held) >= SLACK / 2.0)
-
-    return clear
 
 
 def _nowhere(work: SeamWork, found: NoSeam) -> str:

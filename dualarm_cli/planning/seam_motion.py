@@ -13,12 +13,8 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.seam_path import SeamPath
 from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
-from dualarm_cli.timing.steady_profile import (
-    SteadyProfile,
-    fastest_profile,
-    profile_of_duration,
-    steady_limit,
-)
+from dualarm_cli.timing.steady_profile import SteadyProfile
+from dualarm_cli.timing.steady_search import fastest_profile, profile_of_duration, steady_limit
 
 SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Times between knots that are tried until the chain is closed between them too [s]."""
@@ -33,6 +29,8 @@ TIGHTER = (1.0, 0.97, 0.92, 0.85)
 TOO_FAST = "too fast"
 """How reasons begin that less speed would help against."""
 AS_ASKED = 1.0 - 1e-9
+CAP_MARGIN = 0.999
+"""Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,8 @@ class TimedSeam:
     """Where on the seam the tool is when."""
     residual: float
     """How far the chain is open at most [m, rad]."""
+    capped: bool = False
+    """Whether a cap on the tools' speed in the world decides how fast it is worked."""
 
     def speed(self, length: float) -> float:
         """Returns the steady speed along a seam of a length [m/s]."""
@@ -58,7 +58,7 @@ def timed_seam(
     pace: float,
     *,
     trapezoid: bool,
-    most: float = np.inf,
+    cap: float = np.inf,
 ) -> TimedSeam | str:
     """Returns the seam in time, or why it cannot be worked as the file asks.
 
@@ -68,7 +68,7 @@ def timed_seam(
         limits: of all joints, at the job's speed.
         pace: the job's share of full speed.
         trapezoid: whether accelerations may jump, as far as joints have no jerk limits.
-        most: largest steady speed that a cap on the tools leaves, in seams a second [1/s].
+        cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
     reason = "no motion along it keeps all limits"
@@ -79,7 +79,7 @@ def timed_seam(
             acceleration=limits.acceleration * share,
             jerk=limits.jerk * share,
         )
-        profile = _profile(path, work, tight, pace, most, trapezoid=jumps)
+        profile = _profile(path, work, tight, pace, cap * CAP_MARGIN, trapezoid=jumps)
         if isinstance(profile, str):
             return profile
         for spacing in SPACINGS:
@@ -90,7 +90,8 @@ def timed_seam(
                 break
             residual, uneven = _deviations(path.chain, profile, trajectory)
             if residual <= OPEN and uneven <= UNEVEN:
-                return TimedSeam(trajectory, profile, residual)
+                capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
+                return TimedSeam(trajectory, profile, residual, capped)
             reason = f"the chain opens by {residual * 1e6:.2f} um between its knots"
     return reason
 
@@ -104,7 +105,7 @@ def _profile(
     *,
     trapezoid: bool,
 ) -> SteadyProfile | str:
-    """Returns how fast a seam is worked, or why not as asked."""
+    """Returns how fast a seam is worked, at a steady speed of cap [1/s] at most, or why not as asked."""
     length = work.length
     acceleration = None if work.acceleration is None else work.acceleration * pace**2 / length
     if work.duration is not None:
@@ -124,8 +125,11 @@ def _profile(
         return found
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
-    if cap < min(most, top.speed):
-        return f"{TOO_FAST}: {asked} asked for, at best {speed} under the cap on the tools' speed in the world"
+    if found.speed >= cap * AS_ASKED:
+        return (
+            f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); the cap on the tools' speed in "
+            "the world decides"
+        )
     if top.speed > most:
         return (
             f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "

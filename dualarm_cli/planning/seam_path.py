@@ -13,7 +13,10 @@ from dualarm_cli.closed_chain.closing import close
 from dualarm_cli.closed_chain.problem import NODES, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.starts import part_poses, standing_joints
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.timing.steady_profile import PathRates, steady_limit
+from dualarm_cli.kinematics.whole_body import WholeBody
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.timing.steady_profile import PathRates
+from dualarm_cli.timing.steady_search import steady_limit
 
 PLACES = 641
 """Places along a seam at which the chain is closed."""
@@ -74,6 +77,18 @@ class SeamPath:
         share = np.linspace(0.0, 1.0, PLACES)
         first, second, third = (self._spline(share, order) for order in (1, 2, 3))
         return PathRates(first, second, third)
+
+    def tool_rates(self, cell: Cell) -> FloatArray:
+        """Returns how far the tool that moves most goes in the world per unit of the share, at the places, [m] (k,).
+
+        Args:
+            cell: with the arms' own tools; in the chain the master's is the part.
+        """
+        body, first = WholeBody(cell), self.rates.first
+        J = np.array([body.at(q).J for q in self.position])
+        velocity = (J @ first[..., None]).reshape(len(first), -1, 6)[..., :3]
+        found: FloatArray = np.linalg.norm(velocity, axis=2).max(axis=1)
+        return found
 
 
 def _closed(problem: SeamProblem, motion: SeamMotion, position: FloatArray) -> FloatArray | None:

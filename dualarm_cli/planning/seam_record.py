@@ -46,7 +46,7 @@ def add_seam(
     writer.event("seam_start", found.seam.trajectory.position[0], work.dwell_start)
     if work.dwell_start > 0.0:
         writer.add("dwell", "seam_start", found.dwell_start, "wait")
-    writer.stage(found.solver, begin, transfer)
+    writer.stage(found.solver, begin, transfer, found.seam.trajectory.position[0])
     begin = record.clock
     writer.add("seam", "seam_end", found.seam.trajectory, "seam")
     writer.event("seam_end", found.seam.trajectory.position[-1], work.dwell_end)
@@ -54,7 +54,7 @@ def add_seam(
         writer.add("dwell", "seam_end", found.dwell_end, "wait")
     if found.retract is not None:
         writer.add("retract", "seam_end", found.retract, "wait")
-    writer.stage(found.solver, begin, None)
+    writer.stage(found.solver, begin, None, record.pieces[-1].position[-1])
 
 
 class _Writer:
@@ -93,10 +93,11 @@ class _Writer:
                 Event(self._record.clock, name, task.id, action, f"{name}_tcp", pose, stands)
             )
 
-    def stage(self, solver: str, begin: float, transfer: Stage | None) -> None:
-        """Closes a stage."""
+    def stage(
+        self, solver: str, begin: float, transfer: Stage | None, position: np.ndarray
+    ) -> None:
+        """Closes a stage in which the robot comes to a position; it has no length where a plan begins on the seam."""
         columns = self._model.platform_columns
-        position = self._record.pieces[-1].position[-1]
         self._record.stages.append(
             Stage(
                 start=begin,
@@ -115,10 +116,12 @@ class _Writer:
 def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[str]:
     """Returns what a reader must know of how a seam is worked."""
     notes = []
+    # What decides is not looked for: the file's own acceleration is one of the limits.
+    why = "as the cap on the tools' speed asks" if found.seam.capped else "as limits ask"
     speed = found.seam.speed(work.length)
     if work.speed is not None and speed * SLOWED < work.speed * job.speed:
         notes.append(
-            f"{task}: worked at {speed * 1e3:.4g} mm/s, as the joints' limits ask for, not at "
+            f"{task}: worked at {speed * 1e3:.4g} mm/s, {why} for, not at "
             f"{work.speed * job.speed * 1e3:.4g} mm/s"
         )
     if (
@@ -126,7 +129,7 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
         and found.seam.trajectory.duration > SLOWED * work.duration / job.speed
     ):
         notes.append(
-            f"{task}: takes {found.seam.trajectory.duration:.3f} s, as the joints' limits ask for, not "
+            f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why} for, not "
             f"{work.duration / job.speed:.3f} s"
         )
     if work.touches:

@@ -18,7 +18,9 @@ def check_seams(job: Job) -> None:
         InputError: an unknown method, or a seam that takes too long, at its place.
     """
     findings = []
-    for work in {id(t.seam): t.seam for t in job.tasks if t.seam is not None}.values():
+    for work in (section[0].seam for section in job.sections()):
+        if work is None:
+            continue
         where = (work.place.file, work.place.line, work.place.column, "E300")
         if work.method is not None and work.method not in SEAM_SOLVERS.names:
             known = ", ".join(SEAM_SOLVERS.names)

@@ -1,4 +1,4 @@
-"""Along a joint path at one steady speed, with a ramp at each end: as fast as asked, or as the joints allow."""
+"""Along a joint path at one steady speed, with a ramp at each end."""
 
 from __future__ import annotations
 
@@ -6,24 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
-from dualarm_cli.model.robot import JointLimits
-
-RATE_MARGIN = np.array([0.995, 0.985, 0.96])
-"""Share of velocity, acceleration and jerk limits that is used: the motion's spline is a little dearer."""
-RAMPS = np.geomspace(0.01, 8.0, 64)
-"""Times of a ramp that are tried [s]."""
-JERK_SHARES = np.array([0.5, 0.3, 0.15])
-"""Shares of a ramp in which the acceleration rises, and falls again, that are tried."""
-PER_PHASE = 9
-"""Instants of each phase of a ramp that are looked at."""
-SPEEDS = 32
-"""Speeds that are tried where any will do."""
-LEAST_SPEED = 0.2
-"""Least of them, as a share of the largest steady speed."""
-SHARES_OF_TIME = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
-"""Ramps that are tried where the whole time is given, as shares of it."""
-AS_FAST = 1.0 + 1e-12
+from dualarm_cli.geometry.arrays import FloatArray, readonly
 
 
 @dataclass(frozen=True)
@@ -104,8 +87,8 @@ class SteadyProfile:
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns share, speed [1/s] and acceleration [1/s²] at instants (k,) [s]."""
-        first = _ramp(np.minimum(time, self.start.time), self.speed, self.start)
-        last = _ramp(np.minimum(self.duration - time, self.end.time), self.speed, self.end)
+        first = ramp_at(np.minimum(time, self.start.time), self.speed, self.start)
+        last = ramp_at(np.minimum(self.duration - time, self.end.time), self.speed, self.end)
         steady = np.clip(
             time - self.start.time, 0.0, self.duration - self.start.time - self.end.time
         )
@@ -117,170 +100,9 @@ class SteadyProfile:
         return np.clip(share, 0.0, 1.0), speed, acceleration
 
 
-@dataclass(frozen=True)
-class TooFast:
-    """Why a speed cannot be kept."""
-
-    joint: str
-    """The joint that would have to be quicker."""
-    kind: str
-    """velocity, acceleration or jerk."""
-    share: float
-    """Where on the path."""
-    speed: float
-    """The largest steady speed that all joints allow [1/s]."""
-
-
-def steady_limit(rates: PathRates, limits: JointLimits) -> TooFast:
-    """Returns the largest steady speed along the whole path, with the joint and the place that decide."""
-    names = ("velocity", "acceleration", "jerk")
-    allowed = (limits.velocity, limits.acceleration, limits.jerk)
-    slowness = [
-        (np.abs(rate) / (limit * margin)) ** (1.0 / order)
-        for order, (rate, limit, margin) in enumerate(
-            zip((rates.first, rates.second, rates.third), allowed, RATE_MARGIN, strict=True), 1
-        )
-    ]
-    stacked = np.stack(slowness)
-    kind, place, joint = (int(i) for i in np.unravel_index(int(np.argmax(stacked)), stacked.shape))
-    worst = float(stacked.max())
-    share = place / (stacked.shape[1] - 1)
-    return TooFast(limits.joints[joint], names[kind], share, 1.0 / max(worst, 1e-9))
-
-
-def fastest_profile(
-    rates: PathRates,
-    limits: JointLimits,
-    most: float,
-    acceleration: float | None = None,
-    *,
-    trapezoid: bool = False,
-) -> SteadyProfile | None:
-    """Returns the quickest profile whose steady speed is no higher than asked, or None where none keeps the limits.
-
-    A steady speed that the joints allow takes the shortest ramps that keep every limit; where the speed itself has to
-    be chosen, the one of least total time is. Our own.
-
-    Args:
-        rates: of the path.
-        limits: of its joints.
-        most: largest steady speed [1/s].
-        acceleration: largest acceleration of the share [1/s²], or None.
-        trapezoid: whether accelerations may jump; only for joints without jerk limits.
-    """
-    top = steady_limit(rates, limits).speed
-    if most <= top:
-        exact = _with_ramps(rates, limits, np.array([most]), acceleration, trapezoid)
-        if exact is not None:
-            return exact
-    highest = min(most, top)
-    speeds = highest * np.linspace(1.0, LEAST_SPEED, SPEEDS)
-    return _with_ramps(rates, limits, speeds, acceleration, trapezoid)
-
-
-def profile_of_duration(
-    rates: PathRates,
-    limits: JointLimits,
-    duration: float,
-    acceleration: float | None = None,
-    *,
-    trapezoid: bool = False,
-) -> SteadyProfile | None:
-    """Returns a profile that takes a given time, with the shortest ramps of some that keep every limit, or None.
-
-    Args:
-        rates: of the path.
-        limits: of its joints.
-        duration: of the whole motion, ramps included [s].
-        acceleration: largest acceleration of the share [1/s²], or None.
-        trapezoid: whether accelerations may jump; only for joints without jerk limits.
-    """
-    top = steady_limit(rates, limits).speed
-    shapes = [0.0] if trapezoid else JERK_SHARES.tolist()
-    for ramp in (duration * SHARES_OF_TIME).tolist():
-        speed = 1.0 / (duration - ramp)
-        if speed > top:
-            continue
-        for shape in shapes:
-            time, part = np.array([ramp]), np.array([shape])
-            ends = (rates, rates.backwards())
-            if all(_keeps(end, limits, speed, time, part, acceleration).all() for end in ends):
-                one = Ramp(ramp, ramp * shape)
-                return SteadyProfile(speed, one, one)
-    return None
-
-
-def _with_ramps(
-    rates: PathRates,
-    limits: JointLimits,
-    speeds: FloatArray,
-    acceleration: float | None,
-    trapezoid: bool,
-) -> SteadyProfile | None:
-    """Returns the quickest profile of some steady speeds, or None."""
-    shapes = np.array([0.0]) if trapezoid else JERK_SHARES
-    time, shape = (grid.ravel() for grid in np.meshgrid(RAMPS, shapes, indexing="ij"))
-    best: SteadyProfile | None = None
-    for speed in speeds.tolist():
-        ramps = []
-        for end in (rates, rates.backwards()):
-            good = np.flatnonzero(_keeps(end, limits, speed, time, shape, acceleration))
-            if not len(good):
-                break
-            ramps.append(Ramp(float(time[good[0]]), float(time[good[0]] * shape[good[0]])))
-        if len(ramps) < 2 or speed * (ramps[0].time + ramps[1].time) / 2.0 > 1.0:
-            continue
-        found = SteadyProfile(speed, *ramps)
-        if best is None or found.duration < best.duration:
-            best = found
-    return best
-
-
-def _keeps(
-    rates: PathRates,
-    limits: JointLimits,
-    speed: float,
-    time: FloatArray,
-    shape: FloatArray,
-    acceleration: float | None,
-) -> BoolArray:
-    """Returns which ramps to a speed keep every limit, shape (g,).
-
-    Args:
-        rates: of the path from where it is at rest.
-        limits: of its joints.
-        speed: steady speed [1/s].
-        time: of the ramps [s], shape (g,).
-        shape: share of each in which the acceleration rises, shape (g,).
-        acceleration: largest acceleration of the share [1/s²], or None.
-    """
-    x = shape * time
-    steep = speed / (time - x)
-    edges = np.stack([np.zeros_like(time), x, time - x, time], axis=-1)
-    inner = np.linspace(0.0, 1.0, PER_PHASE)
-    t = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * inner
-    ramp = Ramp(time[:, None, None], x[:, None, None])  # type: ignore[arg-type]
-    s, sd, sdd = _ramp(t, speed, ramp)
-    sddd = np.zeros_like(s)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rise = np.where(x > 0.0, steep / np.where(x > 0.0, x, 1.0), 0.0)
-    sddd[:, 0], sddd[:, 2] = rise[:, None], -rise[:, None]
-    # Where the acceleration jumps both sides count.
-    sdd[:, 1] = steep[:, None]
-    q1, q2, q3 = rates.at(s)
-    sd, sdd, sddd = sd[..., None], sdd[..., None], sddd[..., None]
-    velocity = np.abs(q1 * sd) / limits.velocity
-    accelerations = np.abs(q2 * sd**2 + q1 * sdd) / limits.acceleration
-    jerks = np.abs(q3 * sd**3 + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
-    largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
-    good = np.all([one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0)
-    good &= s.max(axis=(1, 2)) <= AS_FAST
-    if acceleration is not None:
-        good &= steep <= acceleration * AS_FAST
-    return np.asarray(good)
-
-
-def _ramp(time: FloatArray, speed: float, ramp: Ramp) -> tuple[FloatArray, FloatArray, FloatArray]:
+def ramp_at(
+    time: FloatArray, speed: float, ramp: Ramp
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns share, speed and acceleration after times in a ramp from rest; after its end nothing more is covered.
 
     With the acceleration a = v / (T - x) reached in x: a t²/2 x while it rises, then steady, then as at the start

@@ -131,16 +131,8 @@ def _judge(
         add("seam_speed", speed / (work.speed * job.speed) - 1.0, middle)
     else:
         worst["seam_speed"].add(0.0, task)
-    steady = np.flatnonzero(speed >= STEADY * top)
-    plateau = slice(steady[0], steady[-1] + 1)
-    add("seam_steady", 1.0 - speed[plateau] / top, middle[plateau])
-    # Before it the tool only gets faster, after it only slower.
-    add("seam_steady", (np.maximum.accumulate(speed) - speed)[: steady[0] + 1] / top, middle)
-    add(
-        "seam_steady",
-        (np.maximum.accumulate(speed[::-1]) - speed[::-1])[: len(speed) - steady[-1]] / top,
-        middle[::-1],
-    )
+    worst_dip, where = _unsteady(speed)
+    worst["seam_steady"].add(worst_dip, f"{task} at {middle[where]:.3f} s")
     if not work.slower:
         if work.speed is not None:
             worst["seam_as_asked"].add(max(0.0, 1.0 - top / (work.speed * job.speed)), task)
@@ -171,6 +163,23 @@ def _speeds(found: OnSeam) -> tuple[FloatArray, FloatArray]:
     ahead = np.interp(middle + window / 2.0, found.time, found.length)
     behind = np.interp(middle - window / 2.0, found.time, found.length)
     return middle, (ahead - behind) / window
+
+
+def _unsteady(speed: FloatArray) -> tuple[float, int]:
+    """Returns by what share of the top speed a profile (k,) [m/s] is no ramp, plateau, ramp, and where.
+
+    From the first instant at the top to the last it has to stay there; before it may only rise, after it only fall.
+    """
+    top = float(speed.max())
+    if not top > 0.0:
+        return np.inf, 0  # it never gets on
+    steady = np.flatnonzero(speed >= STEADY * top)
+    first, last = int(steady[0]), int(steady[-1])
+    dip = np.maximum.accumulate(speed) - speed
+    dip[last:] = (np.maximum.accumulate(speed[::-1])[::-1] - speed)[last:]
+    dip[first : last + 1] = top - speed[first : last + 1]
+    k = int(np.argmax(dip))
+    return float(dip[k]) / top, k
 
 
 def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:

@@ -58,7 +58,9 @@ def _poses(scenario: Scenario, arm: str, position: FloatArray) -> list[pin.SE3]:
 def test_the_plan_is_verified(scenario):
     """By the verifier, clearance included."""
     verification = verify(scenario.schedule, scenario.job, clearance=True)
-    assert verification.passed, [check for check in verification.checks if check.verdict == "failed"]
+    assert verification.passed, [
+        check for check in verification.checks if check.verdict == "failed"
+    ]
 
 
 def test_seams_begin_at_5_s_and_13_s(scenario):

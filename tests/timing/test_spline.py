@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
-from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
+from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
 
 
 def test_speed_is_largest_where_acceleration_changes_its_sign():
@@ -37,3 +38,17 @@ def test_splines_rest_at_both_ends_and_pass_all_but_two_knots():
     assert np.abs(by_position - q[1:]).max() < 1e-12
     for rate in (v, a):
         assert np.abs(rate[[0, -1]]).max() == 0.0
+
+
+@pytest.mark.parametrize("count", [3, 4, 40])
+def test_a_clamped_spline_is_scipy_s(count):
+    """Uneven knots, three joints, any velocities at the ends; knots and the jerk between them."""
+    rng = np.random.default_rng(count)
+    time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.3, count - 1))])
+    position = rng.normal(size=(count, 3))
+    first, last = rng.normal(size=(2, 3))
+    q, v, a = clamped_spline(time, position, first, last)
+    expected = CubicSpline(time, position, bc_type=((1, first), (1, last)))
+    np.testing.assert_array_equal(q, position)
+    np.testing.assert_allclose(v, expected(time, 1), atol=1e-9 * np.abs(v).max())
+    np.testing.assert_allclose(a, expected(time, 2), atol=1e-9 * np.abs(a).max())

@@ -1,0 +1,225 @@
+"""Steady speeds and ramps along a joint path: as fast as asked, or as the joints allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.timing.steady_profile import PathRates, Ramp, SteadyProfile, ramp_at
+
+RATE_MARGIN = np.array([0.995, 0.985, 0.96])
+"""Share of velocity, acceleration and jerk limits that is used: the motion's spline is a little dearer."""
+RAMPS = np.geomspace(0.01, 2000.0, 116)
+"""Times of a ramp that are tried, each a ninth longer than the one before [s]."""
+RATIO = float(RAMPS[1] / RAMPS[0])
+TOGETHER, FINER = 16, 18
+"""So many times are tried at once, and so many between the first that will do and the second before."""
+JERK_SHARES = np.array([0.5, 0.3, 0.15])
+"""Shares of a ramp in which the acceleration rises, and falls again, that are tried."""
+FINER_SHARES = np.array([0.5, 0.44, 0.38, 0.32, 0.26, 0.2, 0.15, 0.1])
+"""Those that are tried where a ramp is known that is nearly the shortest."""
+PER_PHASE = 9
+"""Instants of each phase of a ramp that are looked at."""
+SPEEDS, NEAR_BEST = 40, 16
+"""Speeds that are tried where any will do, and then about the best of them."""
+LEAST_SPEED = 1e-3
+"""Least of them, as a share of the largest that can be: short seams are over before they are fast."""
+SHARES_OF_TIME = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
+"""Ramps that are tried where the whole time is given, as shares of it."""
+AS_FAST = 1.0 + 1e-12
+
+
+@dataclass(frozen=True)
+class TooFast:
+    """Why a speed cannot be kept."""
+
+    joint: str
+    """The joint that would have to be quicker."""
+    kind: str
+    """velocity, acceleration or jerk."""
+    share: float
+    """Where on the path."""
+    speed: float
+    """The largest steady speed that all joints allow [1/s]."""
+
+
+def steady_limit(rates: PathRates, limits: JointLimits) -> TooFast:
+    """Returns the largest steady speed along the whole path, with the joint and the place that decide."""
+    names = ("velocity", "acceleration", "jerk")
+    allowed = (limits.velocity, limits.acceleration, limits.jerk)
+    slowness = [
+        (np.abs(rate) / (limit * margin)) ** (1.0 / order)
+        for order, (rate, limit, margin) in enumerate(
+            zip((rates.first, rates.second, rates.third), allowed, RATE_MARGIN, strict=True), 1
+        )
+    ]
+    stacked = np.stack(slowness)
+    kind, place, joint = (int(i) for i in np.unravel_index(int(np.argmax(stacked)), stacked.shape))
+    worst = float(stacked.max())
+    share = place / (stacked.shape[1] - 1)
+    return TooFast(limits.joints[joint], names[kind], share, 1.0 / max(worst, 1e-9))
+
+
+def fastest_profile(
+    rates: PathRates,
+    limits: JointLimits,
+    most: float,
+    acceleration: float | None = None,
+    *,
+    trapezoid: bool = False,
+) -> SteadyProfile | None:
+    """Returns the quickest profile whose steady speed is no higher than asked, or None where none keeps the limits.
+
+    A steady speed that the joints allow takes the shortest ramps that keep every limit; where the speed itself has to
+    be chosen, the one of least total time is. Our own.
+
+    Args:
+        rates: of the path.
+        limits: of its joints.
+        most: largest steady speed [1/s].
+        acceleration: largest acceleration of the share [1/s²], or None.
+        trapezoid: whether accelerations may jump; only for joints without jerk limits.
+    """
+    top = steady_limit(rates, limits).speed
+    if most <= top:
+        exact = _quickest(rates, limits, np.array([most]), acceleration, trapezoid)
+        if exact is not None:
+            return exact
+    # Two ramps cover the whole path at most.
+    highest = min(most, top, 1.0 / RAMPS[0])
+    speeds = highest * np.geomspace(1.0, LEAST_SPEED, SPEEDS)
+    best = _quickest(rates, limits, speeds, acceleration, trapezoid)
+    if best is None:
+        return None
+    k = int(np.argmin(np.abs(speeds - best.speed)))
+    near = np.linspace(speeds[max(k - 1, 0)], speeds[min(k + 1, SPEEDS - 1)], NEAR_BEST)
+    nearby = _quickest(rates, limits, near, acceleration, trapezoid)
+    return best if nearby is None or nearby.duration >= best.duration else nearby
+
+
+def profile_of_duration(
+    rates: PathRates,
+    limits: JointLimits,
+    duration: float,
+    acceleration: float | None = None,
+    *,
+    trapezoid: bool = False,
+) -> SteadyProfile | None:
+    """Returns a profile that takes a given time, with the shortest ramps of some that keep every limit, or None.
+
+    Args:
+        rates: of the path.
+        limits: of its joints.
+        duration: of the whole motion, ramps included [s].
+        acceleration: largest acceleration of the share [1/s²], or None.
+        trapezoid: whether accelerations may jump; only for joints without jerk limits.
+    """
+    top = steady_limit(rates, limits).speed
+    shapes = [0.0] if trapezoid else JERK_SHARES.tolist()
+    for ramp in (duration * SHARES_OF_TIME).tolist():
+        speed = 1.0 / (duration - ramp)
+        if speed > top:
+            continue
+        for shape in shapes:
+            time, part = np.array([ramp]), np.array([shape])
+            ends = (rates, rates.backwards())
+            if all(_keeps(end, limits, speed, time, part, acceleration).all() for end in ends):
+                one = Ramp(ramp, ramp * shape)
+                return SteadyProfile(speed, one, one)
+    return None
+
+
+def _quickest(
+    rates: PathRates,
+    limits: JointLimits,
+    speeds: FloatArray,
+    acceleration: float | None,
+    trapezoid: bool,
+) -> SteadyProfile | None:
+    """Returns the quickest profile of some steady speeds, or None."""
+    best: SteadyProfile | None = None
+    for speed in speeds.tolist():
+        ramps = []
+        for end in (rates, rates.backwards()):
+            ramp = _shortest_ramp(end, limits, speed, acceleration, trapezoid)
+            if ramp is None:
+                break
+            ramps.append(ramp)
+        if len(ramps) < 2 or speed * (ramps[0].time + ramps[1].time) / 2.0 > 1.0:
+            continue
+        found = SteadyProfile(speed, *ramps)
+        if best is None or found.duration < best.duration:
+            best = found
+    return best
+
+
+def _shortest_ramp(
+    rates: PathRates,
+    limits: JointLimits,
+    speed: float,
+    acceleration: float | None,
+    trapezoid: bool,
+) -> Ramp | None:
+    """Returns the shortest ramp to a speed that keeps every limit, or None."""
+    least = 0.0 if acceleration is None else speed / (acceleration * AS_FAST)
+    times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
+
+    def first(times: FloatArray, shapes: FloatArray) -> Ramp | None:
+        shapes = np.zeros(1) if trapezoid else shapes
+        time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
+        good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
+        return Ramp(float(time[good[0]]), float((time * shape)[good[0]])) if len(good) else None
+
+    for k in range(0, len(times), TOGETHER):
+        found = first(times[k : k + TOGETHER], JERK_SHARES)
+        if found is not None:
+            shorter = np.geomspace(found.time / RATIO**2, found.time, FINER + 1)[:-1]
+            return first(shorter, FINER_SHARES) or found
+    return None
+
+
+def _keeps(
+    rates: PathRates,
+    limits: JointLimits,
+    speed: float,
+    time: FloatArray,
+    shape: FloatArray,
+    acceleration: float | None,
+) -> BoolArray:
+    """Returns which ramps to a speed keep every limit, shape (g,).
+
+    Args:
+        rates: of the path from where it is at rest.
+        limits: of its joints.
+        speed: steady speed [1/s].
+        time: of the ramps [s], shape (g,).
+        shape: share of each in which the acceleration rises, shape (g,).
+        acceleration: largest acceleration of the share [1/s²], or None.
+    """
+    x = shape * time
+    steep = speed / (time - x)
+    edges = np.stack([np.zeros_like(time), x, time - x, time], axis=-1)
+    inner = np.linspace(0.0, 1.0, PER_PHASE)
+    t = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * inner
+    ramp = Ramp(time[:, None, None], x[:, None, None])  # type: ignore[arg-type]
+    s, sd, sdd = ramp_at(t, speed, ramp)
+    sddd = np.zeros_like(s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = np.where(x > 0.0, steep / np.where(x > 0.0, x, 1.0), 0.0)
+    sddd[:, 0], sddd[:, 2] = rise[:, None], -rise[:, None]
+    # Where the acceleration jumps both sides count.
+    sdd[:, 1] = steep[:, None]
+    q1, q2, q3 = rates.at(s)
+    sd, sdd, sddd = sd[..., None], sdd[..., None], sddd[..., None]
+    velocity = np.abs(q1 * sd) / limits.velocity
+    accelerations = np.abs(q2 * sd**2 + q1 * sdd) / limits.acceleration
+    jerks = np.abs(q3 * sd**3 + 3.0 * q2 * sd * sdd + q1 * sddd) / limits.jerk
+    largest = [part.max(axis=(1, 2, 3)) for part in (velocity, accelerations, jerks)]
+    good = np.all([one <= margin for one, margin in zip(largest, RATE_MARGIN, strict=True)], axis=0)
+    good &= s.max(axis=(1, 2)) <= AS_FAST
+    if acceleration is not None:
+        good &= steep <= acceleration * AS_FAST
+    return np.asarray(good)
