@@ -95,7 +95,6 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("mode: paired", "mode: free", "3:7: E310 mode: free is not available in this version; use mode: paired"),
         ("order: given", "order: optimise", "4:8: E310 order: optimise is not available in this version; use order: given"),
         ("arm: right", "arm: any", "13:10: E310 arm: any is not available in this version; use left or right"),
-        ("move: {", "coordinate: {", "14:5: E310 coordinate tasks are not available in this version; use pick, place, move or path"),
         ("start: bent", "start: bend", "5:8: E300 Tiny has no posture 'bend', did you mean 'bent'? Choose one of: home, bent, free"),
         ("approach: 80 mm", "aproach: 80 mm", "6:12: E201 unknown key 'aproach', did you mean 'approach'? Allowed: approach, retract, dwell, part, straight, dwell_motion, line_motion"),
         ("approach: 80 mm", "approach: -1 mm", "6:22: E200 '-1 mm': length must be at least 0"),
