@@ -24,16 +24,10 @@ from dualarm_cli.closed_chain.chain import Chain
 from dualarm_cli.closed_chain.rates import steady_time
 from dualarm_cli.closed_chain.starts import beyond_limits, seam_starts
 from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.feature_curve import (
-    Contour,
-    Ellipse,
-    FeatureCurve,
-    PointSpline,
-    Saddle,
-    Segment,
-    SphereArc,
-)
+from dualarm_cli.model.contours import Contour, Ellipse, Saddle, Segment, SphereArc
+from dualarm_cli.model.feature_curve import FeatureCurve
 from dualarm_cli.model.job import Job
+from dualarm_cli.model.point_spline import PointSpline
 from dualarm_cli.model.seam import SeamTool, SeamWork
 from dualarm_cli.planning.seam_jobs import SAMPLES, TRIED
 from dualarm_cli.planning.seam_motion import timed_seam

@@ -43,7 +43,8 @@ class SeamProblem:
     """How long it takes to get to configurations (k, n) [rad] from where the robot is, (k,) [s]; None where it may be
     anywhere."""
     goes_on: Callable[[FloatArray], bool] | None
-    """Whether what comes next can be done from where the seam ends, joints (n,) [rad]; None where nothing depends on it."""
+    """Whether what comes next can be done from joints (n,) [rad] in which the seam ends; None where nothing depends on
+    it."""
     clear: Callable[[FloatArray], BoolArray] | None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 

@@ -86,7 +86,7 @@ def _kept(problem: SeamProblem) -> int:
 
 
 def _possible(problem: SeamProblem, way: FloatArray) -> bool:
-    """Returns whether a way keeps within limits and clear of everything, and what comes next can be done from its end."""
+    """Returns whether a way keeps within limits and clear of everything, and what comes next can be done after it."""
     if beyond_limits(problem, way).max() > 0.0:
         return False
     if problem.goes_on is not None and not problem.goes_on(way[-1]):

@@ -170,6 +170,8 @@ class HoldSection(FramedPose):
             raise refuse("give free, still, a pose (xyz, rpy) or a way")
         if len(given) > 1:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; keep one", given[1])
+        if self.way is not None and self.way.through is None and self.way.poses is None:
+            raise refuse("no way; give through or poses", "way")
         if self.xyz is None and self.in_ is not None:
             raise refuse("'in' goes with a pose; the poses of a way have their own", "in")
         if self.xyz is None and (self.rpy is not None or self.quat is not None):

@@ -187,9 +187,6 @@ class SeamReader:
 
     def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
         """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
-        if curve.length < SHORTEST:
-            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
-            return False
         bend, at = sharpest_bend(curve.contour)
         if bend > SHARPEST:
             self._paths.note(
@@ -197,6 +194,10 @@ class SeamReader:
                 f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
                 "to stop; round it, or end the curve there and begin another task",
             )
+            return False
+        # Only now: where a curve stands still there is no length to be measured by.
+        if curve.length < SHORTEST:
+            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
             return False
         return True
 

@@ -17,7 +17,8 @@ from dualarm_cli.closed_chain.chain import Chain
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.feature_curve import Ellipse, FeatureCurve, Segment
+from dualarm_cli.model.contours import Ellipse, Segment
+from dualarm_cli.model.feature_curve import FeatureCurve
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 
 BOTH = "tools: {left: {tcp: {xyz: [0, 0, 100 mm]}}, right: {tcp: {xyz: [0, 0, 200 mm], rpy: [0, 0, 30 deg]}}}"

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from dualarm_cli.model import discretisation
 from dualarm_cli.model.contours import Ellipse, Saddle, Segment, SphereArc
 from dualarm_cli.model.discretisation import Points, by_euler, by_length, judge, step_lengths
 from dualarm_cli.model.feature_curve import FeatureCurve, PoseCurve
@@ -145,6 +146,25 @@ def test_no_point_of_a_curve_is_farther_from_its_chord_than_proven(curve, step):
     kappa = np.linalg.norm(p[2:] - 2.0 * p[1:-1] + p[:-2], axis=1) / h**2
     assert kappa.max() <= quality.curvature_bound * (1.0 + 1e-3)
     assert quality.curvature_bound <= 1.3 * kappa.max() + 1e-3
+
+
+@pytest.mark.parametrize("parts", [12, 40, 200, 1000])
+def test_curvature_is_enclosed_on_wide_cells_too(parts, monkeypatch):
+    """One cell a step: the ellipse's a / b² at its tips, wherever these lie in their cells; a saddle by many points."""
+    monkeypatch.setattr(discretisation, "CELLS", 1)
+    for start in np.linspace(0.0, 0.5, 11):
+        curve = FeatureCurve(Ellipse((0.05, 0.02), start, start + TURN), HERE)
+        quality = judge(curve, by_length(curve, curve.length / parts))
+        assert quality.curvature_bound >= 0.05 / 0.02**2
+        assert quality.chord_bound >= quality.chord_error
+        # The saddle's product of derivatives changes along it as well, unlike the ellipse's.
+        curve = FeatureCurve(Saddle(0.05, 0.048, 1.2, 0.0, start, start + TURN), HERE)
+        t = np.linspace(0.0, 1.0, 20_001)
+        rate, second = curve.contour.rate(t), curve.contour.second(t)
+        kappa = np.linalg.norm(np.cross(rate, second), axis=1) / np.linalg.norm(rate, axis=1) ** 3
+        quality = judge(curve, by_length(curve, curve.length / parts))
+        assert quality.curvature_bound >= kappa.max()
+        assert quality.chord_bound >= quality.chord_error
 
 
 def test_frames_that_are_given_off_the_curve_are_told():
