@@ -27,10 +27,6 @@ class SeamProblem:
     """Of the n joints."""
     start: FloatArray
     """All joints where the seam's plan begins [rad], shape (n,); the platform stands as there."""
-    near: FloatArray | None
-    """Joints near which it is to begin [rad], shape (n,); None where any will do."""
-    begin: FloatArray | None
-    """Joints in which it has to begin, where the robot already has tool and part together [rad], shape (n,)."""
     time: float
     """How long the whole seam takes at the speed that is asked for [s]: no solver need be faster."""
     samples: int
@@ -39,13 +35,17 @@ class SeamProblem:
     """How many of the best starts are improved."""
     seed: int
     """Of what is drawn."""
-    coming: Callable[[FloatArray], FloatArray] | None
+    near: FloatArray | None = None
+    """Joints near which it is to begin [rad], shape (n,); None where any will do."""
+    begin: FloatArray | None = None
+    """Joints in which it has to begin, where the robot already has tool and part together [rad], shape (n,)."""
+    coming: Callable[[FloatArray], FloatArray] | None = None
     """How long it takes to get to configurations (k, n) [rad] from where the robot is, (k,) [s]; None where it may be
     anywhere."""
-    goes_on: Callable[[FloatArray], bool] | None
+    goes_on: Callable[[FloatArray], bool] | None = None
     """Whether what comes next can be done from joints (n,) [rad] in which the seam ends; None where nothing depends on
     it."""
-    clear: Callable[[FloatArray], BoolArray] | None
+    clear: Callable[[FloatArray], BoolArray] | None = None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 
     def __post_init__(self) -> None:
@@ -58,12 +58,6 @@ class SeamProblem:
     def shares(self) -> FloatArray:
         """Shares of the seam at the nodes, shape (NODES,)."""
         return np.linspace(0.0, 1.0, NODES)
-
-    @property
-    def platform(self) -> BoolArray:
-        """Joints that carry tool and part, or tool and idle arm: all that belong to no arm that works, shape (n,)."""
-        chain = self.chain
-        return chain.moves_tool & ~chain.slave_joints
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:

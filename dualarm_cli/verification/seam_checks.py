@@ -29,7 +29,7 @@ NAMES = (
     "seam_downhand",
 )
 """The checks."""
-ROUNDS = 5
+ROUNDS = 12
 """Newton steps along the seam to the place that is nearest to the tool."""
 SPEED_WINDOW = 0.02
 """Time over which the speed along a seam is measured [s]."""

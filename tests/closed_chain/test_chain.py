@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.closed_chain.chain import TURN, Chain, lean_and_spin
+from dualarm_cli.closed_chain.chain import KEPT, TURN, Chain, lean_and_spin
 from dualarm_cli.model.seam import SeamTool
 
 PLAIN = SeamTool()
@@ -85,7 +85,7 @@ def test_what_is_off_is_measured_in_the_tool_s_own_frame(cells, make):
     assert inside.size[0] < 1e-12
     beyond = equations(cell, closed_work(make, cell, q, tool=tilting, lean=(0.09, 0.12)), q)
     # x, y, z, spin, then the lean of 0.15 beyond 0.1.
-    np.testing.assert_allclose(beyond.left[0], [0, 0, 0, 0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(beyond.left[0], [0, 0, 0, 0, 0.15 - KEPT * 0.1], atol=1e-12)
     assert beyond.one_sided == 1
     assert beyond.exact.size[0] < 1e-12
     away = closed_work(make, cell, q, tool=fixed, back=0.04)
@@ -164,7 +164,7 @@ def test_the_surface_s_lean_is_pinocchio_s(cells, make):
         angle = np.radians(0.4 * 150.0)
         normal = part.rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
         found = equations(cell, work, q, 0.4)
-        expected = max(0.0, np.arccos(normal[2]) - 0.2)
+        expected = max(0.0, np.arccos(normal[2]) - KEPT * 0.2)
         assert found.left[0, -1] == pytest.approx(expected, abs=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.rates import steady_times
-from dualarm_cli.closed_chain.starts import seam_starts, standing_joints
+from dualarm_cli.closed_chain.starts import seam_starts, standing_joints, way_cost
 from dualarm_cli.model.contours import Segment
 from dualarm_cli.model.feature_curve import FeatureCurve
 from dualarm_cli.model.seam import Hold, SeamTool
@@ -36,8 +36,11 @@ def test_every_way_is_closed_at_every_node_and_stands_where_it_has_to(cells, mak
         for k, way in enumerate(found.position)
         if ((way >= problem.bounds[0]) & (way <= problem.bounds[1]))[:, problem.chain.closes].all()
     ]
+    costs = [way_cost(problem, found.position[k]) for k in inside]
+    assert (np.diff(costs) >= 0.0).all()
+    # The cost is the time, and up to 45 % more for limits and singular postures that are near.
     times = steady_times(found.position[inside], problem.limits).max(axis=-1)
-    assert (np.diff(times) >= 0.0).all()
+    assert (costs >= times).all() and (costs <= 1.45 * times + 1e-9).all()
 
 
 def test_a_way_of_the_part_is_kept_at_every_node(cells, make):
