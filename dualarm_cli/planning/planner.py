@@ -67,7 +67,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         if work is not None:
             value += work.length / (work.speed * job.speed)
         elif seam is not None:
-            value += seam_bound(seam, job.speed)
+            # It begins, its dwell over, no earlier than the file says.
+            value = max(value, seam.not_before - seam.dwell_start) + seam_bound(seam, job.speed)
         elif not general:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)

@@ -209,6 +209,8 @@ def test_entry_and_exit_stand_where_the_seam_begins_and_ends_not_before_its_time
     )
     job = job_of(tmp_path, SDA10F, text, head="start: home\nreturn: true\n")
     schedule = planned(job)
+    # 4 s, 60 mm at 100 mm/s, 0.1 s: what comes before the seam is over by then.
+    assert job_bound(job, "quick").value == pytest.approx(4.7)
     kinds = [s.kind for s in schedule.segments if s.arm == "right"]
     assert kinds == ["transfer", "wait", "approach", "dwell", "seam", "dwell", "retract", "return"]
     [(begin, end)] = spans(schedule)
@@ -295,15 +297,21 @@ def test_arms_of_other_kinds_work_seams_too(tmp_path: Path, robot: str) -> None:
     planned(job_of(tmp_path, SMALL % robot, text))
 
 
-def test_two_robots_and_one(tmp_path: Path) -> None:
-    """A pair of iiwas, the tool's spin fixed; one iiwa and a part on the table, there and back."""
+@pytest.mark.slow
+def test_a_pair_of_robots_works_with_fixed_spin(tmp_path: Path) -> None:
+    """Two iiwas with bases of their own."""
     planned(job_of(tmp_path, PAIR, seam("speed: 100 mm/s", "hold: still", tool="{}")))
+
+
+def test_one_robot_works_on_a_part_on_the_table(tmp_path: Path) -> None:
+    """There and back."""
     text = seam("speed: 100 mm/s", master=None, slave="left", part="{xyz: [0.5, 0.1, 0.4]}")
     job = job_of(tmp_path, ALONE, text, head="start: home\nreturn: true\n")
     schedule = planned(job)
     np.testing.assert_array_equal(schedule.trajectory.position[0], schedule.trajectory.position[-1])
 
 
+@pytest.mark.slow
 def test_gentle_accelerations_find_their_ramps(tmp_path: Path) -> None:
     """1 mm/s² on 60 mm: 2 sqrt(0.06 / 0.001) = 15.5 s at least, a little more for jerk."""
     text = seam("speed: 100 mm/s", "acceleration: 0.001 m/s²", "slower: allowed", "hold: still")
