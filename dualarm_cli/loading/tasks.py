@@ -17,6 +17,7 @@ from dualarm_cli.loading.schema_seams import CoordinateSection
 from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
 from dualarm_cli.loading.seams import SeamReader
 from dualarm_cli.loading.targets import TargetReader
+from dualarm_cli.loading.task_order import check_order
 from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
@@ -64,7 +65,7 @@ def load_job(path: str | Path) -> Job:
         paths = PathReader(project, Path(path), document, loaded[0], findings)
         tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
         if not findings.diagnostics:
-            order_notes = _check_order(document, tasks, findings)
+            order_notes = check_order(document, tasks, findings)
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
@@ -94,44 +95,6 @@ def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSe
         except ValidationError:
             continue
     return good
-
-
-def _check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> list[str]:
-    """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file."""
-    next_stage: dict[str, int] = {}
-    spans: dict[str, tuple[str, int, int]] = {}
-    sections: dict[str, int] = {}
-    paths = 0
-    for task in tasks:
-        first = next_stage.get(task.arm, 0)
-        # Nothing else is done while a path is followed: it and what comes after wait for all before.
-        if task.alone and task.id not in sections:
-            paths += 1
-        sections.setdefault(task.id, 2 * paths - task.alone)
-        next_stage[task.arm] = first + len(task.stops)
-        spans[task.id] = task.arm, first, next_stage[task.arm]
-    entries = document.data.get("tasks")
-    ids = [e.get("id") if isinstance(e, dict) else None for e in entries or ()]
-    notes = []
-    for task in tasks:
-        arm, first, _ = spans[task.id]
-        for k, name in enumerate(task.after):
-            if name not in spans or name == task.id or first >= spans[name][2]:
-                continue
-            if sections[name] < sections[task.id]:
-                continue
-            if spans[name][0] != arm:
-                notes.append(
-                    f"after: with order: given task {quote(task.id)} does not wait for {quote(name)}, "
-                    "as their arms do their tasks side by side"
-                )
-                continue
-            message = (
-                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it first; "
-                "change their order in the file"
-            )
-            findings.add(document, ("tasks", ids.index(task.id), "after", k), message)
-    return notes
 
 
 def _load_cell(

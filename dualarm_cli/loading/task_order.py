@@ -1,0 +1,46 @@
+"""Whether tasks come after those that they are to come after, where the file gives the order."""
+
+from __future__ import annotations
+
+from dualarm_cli.loading.diagnostics import Findings
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.yaml_source import Document
+from dualarm_cli.model.job import Task
+
+
+def check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> list[str]:
+    """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file."""
+    next_stage: dict[str, int] = {}
+    spans: dict[str, tuple[str, int, int]] = {}
+    sections: dict[str, int] = {}
+    paths = 0
+    for task in tasks:
+        first = next_stage.get(task.arm, 0)
+        # Nothing else is done while a path is followed: it and what comes after wait for all before.
+        if task.alone and task.id not in sections:
+            paths += 1
+        sections.setdefault(task.id, 2 * paths - task.alone)
+        next_stage[task.arm] = first + len(task.stops)
+        spans[task.id] = task.arm, first, next_stage[task.arm]
+    entries = document.data.get("tasks")
+    ids = [e.get("id") if isinstance(e, dict) else None for e in entries or ()]
+    notes = []
+    for task in tasks:
+        arm, first, _ = spans[task.id]
+        for k, name in enumerate(task.after):
+            if name not in spans or name == task.id or first >= spans[name][2]:
+                continue
+            if sections[name] < sections[task.id]:
+                continue
+            if spans[name][0] != arm:
+                notes.append(
+                    f"after: with order: given task {quote(task.id)} does not wait for {quote(name)}, "
+                    "as their arms do their tasks side by side"
+                )
+                continue
+            message = (
+                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it first; "
+                "change their order in the file"
+            )
+            findings.add(document, ("tasks", ids.index(task.id), "after", k), message)
+    return notes
