@@ -92,18 +92,21 @@ def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
 
 
 def _paths(noun: Noun) -> list[Diagnostic]:
-    """Returns what paths ask for that there is not: methods, torque limits."""
+    """Returns what paths and seams ask for that there is not: methods, torque limits, too much time."""
     from dualarm_cli.errors import InputError
     from dualarm_cli.model.job import Job
     from dualarm_cli.planning.path_words import check_followers
+    from dualarm_cli.planning.seam_words import check_seams
 
-    if not isinstance(noun, Job) or not noun.has_paths:
+    if not isinstance(noun, Job):
         return []
-    try:
-        check_followers(noun, None)
-    except InputError as error:
-        return error.diagnostics
-    return []
+    found: list[Diagnostic] = []
+    for check in (lambda: check_followers(noun, None), lambda: check_seams(noun)):
+        try:
+            check()
+        except InputError as error:
+            found += error.diagnostics
+    return found
 
 
 def _describe(noun: Noun) -> tuple[str, str]:
