@@ -93,6 +93,8 @@ def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
 
 def _paths(noun: Noun) -> list[Diagnostic]:
     """Returns what paths and seams ask for that there is not: methods, torque limits, too much time."""
+    from functools import partial
+
     from dualarm_cli.errors import InputError
     from dualarm_cli.model.job import Job
     from dualarm_cli.planning.path_words import check_followers
@@ -101,7 +103,7 @@ def _paths(noun: Noun) -> list[Diagnostic]:
     if not isinstance(noun, Job):
         return []
     found: list[Diagnostic] = []
-    for check in (lambda: check_followers(noun, None), lambda: check_seams(noun)):
+    for check in (partial(check_followers, noun, None), partial(check_seams, noun)):
         try:
             check()
         except InputError as error:
