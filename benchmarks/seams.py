@@ -43,26 +43,38 @@ WAVE = np.array(
     [[0.0, 0.0, 0.0], [0.05, 0.03, 0.01], [0.1, 0.0, 0.0], [0.15, -0.03, 0.01], [0.2, 0.0, 0.0]]
 )
 SUITE: dict[str, tuple[Contour, SeamTool]] = {
-    "saddle 50/45": (Saddle(0.05, 0.045, np.pi / 2, 0.0, 0.0, TURN), SeamTool(0.002)),
+    "saddle 50/45": (
+        Saddle(0.05, 0.045, np.pi / 2, 0.0, 0.0, TURN),
+        SeamTool(0.002, free_spin=True),
+    ),
     "saddle 50/45, tilt 10": (
         Saddle(0.05, 0.045, np.pi / 2, 0.0, 0.0, TURN),
-        SeamTool(0.002, tilt=np.deg2rad(10.0)),
+        SeamTool(0.002, free_spin=True, tilt=np.deg2rad(10.0)),
     ),
-    "saddle 60/35, 60 deg": (Saddle(0.06, 0.035, np.pi / 3, 0.01, 0.0, TURN), SeamTool(0.002)),
+    "saddle 60/35, 60 deg": (
+        Saddle(0.06, 0.035, np.pi / 3, 0.01, 0.0, TURN),
+        SeamTool(0.002, free_spin=True),
+    ),
     "half saddle, spin fixed": (
         Saddle(0.05, 0.045, np.pi / 2, 0.0, 0.0, np.pi),
-        SeamTool(0.002, free_spin=False),
+        SeamTool(0.002),
     ),
-    "arc on a ball 50/20": (SphereArc(0.05, 0.02, 0.0, 0.0, 0.0, TURN), SeamTool(0.002)),
-    "arc on a ball 100/80": (SphereArc(0.1, 0.08, 0.0, 0.0, 0.0, TURN), SeamTool(0.002)),
-    "ellipse 80 x 50": (Ellipse((0.08, 0.05), 0.0, TURN), SeamTool(0.002)),
+    "arc on a ball 50/20": (
+        SphereArc(0.05, 0.02, 0.0, 0.0, 0.0, TURN),
+        SeamTool(0.002, free_spin=True),
+    ),
+    "arc on a ball 100/80": (
+        SphereArc(0.1, 0.08, 0.0, 0.0, 0.0, TURN),
+        SeamTool(0.002, free_spin=True),
+    ),
+    "ellipse 80 x 50": (Ellipse((0.08, 0.05), 0.0, TURN), SeamTool(0.002, free_spin=True)),
     "line of 300 mm": (
         Segment(np.zeros(3), np.array([0.3, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
-        SeamTool(0.002),
+        SeamTool(0.002, free_spin=True),
     ),
     "wave of 200 mm": (
         PointSpline(WAVE, np.array([0.0, 0.0, 1.0])),
-        SeamTool(0.002, work_angle=0.5),
+        SeamTool(0.002, work_angle=0.5, free_spin=True),
     ),
 }
 """Seams: contour and tool."""

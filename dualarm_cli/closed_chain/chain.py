@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.closed_chain.equations import TURN, Bodies, Equations, lean_and_spin, lean_slopes
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.rotations import log_rotation, skew
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -16,71 +17,6 @@ from dualarm_cli.model.seam import SeamWork
 
 KEPT = 0.97
 """Share of what tool and surface may lean that is used: between the places looked at they lean a little more."""
-TURN = 0.1
-"""Length that a radian counts as where residuals are compared [m]."""
-
-
-@dataclass(frozen=True)
-class Bodies:
-    """Part and tool at k configurations of n joints, in the world."""
-
-    R_part: FloatArray
-    """Rotations of the part, shape (k, 3, 3)."""
-    p_part: FloatArray
-    """Positions of the part's frame [m], shape (k, 3)."""
-    J_part: FloatArray
-    """Its Jacobians, linear part first, shape (k, 6, n)."""
-    R_tool: FloatArray
-    """Rotations of the tool, shape (k, 3, 3)."""
-    p_tool: FloatArray
-    """Tool centre points [m], shape (k, 3)."""
-    J_tool: FloatArray
-    """Its Jacobians, shape (k, 6, n)."""
-
-
-@dataclass(frozen=True)
-class Equations:
-    """m equations at each of k configurations of n joints."""
-
-    left: FloatArray
-    """What is left of them [m or rad], shape (k, m)."""
-    slope: FloatArray
-    """How they change with the joints, shape (k, m, n)."""
-    scale: FloatArray
-    """Length that a unit counts as where they are compared [m], shape (m,)."""
-    one_sided: int = 0
-    """So many of the last rows may be anything below 0: they are 0 there, and change with nothing."""
-
-    @property
-    def size(self) -> FloatArray:
-        """The largest of each configuration [m, radians by TURN], shape (k,)."""
-        found: FloatArray = np.abs(self.left * self.scale).max(axis=1, initial=0.0)
-        return found
-
-    @property
-    def exact(self) -> Equations:
-        """Those that are not one-sided."""
-        rows = slice(0, self.left.shape[1] - self.one_sided)
-        return Equations(self.left[:, rows], self.slope[:, rows], self.scale[rows])
-
-    def after(self, other: Equations) -> Equations:
-        """Returns these after others that have no one-sided rows."""
-        return Equations(
-            np.concatenate([other.left, self.left], axis=1),
-            np.concatenate([other.slope, self.slope], axis=1),
-            np.concatenate([other.scale, self.scale]),
-            self.one_sided,
-        )
-
-    def with_one_sided(self, excess: FloatArray, slope: FloatArray) -> Equations:
-        """Returns them with one row more: an excess (k,) [rad] that may not be above 0, and its slope (k, n)."""
-        above = excess > 0.0
-        return Equations(
-            np.concatenate([self.left, np.where(above, excess, 0.0)[:, None]], axis=1),
-            np.concatenate([self.slope, (slope * above[:, None])[:, None]], axis=1),
-            np.append(self.scale, TURN),
-            self.one_sided + 1,
-        )
 
 
 @dataclass(frozen=True)
@@ -167,9 +103,7 @@ class Chain:
         stands = np.tile(T.rotation, (k, 1, 1)), np.tile(T.translation, (k, 1))
         return Bodies(*stands, np.zeros((k, 6, n)), *tool)
 
-    def equations(
-        self, bodies: Bodies, share: FloatArray, back: float | FloatArray = 0.0
-    ) -> Equations:
+    def equations(self, bodies: Bodies, share: FloatArray) -> Equations:
         """Returns what has to vanish for the tool to be on the seam within its freedoms.
 
         The tool's working point against the seam's point (3 rows, along the tool's axes as they should be); the lean of
@@ -179,10 +113,9 @@ class Chain:
         Args:
             bodies: at k configurations.
             share: of the seam, shape (k,).
-            back: how far the tool is drawn back along its axis [m], a number or one for each, shape (k,).
         """
         work = self.work
-        r, J = self.offsets(bodies, share, back)
+        r, J = self.offsets(bodies, share)
         rows = [0, 1, 2] if work.tool.tilt > 0.0 else [0, 1, 2, 3, 4]
         rows += [] if work.tool.free_spin else [5]
         found = Equations(r[:, rows], J[:, rows], np.array([1.0 if i < 3 else TURN for i in rows]))
@@ -215,9 +148,7 @@ class Chain:
             farthest = max(farthest, float((angle - work.downhand).max()))
         return farthest > 0.0
 
-    def offsets(
-        self, bodies: Bodies, share: FloatArray, back: float | FloatArray = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def offsets(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns how the tool is off the seam, (k, 6), and how that changes with the joints, (k, 6, n).
 
         Entries 0 to 2: the working point from the seam's point [m]; 3 and 4: lean of the tool's axis; 5: spin [rad].
@@ -225,18 +156,19 @@ class Chain:
         work = self.work
         R_seam, p_seam = work.tool_frames(share)
         R_should = bodies.R_part @ R_seam
-        reach = np.broadcast_to(work.tool.standoff + np.asarray(back), share.shape)
-        tip = bodies.p_tool + reach[:, None] * bodies.R_tool[:, :, 2]
+        tip = bodies.p_tool + work.tool.standoff * bodies.R_tool[:, :, 2]
         there = bodies.p_part + (bodies.R_part @ p_seam[..., None])[..., 0]
         to_should = np.swapaxes(R_should, -1, -2)
         r = np.empty((len(share), 6))
         r[:, :3] = (to_should @ (tip - there)[..., None])[..., 0]
-        r[:, 3:] = lean_and_spin(to_should @ bodies.R_tool)
+        E = to_should @ bodies.R_tool
+        r[:, 3:] = lean_and_spin(E)
         Jt, Jp = bodies.J_tool, bodies.J_part
         v = Jt[:, :3] - skew(tip - bodies.p_tool) @ Jt[:, 3:]
         # The part carries the seam's point, and the axes along which the difference is taken.
         v = v - Jp[:, :3] + skew(tip - bodies.p_part) @ Jp[:, 3:]
-        J = np.concatenate([to_should @ v, to_should @ (Jt[:, 3:] - Jp[:, 3:])], axis=1)
+        turning = lean_slopes(E, to_should @ (Jt[:, 3:] - Jp[:, 3:]))
+        J = np.concatenate([to_should @ v, turning], axis=1)
         return r, J
 
     def nearest_share(self, bodies: Bodies, share: FloatArray, steps: int = 3) -> FloatArray:
@@ -280,21 +212,3 @@ class Chain:
         # d normal = w x normal; its z is (w_x n_y - w_y n_x).
         w = bodies.J_part[:, 3:]
         return normal[:, 2], w[:, 0] * normal[:, 1:2] - w[:, 1] * normal[:, :1]
-
-
-def lean_and_spin(E: FloatArray) -> FloatArray:
-    """Returns how tools are turned away from how they should be, (k, 3) [rad].
-
-    The first two are the lean of the axis, a vector as long as its angle; the third is the turn about the axis.
-
-    Args:
-        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
-    """
-    x, y, z = np.moveaxis(E[..., :, 2], -1, 0)
-    sine = np.hypot(x, y)
-    scale = np.where(sine > 1e-9, np.arctan2(sine, z) / np.where(sine > 1e-9, sine, 1.0), 1.0)
-    # e_z x axis is the lean; taking it back leaves the spin.
-    lean = np.stack([-y * scale, x * scale, np.zeros_like(x)], axis=-1)
-    spin = np.arctan2(E[..., 1, 0] - E[..., 0, 1], E[..., 0, 0] + E[..., 1, 1])
-    lean[..., 2] = spin
-    return lean

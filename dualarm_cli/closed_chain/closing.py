@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.closed_chain.chain import Chain, Equations
+from dualarm_cli.closed_chain.chain import Chain
+from dualarm_cli.closed_chain.equations import Equations
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.tool_path import Poses
 
-CLOSED = 1e-11
+CONVERGED = 1e-11
 """Residual below which no more steps are taken [m, radians by TURN]."""
 LONGEST_STEP = 0.4
 """Longest Newton step of a joint [rad]."""
@@ -37,7 +38,6 @@ def close(
     weight: FloatArray,
     steps: int,
     *,
-    back: float | FloatArray = 0.0,
     part: Poses | None = None,
     towards: FloatArray | None = None,
     pulls: int = 0,
@@ -51,7 +51,6 @@ def close(
         share: of the seam, shape (k,).
         weight: how readily each joint moves, 0 for joints that stand, shape (n,).
         steps: how many steps at most.
-        back: how far the tool is drawn back along its axis [m], a number or shape (k,).
         part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None where it may be anywhere.
         towards: joints that the first steps pull to, as far as the equations leave them free [rad], (n,).
         pulls: how many steps pull.
@@ -59,10 +58,10 @@ def close(
     """
     q = np.array(position)
     for step in range(steps + 1):
-        found = all_equations(chain, q, share, back, part)
+        found = all_equations(chain, q, share, part)
         found = found.exact if exact else found
         left = found.size
-        if step == steps or left.max(initial=0.0) < CLOSED:
+        if step == steps or left.max(initial=0.0) < CONVERGED:
             break
         wish = np.zeros_like(q)
         if towards is not None and step < pulls:
@@ -77,12 +76,11 @@ def all_equations(
     chain: Chain,
     position: FloatArray,
     share: FloatArray,
-    back: float | FloatArray = 0.0,
     part: Poses | None = None,
 ) -> Equations:
     """Returns the seam's equations, and the part's where its pose is given."""
     bodies = chain.bodies(position)
-    found = chain.equations(bodies, share, back)
+    found = chain.equations(bodies, share)
     return found if part is None else found.after(chain.part_equations(bodies, *part))
 
 

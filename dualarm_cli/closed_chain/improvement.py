@@ -27,8 +27,8 @@ SMOOTHING = 16
 """Steps at most that make the motion easy at the end, the time kept."""
 EASY = 0.01
 """Share of what a motion costs whose gain in a step ends that."""
-SPARE_TIME = 1.01
-"""Factor on the least time within which the motion is made smooth."""
+SPARE_TIME = 1.003
+"""Factor on a way's own time within which it is made easy: at the time that is asked for, effort may mean nothing."""
 
 
 def improved(
@@ -99,7 +99,7 @@ def _descended(
             break
     if beyond > 0.0 or not easy:
         return best
-    smooth = _smoothed(problem, program, best, max(time * SPARE_TIME, enough))
+    smooth = _smoothed(problem, program, best, time * SPARE_TIME)
     return best if touches(smooth) else smooth
 
 
@@ -120,7 +120,7 @@ def _smoothed(
         if (
             tried is None
             or beyond_limits(problem, tried).max() > 0.0
-            or steady_time(tried, problem.limits) > time * SPARE_TIME
+            or steady_time(tried, problem.limits) > time
             or program.unease(tried, time) >= unease
         ):
             radius *= REFUSED

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.closed_chain.chain import TURN
 from dualarm_cli.closed_chain.closing import Closed, close
+from dualarm_cli.closed_chain.equations import TURN
 from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
@@ -38,6 +38,8 @@ ROOM = 0.25
 """Distance from limits, as a share of a joint's range, beyond which more is no better."""
 CROWDED = 0.15
 """What a joint at its limit counts, as a share of the time."""
+LONG = 4.0
+"""Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
 ARM = 0.5
 """Length by which singular values count metres [m]: about an arm's."""
 REGULAR, SINGULAR = 0.15, 0.3
@@ -142,7 +144,8 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
     time = max(steady_time(way, limits), AMPLE * problem.time)
     singular = 1.0 - min(_least_singular_value(problem, way) / REGULAR, 1.0)
     coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
-    return time * (1.0 + CROWDED * crowded + SINGULAR * singular) + coming
+    near = (CROWDED * crowded + SINGULAR * singular) * min(time, LONG)
+    return time + near + coming
 
 
 def _least_singular_value(problem: SeamProblem, way: FloatArray) -> float:

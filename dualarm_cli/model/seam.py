@@ -30,7 +30,7 @@ class SeamTool:
     """Then about the frame's y [rad]: the tool leans forwards or backwards."""
     spin: float = 0.0
     """Then about the tool's own axis [rad]: at 0 its x axis is along the curve."""
-    free_spin: bool = True
+    free_spin: bool = False
     """Whether the tool may turn about its own axis."""
     tilt: float = 0.0
     """By how much the tool's axis may lean away from where it should point [rad]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,8 +35,10 @@ ENOUGH_REFUSALS = 2
 """So many times too fast, and other starts will be as well."""
 STEADY_SHARE = 0.8
 """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
-TOGETHER = 1e-6
-"""Residual up to which the robot counts as having tool and part where a seam begins [m, radians by TURN]."""
+TOGETHER = 3e-7
+"""Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files round away."""
+SLOWED = 1.0005
+"""Factor on time or speed above which a seam falls short of what is asked."""
 
 
 @dataclass(frozen=True)
@@ -115,26 +117,41 @@ class SeamPlanner:
         holding = seam_holding(self.job, work) if self.clear else None
         goes_on = self._goes_on(after)
         tries = [(_Start(here, number=k), goes_on) for k in range(ROUNDS)]
+        if work.approach == 0.0 and _together(chain, here):
+            tries.insert(0, (_Start(here, here), goes_on))
         if goes_on is not None:
             # Better with a way in between than not at all.
             tries.append((_Start(here), None))
-        if work.approach == 0.0 and _together(chain, here):
-            tries.insert(0, (_Start(here, here), goes_on))
         refusals: list[str] = []
         for start, test in tries:
-            problem = self._problem(chain, start, holding, test)
-            planned = []
-            for name in self._solvers(task, problem):
-                found = self._worked(problem, holding, name)
-                if isinstance(found, PlannedSeam):
-                    planned.append(found)
-                else:
-                    refusals.append(found)
-            if planned:
-                return min(planned, key=lambda one: one.seam.trajectory.duration)
-            if sum(TOO_FAST in reason for reason in refusals) >= ENOUGH_REFUSALS:
+            if test is not None and sum(TOO_FAST in one for one in refusals) >= ENOUGH_REFUSALS:
+                continue
+            planned = self._tried(task, self._problem(chain, start, holding, test), holding)
+            if isinstance(planned, PlannedSeam):
+                return planned
+            refusals += planned
+            if goes_on is None and sum(TOO_FAST in one for one in refusals) >= ENOUGH_REFUSALS:
                 break
-        raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {refusals[0]}")
+        # That less speed would do says more than that something else was in the way of another try.
+        told = min(refusals, key=lambda reason: TOO_FAST not in reason)
+        raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {told}")
+
+    def _tried(
+        self, task: str, problem: SeamProblem, holding: Holding | None
+    ) -> PlannedSeam | list[str]:
+        """Returns the quickest seam by the solvers that are taken, or why there is none by each."""
+        planned, refusals = [], []
+        for name in self._solvers(task, problem):
+            found = self._worked(problem, holding, name)
+            if isinstance(found, str):
+                refusals.append(found)
+                continue
+            planned.append(found)
+            if self.job.tool_speed is None:
+                break
+        if not planned:
+            return refusals
+        return min(planned, key=lambda one: one.seam.trajectory.duration)
 
     def _goes_on(self, after: SeamWork | None) -> Callable[[FloatArray], bool] | None:
         """Returns a test of joints (n,) [rad] in which a seam ends: whether the next can be worked from there at once.
@@ -193,8 +210,8 @@ class SeamPlanner:
     def _solvers(self, task: str, problem: SeamProblem) -> list[str]:
         """Returns the solver that was asked for, or the first one that serves.
 
-        Solvers know of no cap on the tools' speed, under which a part that moves may be worth less than one that
-        stands: there both are tried.
+        Then also the next one that serves: for where the first one's answer cannot be worked, and for under a cap on
+        the tools' speed, of which solvers do not know and under which a part that moves may be worth less.
 
         Raises:
             UnsupportedError: the one that was asked for does not serve.
@@ -206,7 +223,7 @@ class SeamPlanner:
                 raise UnsupportedError(f"{work.place}: task '{task}': method {named}: {reason}")
             return [named]
         serve = [one.name for one in SEAM_SOLVERS if one.why_unsupported(problem) is None]
-        return serve[: 1 if self.job.tool_speed is None else 2]
+        return serve[:2]
 
     def _worked(
         self, problem: SeamProblem, holding: Holding | None, name: str
@@ -216,6 +233,11 @@ class SeamPlanner:
         if isinstance(motion, NoSeam):
             return _nowhere(problem.chain.work, motion)
         planned = self._timed(problem, motion, name)
+        if motion.time <= problem.time and self._falls_short(planned, problem.chain.work):
+            # The solver ended where it thought it fast enough, ramps not counted: now as fast as it can.
+            faster = SEAM_SOLVERS[name].solve(replace(problem, time=0.0))
+            if isinstance(faster, SeamMotion):
+                planned = _quicker(planned, self._timed(problem, faster, name))
         if isinstance(planned, str) or holding is None:
             return planned
         motions = (
@@ -224,6 +246,15 @@ class SeamPlanner:
             ("on the retract", planned.retract),
         )
         return where_it_touches(holding, motions) or planned
+
+    def _falls_short(self, planned: PlannedSeam | str, work: SeamWork) -> bool:
+        """Returns whether a seam is refused as too fast, or slower than the file asks."""
+        if isinstance(planned, str):
+            return TOO_FAST in planned
+        if work.duration is not None:
+            return planned.seam.trajectory.duration > work.duration / self.job.speed * SLOWED
+        assert work.speed is not None
+        return planned.seam.speed(work.length) * SLOWED < work.speed * self.job.speed
 
     def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | str:
         """Returns a solver's answer in time, with the tool's lines, or why there is none."""
@@ -264,13 +295,22 @@ class SeamPlanner:
         )
 
 
+def _quicker(one: PlannedSeam | str, other: PlannedSeam | str) -> PlannedSeam | str:
+    """Returns the quicker of two answers; a plan before any reason, the later reason before the earlier one."""
+    if isinstance(other, str):
+        return other if isinstance(one, str) else one
+    if isinstance(one, str):
+        return other
+    return min(one, other, key=lambda plan: plan.seam.trajectory.duration)
+
+
 def _together(chain: Chain, position: FloatArray) -> bool:
     """Returns whether joints (n,) [rad] have tool and part where the seam begins."""
     share = np.zeros(1)
     given = chain.work.master is not None and chain.work.hold.given
     poses = chain.work.hold.at(share) if given else None
-    left = all_equations(chain, position[None], share, part=poses).size
-    return bool(left[0] < TOGETHER)
+    left = all_equations(chain, position[None], share, part=poses).left
+    return bool(np.abs(left).max() < TOGETHER)
 
 
 def _nowhere(work: SeamWork, found: NoSeam) -> str:

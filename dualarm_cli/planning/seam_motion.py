@@ -18,7 +18,7 @@ from dualarm_cli.timing.steady_search import fastest_profile, profile_of_duratio
 
 SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Times between knots that are tried until the chain is closed between them too [s]."""
-OPEN = 4e-7
+OPEN = 6e-7
 """How far the chain may be open between knots [m, rad]."""
 UNEVEN = 4e-4
 """Share by which the speed along the seam may be off between knots, ramps not counted."""
@@ -144,7 +144,7 @@ def _profile(
 def _trajectory(
     path: SeamPath, profile: SteadyProfile, limits: JointLimits, spacing: float, *, jumps: bool
 ) -> Trajectory:
-    """Returns the trajectory with knots so far apart at most, three parts of each phase or more."""
+    """Returns the trajectory with knots so far apart at most, four parts of each phase or more."""
     edges = profile.edges()
     edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9])]
     phases = []

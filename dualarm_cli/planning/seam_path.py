@@ -26,6 +26,8 @@ CLOSED = 1e-9
 """Residual that counts as closed [m, radians by TURN]."""
 EVENED_OUT = (0.0, 0.6, 1.2, 2.0, 3.0)
 """Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
+FADED = 0.2
+"""Share of a seam within which it comes to its own from where another one ended."""
 STANDS = 1e-9
 """Joints that move less along the nodes stand [rad]."""
 
@@ -55,6 +57,8 @@ class SeamPath:
             closed = _closed(problem, motion, _evened_out(position, width))
             if closed is None:
                 continue
+            if problem.begin is not None:
+                closed = _from(problem.begin, closed)
             found = cls(problem.chain, closed)
             speed = steady_limit(found.rates, problem.limits).speed
             if speed > highest:
@@ -107,6 +111,16 @@ def _closed(problem: SeamProblem, motion: SeamMotion, position: FloatArray) -> F
     inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()
     good = inside and found.residual.max() < CLOSED
     return q if good and not chain.leans_too_far(chain.bodies(q), share) else None
+
+
+def _from(begin: FloatArray, position: FloatArray) -> FloatArray:
+    """Returns joints (PLACES, n) that begin exactly where they have to (n,), and come to their own over FADED.
+
+    Where a seam goes on from another, what files round away opens the chain a little at first.
+    """
+    x = np.clip(np.linspace(0.0, 1.0, len(position)) / FADED, 0.0, 1.0)
+    fade = 1.0 - x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+    return position + fade[:, None] * (begin - position[0])
 
 
 def _evened_out(position: FloatArray, width: float) -> FloatArray:

@@ -108,7 +108,7 @@ def profile_of_duration(
     *,
     trapezoid: bool = False,
 ) -> SteadyProfile | None:
-    """Returns a profile that takes a given time, with the shortest ramps of some that keep every limit, or None.
+    """Returns a profile of a given time, with the shortest ramps of some that keep all limits; None if it is too short.
 
     Args:
         rates: of the path.
@@ -129,7 +129,13 @@ def profile_of_duration(
             if all(_keeps(end, limits, speed, time, part, acceleration).all() for end in ends):
                 one = Ramp(ramp, ramp * shape)
                 return SteadyProfile(speed, one, one)
-    return None
+    fastest = fastest_profile(rates, limits, np.inf, acceleration, trapezoid=trapezoid)
+    if fastest is None or fastest.duration > duration:
+        return None
+    # Stretched in time, every rate is lower.
+    longer = duration / fastest.duration
+    start, end = (Ramp(r.time * longer, r.jerk_time * longer) for r in (fastest.start, fastest.end))
+    return SteadyProfile(fastest.speed / longer, start, end)
 
 
 def _quickest(

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.closed_chain.chain import KEPT, TURN, Chain, lean_and_spin
+from dualarm_cli.closed_chain.chain import KEPT, Chain
+from dualarm_cli.closed_chain.equations import TURN, lean_and_spin
 from dualarm_cli.model.seam import SeamTool
 
 PLAIN = SeamTool()
