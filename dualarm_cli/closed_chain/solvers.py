@@ -76,7 +76,9 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
     ]
     tried = sorted(tried, key=lambda way: way_cost(problem, way))
     best = improved(problem, tried[0], stands)
-    possible = (way for way in (best, *tried, *starts.position) if _possible(problem, way))
+    # What is quicker may have come near to a singular posture.
+    first = sorted((best, *tried), key=lambda way: way_cost(problem, way))
+    possible = (way for way in (*first, *starts.position) if _possible(problem, way))
     return list(islice(possible, _kept(problem))) or NoSeam(LIMITS, 1.0)
 
 

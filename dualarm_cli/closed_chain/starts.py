@@ -38,11 +38,11 @@ ROOM = 0.25
 """Distance from limits, as a share of a joint's range, beyond which more is no better."""
 CROWDED = 0.15
 """What a joint at its limit counts, as a share of the time."""
-LONG = 4.0
+LONG = 10.0
 """Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
 ARM = 0.5
 """Length by which singular values count metres [m]: about an arm's."""
-REGULAR, SINGULAR = 0.15, 0.3
+REGULAR, SINGULAR = 0.15, 0.5
 """Least singular value above which more is no better, and what a singular posture counts, as a share of the time."""
 AMPLE = 0.93
 """Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""

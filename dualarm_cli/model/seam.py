@@ -14,6 +14,8 @@ from dualarm_cli.model.feature_curve import MeasuredCurve
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.tool_path import Poses, ToolPath
 
+RAMP = 1.2
+"""Longest time of a ramp of a seam that may not be slower, where its file gives no acceleration, at full speed [s]."""
 INTO = np.diag([1.0, -1.0, -1.0])
 """Rotation of a tool that points into the surface, in the curve's frame: z against z, x along the curve."""
 
@@ -143,3 +145,18 @@ class SeamWork:
         """
         R, p = self.curve.at(share * self.curve.length)
         return R @ self.tool.R_curve_tool, p
+
+
+def longest_ramp(work: SeamWork, pace: float) -> float:
+    """Returns the longest time in which a seam that may not be slower comes to its speed [s].
+
+    RAMP, or twice what the file's acceleration takes: it rises and falls too.
+
+    Args:
+        work: with a speed.
+        pace: the job's share of full speed.
+    """
+    longest = RAMP / pace
+    if work.acceleration is not None and work.speed is not None:
+        longest = max(longest, 2.0 * work.speed / (work.acceleration * pace))
+    return longest

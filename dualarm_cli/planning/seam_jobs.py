@@ -35,7 +35,7 @@ ENOUGH_REFUSALS = 2
 """So many times too fast, and other starts will be as well."""
 STEADY_SHARE = 0.8
 """Share of a given duration in which the tool is at its steady speed, about: solvers know no ramps."""
-TOGETHER = 3e-7
+TOGETHER = 2e-7
 """Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files round away."""
 SLOWED = 1.0005
 """Factor on time or speed above which a seam falls short of what is asked."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.closed_chain.chain import Chain
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.seam_path import SeamPath
 from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
@@ -18,7 +18,7 @@ from dualarm_cli.timing.steady_search import fastest_profile, profile_of_duratio
 
 SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Times between knots that are tried until the chain is closed between them too [s]."""
-OPEN = 6e-7
+OPEN = 4e-7
 """How far the chain may be open between knots [m, rad]."""
 UNEVEN = 4e-4
 """Share by which the speed along the seam may be off between knots, ramps not counted."""
@@ -92,7 +92,11 @@ def timed_seam(
             if residual <= OPEN and uneven <= UNEVEN:
                 capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
                 return TimedSeam(trajectory, profile, residual, capped)
-            reason = f"the chain opens by {residual * 1e6:.2f} um between its knots"
+            reason = (
+                f"the chain opens by {residual * 1e6:.2f} um (or urad) between its knots"
+                if residual > OPEN
+                else f"its speed is uneven by {uneven:.2%} between its knots"
+            )
     return reason
 
 
@@ -121,8 +125,16 @@ def _profile(
     found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
     if found is None:
         return "no ramps are gentle enough for the joints' limits"
-    if work.slower or (work.duration is None and found.speed >= most * AS_ASKED):
+    if work.slower:
         return found
+    if work.duration is None and found.speed >= most * AS_ASKED:
+        longest = longest_ramp(work, pace)
+        if max(found.start.time, found.end.time) <= longest:
+            return found
+        return (
+            f"{TOO_FAST}: coming to {asked} takes {max(found.start.time, found.end.time):.3g} s, more than the "
+            f"{longest:.3g} s that a ramp may take"
+        )
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
     if found.speed >= cap * AS_ASKED:
@@ -132,7 +144,7 @@ def _profile(
         )
     if top.speed > most:
         return (
-            f"too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
+            f"{TOO_FAST}: too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
             f"{found.duration:.3f} s"
         )
     return (

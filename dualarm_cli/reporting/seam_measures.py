@@ -14,7 +14,7 @@ from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.verification.seam_checks import OnSeam, on_seam
+from dualarm_cli.verification.seam_places import OnSeam, on_seam
 from dualarm_cli.verification.tool_model import ToolModel
 
 SPACING = 0.005

@@ -180,9 +180,25 @@ def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[tuple
             if (s.arm, s.task) == (task.arm, task.id)
             and s.kind in ("approach", "dwell", "seam", "retract")
         ]
-        if own:
-            spans.append((min(s.start for s in own), max(s.end for s in own)))
+        seams = [(s.start, s.end) for s in own if s.kind == "seam"]
+        # Only what follows on from the seam itself, or leads up to it, without a gap.
+        spans += [span for span in _joined(own) if any(_within(seam, span) for seam in seams)]
     return sorted(spans)
+
+
+def _joined(segments: Sequence[Segment]) -> list[tuple[float, float]]:
+    """Returns the spans of segments, those that follow one another as one [s]."""
+    joined: list[tuple[float, float]] = []
+    for start, end in sorted((s.start, s.end) for s in segments if s.end > s.start):
+        if joined and start <= joined[-1][1] + tol.SAME_TIME:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((start, end))
+    return joined
+
+
+def _within(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return other[0] <= one[0] + tol.SAME_TIME and one[1] <= other[1] + tol.SAME_TIME
 
 
 def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[float, float]]:
@@ -212,14 +228,7 @@ def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, floa
             and segment.kind in ("approach", "dwell", "retract")
         )
 
-    spans = sorted((s.start, s.end) for s in schedule.segments if counts(s))
-    joined: list[tuple[float, float]] = []
-    for start, end in spans:
-        if joined and start <= joined[-1][1] + tol.SAME_TIME:
-            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
-        else:
-            joined.append((start, end))
-    return joined
+    return _joined([s for s in schedule.segments if counts(s)])
 
 
 def _overlaps(

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
-from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.seam_places import OnSeam, on_seam, placed
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -29,34 +26,12 @@ NAMES = (
     "seam_downhand",
 )
 """The checks."""
-ROUNDS = 12
-"""Newton steps along the seam to the place that is nearest to the tool."""
 RATE_STEP = 2e-4
 """Time over which speed and acceleration along a seam are measured, to both sides [s]."""
 MOST_RATES = 20_000
 """Instants at which they are, at most about."""
 STEADY = 0.999
 """Share of the largest speed from which on the tool counts as at its steady speed."""
-
-
-@dataclass(frozen=True)
-class OnSeam:
-    """Tool and part during one seam, at k instants."""
-
-    time: FloatArray
-    """Instants [s], shape (k,)."""
-    length: FloatArray
-    """How far along the seam the nearest place is [m], shape (k,)."""
-    distance: FloatArray
-    """How far the tool's working point is from it [m], shape (k,)."""
-    angle: FloatArray
-    """By how much the tool is turned away, beyond what is free [rad], shape (k,)."""
-    lean: FloatArray
-    """By how much its axis leans away from where it should point [rad], shape (k,)."""
-    R_part: FloatArray
-    """Rotations of the part in the world, shape (k, 3, 3)."""
-    p_part: FloatArray
-    """Positions of the part [m], shape (k, 3)."""
 
 
 def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
@@ -81,6 +56,9 @@ def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             for arm in work.arms
         }
         [own, *others] = [spans[arm] for arm in work.arms]
+        if wrong := _wrong_order(schedule, work, task):
+            worst["seam_progress"].add(np.inf, f"{task}: {wrong}")
+            continue
         together = all(
             len(other) == len(own) == 1
             and abs(other[0].start - own[0].start) + abs(other[0].end - own[0].end) < tol.SAME_TIME
@@ -135,12 +113,16 @@ def _judge(
         worst["seam_speed"].add(0.0, task)
     worst_dip, where = _unsteady(speed)
     worst["seam_steady"].add(worst_dip, f"{task} at {middle[where]:.3f} s")
-    if not work.slower:
-        if work.speed is not None:
-            worst["seam_as_asked"].add(max(0.0, 1.0 - top / (work.speed * job.speed)), task)
-        if work.duration is not None:
-            asked = work.duration / job.speed
-            worst["seam_as_asked"].add(abs((segment.end - segment.start) / asked - 1.0), task)
+    taken = segment.end - segment.start
+    if work.duration is not None:
+        late = taken / (work.duration / job.speed) - 1.0
+        worst["seam_as_asked"].add(max(0.0, -late) if work.slower else abs(late), task)
+    elif not work.slower:
+        assert work.speed is not None
+        asked = work.speed * job.speed
+        worst["seam_as_asked"].add(max(0.0, 1.0 - top / asked), task)
+        longest = work.length / asked + longest_ramp(work, job.speed)
+        worst["seam_as_asked"].add(max(0.0, taken / longest - 1.0), task)
     if work.not_before > segment.start + tol.SAME_TIME:
         worst["seam_as_asked"].add(np.inf, f"{task} begins before {work.not_before:g} s")
     if work.acceleration is not None:
@@ -148,10 +130,74 @@ def _judge(
         add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
     if work.master is not None and (work.hold.given or work.hold.stands):
         add("seam_part", _part_off(found, work))
+    for span in _beside(schedule, work, task):
+        # While the tool comes, dwells and leaves the part stands as where the seam begins, or ends.
+        time = dense_times(schedule.trajectory.time, span.start, span.end)
+        at = placed(schedule, job, model, work, time, np.zeros(len(time)))
+        end = 0 if span.action == "seam_start" else -1
+        away = np.linalg.norm(at.p_part - found.p_part[end], axis=1)
+        turned = rotation_angle(found.R_part[end].T @ at.R_part)
+        add("seam_part", np.maximum(away, turned), time)
+        if span.kind == "dwell":
+            there = _tool_in_part(schedule, job, model, work, np.array([found.time[end]]))
+            off = _tool_in_part(schedule, job, model, work, time) - there
+            add("seam_distance", np.linalg.norm(off, axis=1), time)
     if work.downhand is not None:
         R, _ = work.curve.at(found.length)
         up = (found.R_part @ R)[:, 2, 2]
         add("seam_downhand", np.arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
+
+
+def _beside(schedule: Schedule, work: SeamWork, task: str) -> list[Segment]:
+    """Returns the slave's approach, dwells and retract of a seam."""
+    kinds = ("approach", "dwell", "retract")
+    return [
+        s
+        for s in schedule.segments
+        if (s.arm, s.task) == (work.slave, task) and s.kind in kinds and s.end > s.start
+    ]
+
+
+def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
+    """Returns what of a seam's segments and events does not follow one another, or an empty string."""
+    own = [s for s in schedule.segments if (s.arm, s.task) == (work.slave, task)]
+    parts: dict[tuple[str, str], list[Segment]] = {}
+    for segment in own:
+        if segment.kind not in ("transfer", "wait"):
+            parts.setdefault((segment.kind, segment.action), []).append(segment)
+    doubled = [key for key, found in parts.items() if len(found) > 1]
+    if doubled:
+        return f"{len(parts[doubled[0]])} segments of kind {doubled[0][0]} ({doubled[0][1]})"
+    seam = next((s for s in own if s.kind == "seam"), None)
+    if seam is None:
+        return "it has no segment of kind seam"
+    events = {e.action: e for e in schedule.events if (e.arm, e.task) == (work.slave, task)}
+    first, last = events.get("seam_start"), events.get("seam_end")
+    if first is None or last is None:
+        return "it has no events seam_start and seam_end"
+    off = max(abs(first.time + first.dwell - seam.start), abs(last.time - seam.end))
+    if not off <= tol.SAME_TIME:
+        return "its events are not where its segment begins and ends"
+    for (kind, action), [segment] in parts.items():
+        ends = {
+            "approach": abs(segment.end - first.time),
+            "retract": abs(segment.start - last.time - last.dwell),
+            "dwell": abs(segment.start - (first if action == "seam_start" else last).time),
+        }
+        if not ends.get(kind, 0.0) <= tol.SAME_TIME:
+            return f"its {kind} ({action}) is not at its event"
+    return ""
+
+
+def _tool_in_part(
+    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, time: FloatArray
+) -> FloatArray:
+    """Returns the tool centre point in the part's frame at instants (k,) [s], (k, 3) [m]."""
+    position = schedule.trajectory.at(time)[0]
+    _, p = model.poses(work.slave, position)
+    at = placed(schedule, job, model, work, time, np.zeros(len(time)))
+    found: FloatArray = ((p - at.p_part)[:, None] @ at.R_part)[:, 0]
+    return found
 
 
 def _rates(
@@ -167,7 +213,7 @@ def _rates(
     three = []
     for time in (middle - step, middle, middle + step):
         guess = np.interp(time, found.time, found.length)
-        three.append(_placed(schedule, job, model, work, time, guess).length)
+        three.append(placed(schedule, job, model, work, time, guess).length)
     behind, here, ahead = three
     return middle, (ahead - behind) / (2.0 * step), (ahead - 2.0 * here + behind) / step**2
 
@@ -198,75 +244,3 @@ def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:
     away = np.linalg.norm(found.p_part - p, axis=1)
     turned = rotation_angle(np.swapaxes(R, -1, -2) @ found.R_part)
     return np.maximum(away, turned)
-
-
-def on_seam(
-    schedule: Schedule, job: Job, model: ToolModel, work: SeamWork, segment: Segment
-) -> OnSeam:
-    """Returns where tool and part are during a segment of kind seam.
-
-    The part hangs on the master's flange, or stands in the world; the tool's pose is taken in its frame. The place on
-    the seam is looked for near where the way that the working point has gone would have it.
-    """
-    time = dense_times(schedule.trajectory.time, segment.start, segment.end)
-    return _placed(schedule, job, model, work, time, None)
-
-
-def _placed(
-    schedule: Schedule,
-    job: Job,
-    model: ToolModel,
-    work: SeamWork,
-    time: FloatArray,
-    guess: FloatArray | None,
-) -> OnSeam:
-    """Returns where tool and part are at instants (k,) [s], near places on the seam (k,) [m] if these are known."""
-    position = schedule.trajectory.at(time)[0]
-    R, p = model.poses(work.slave, position)
-    R_part, p_part = (
-        np.tile(work.part.rotation, (len(time), 1, 1)),
-        np.tile(work.part.translation, (len(time), 1)),
-    )
-    if work.master is not None:
-        R_tool, p_tool = model.poses(work.master, position)
-        T: pin.SE3 = job.cell.tools[work.master].tcp.inverse() * work.part
-        R_part, p_part = R_tool @ T.rotation, p_tool + R_tool @ T.translation
-    tip = p + work.tool.standoff * R[:, :, 2]
-    inside = ((tip - p_part)[:, None] @ R_part)[:, 0]
-    if guess is None:
-        gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(inside, axis=0), axis=1))])
-        guess = gone * (work.length / max(gone[-1], 1e-12))
-    s = np.clip(guess, 0.0, work.length)
-    for _ in range(ROUNDS):
-        R_seam, p_seam = work.curve.at(s)
-        s = np.clip(s + ((inside - p_seam) * R_seam[:, :, 0]).sum(axis=1), 0.0, work.length)
-    R_seam, p_seam = work.curve.at(s)
-    E = np.swapaxes(R_part @ R_seam @ work.tool.R_curve_tool, -1, -2) @ R
-    distance = np.linalg.norm(inside - p_seam, axis=1)
-    lean = np.arctan2(np.hypot(E[:, 0, 2], E[:, 1, 2]), E[:, 2, 2])
-    return OnSeam(time, s, distance, _turned_away(E, lean, work), lean, R_part, p_part)
-
-
-def _turned_away(E: FloatArray, lean: FloatArray, work: SeamWork) -> FloatArray:
-    """Returns by how much tools are turned away beyond what is free, (k,) [rad].
-
-    Args:
-        E: rotations of the tools in the frames as they should be, shape (k, 3, 3).
-        lean: of their axes [rad], shape (k,).
-        work: the seam.
-    """
-    beyond = np.maximum(lean - work.tool.tilt, 0.0)
-    if work.tool.free_spin:
-        return beyond
-    # What is left once the lean is taken back by the shortest turn.
-    axis = np.stack([-E[:, 1, 2], E[:, 0, 2], np.zeros(len(E))], axis=-1)
-    size = np.linalg.norm(axis, axis=1, keepdims=True)
-    back = -np.where(size > 1e-12, axis / np.where(size > 1e-12, size, 1.0), 0.0) * lean[:, None]
-    K = np.zeros((len(E), 3, 3))
-    K[:, 0, 2], K[:, 1, 2] = back[:, 1], -back[:, 0]
-    K[:, 2, 0], K[:, 2, 1] = -back[:, 1], back[:, 0]
-    sine = np.where(lean > 1e-12, np.sin(lean) / np.where(lean > 1e-12, lean, 1.0), 1.0)
-    cosine = np.where(lean > 1e-6, (1.0 - np.cos(lean)) / np.where(lean > 1e-6, lean**2, 1.0), 0.5)
-    upright = (np.eye(3) + sine[:, None, None] * K + cosine[:, None, None] * (K @ K)) @ E
-    spin = np.abs(log_rotation(upright)[:, 2])
-    return np.maximum(beyond, spin)

@@ -38,9 +38,9 @@ def test_every_way_is_closed_at_every_node_and_stands_where_it_has_to(cells, mak
     ]
     costs = [way_cost(problem, found.position[k]) for k in inside]
     assert (np.diff(costs) >= 0.0).all()
-    # The cost is the time, and up to 45 % more for limits and singular postures that are near.
+    # The cost is the time, and up to 65 % more for limits and singular postures that are near.
     times = steady_times(found.position[inside], problem.limits).max(axis=-1)
-    assert (costs >= times).all() and (costs <= 1.45 * times + 1e-9).all()
+    assert (costs >= times).all() and (costs <= 1.65 * times + 1e-9).all()
 
 
 def test_a_way_of_the_part_is_kept_at_every_node(cells, make):

@@ -16,7 +16,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.seam_checks import NAMES, check_seams, on_seam
+from dualarm_cli.verification.seam_checks import NAMES, check_seams
+from dualarm_cli.verification.seam_places import on_seam
 from dualarm_cli.verification.tool_model import ToolModel
 
 SDA10F = """\
