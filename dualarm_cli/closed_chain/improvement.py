@@ -8,7 +8,8 @@ from dualarm_cli.closed_chain.closing import close
 from dualarm_cli.closed_chain.problem import SeamProblem
 from dualarm_cli.closed_chain.program import Program
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import AMPLE, CLOSED, DEAR, beyond_limits, part_poses
+from dualarm_cli.closed_chain.starts import CLOSED, DEAR, beyond_limits, part_poses
+from dualarm_cli.closed_chain.ways import AMPLE
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 
 ROUNDS = 60

@@ -45,6 +45,8 @@ class SeamProblem:
     goes_on: Callable[[FloatArray], bool] | None = None
     """Whether what comes next can be done from joints (n,) [rad] in which the seam ends; None where nothing depends on
     it."""
+    what_touches: Callable[[FloatArray], str] | None = None
+    """Says which two bodies come nearest at joints (n,) [rad], and how near; for reasons."""
     clear: Callable[[FloatArray], BoolArray] | None = None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 

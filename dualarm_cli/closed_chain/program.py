@@ -11,7 +11,8 @@ import numpy as np
 from dualarm_cli.closed_chain.chain import KEPT
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.problem import NODES, SeamProblem
-from dualarm_cli.closed_chain.starts import ROOM, part_poses
+from dualarm_cli.closed_chain.starts import part_poses
+from dualarm_cli.closed_chain.ways import ROOM
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTH = 1e-4

@@ -7,14 +7,8 @@ from itertools import islice
 from dualarm_cli.closed_chain.improvement import improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import (
-    AMPLE,
-    LIMITS,
-    beyond_limits,
-    seam_starts,
-    standing_joints,
-    way_cost,
-)
+from dualarm_cli.closed_chain.starts import LIMITS, beyond_limits, seam_starts, standing_joints
+from dualarm_cli.closed_chain.ways import AMPLE, way_cost
 from dualarm_cli.geometry.arrays import FloatArray
 
 FIRST_ROUNDS = 16

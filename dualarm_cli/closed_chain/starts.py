@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.closed_chain.closing import Closed, close
 from dualarm_cli.closed_chain.equations import TURN
 from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
-from dualarm_cli.closed_chain.rates import steady_time
+from dualarm_cli.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.tool_path import Poses
 
@@ -34,18 +34,6 @@ BEYOND = 0.5
 """Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
 ROUNDED = 5e-3
 """How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
-ROOM = 0.25
-"""Distance from limits, as a share of a joint's range, beyond which more is no better."""
-CROWDED = 0.15
-"""What a joint at its limit counts, as a share of the time."""
-LONG = 10.0
-"""Time beyond which limits and singular postures count no more [s]: the way to where the seam begins counts too."""
-ARM = 0.5
-"""Length by which singular values count metres [m]: about an arm's."""
-REGULAR, SINGULAR = 0.15, 0.5
-"""Least singular value above which more is no better, and what a singular posture counts, as a share of the time."""
-AMPLE = 0.93
-"""Share of the time that is asked for at which a seam is fast enough: the motion between nodes is a little dearer."""
 DEAR = 5.0
 """What a radian beyond limits counts, as a share of the time."""
 FARTHEST = 0.7
@@ -114,50 +102,24 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
     if problem.clear is not None:
         clear = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1).all(axis=1)
         if not clear.any():
-            return Starts(ways[:0], NoSeam(TOUCHES, 1.0))
+            return Starts(ways[:0], NoSeam(TOUCHES + _touching(problem, ways), 1.0))
         ways = ways[clear]
     if problem.begin is None:
-        ways = _turned_back(problem, ways)
+        ways = turned_back(problem, ways)
     costs = np.array([way_cost(problem, way) for way in ways])
     costs *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
     return Starts(ways[np.argsort(costs, kind="stable")], None)
 
 
-def _turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
-    """Returns the ways, joints of several turns as near to the middle of their ranges as whole turns bring them."""
-    limits, full = problem.limits, 2.0 * np.pi
-    several = problem.chain.closes & (limits.upper - limits.lower > full)
-    middle = np.where(several, (limits.upper + limits.lower) / 2.0, 0.0)
-    center = (ways.max(axis=1) + ways.min(axis=1)) / 2.0
-    turns = np.where(several, np.round((center - middle) / full), 0.0)
-    return ways - full * turns[:, None]
-
-
-def way_cost(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns by what ways along a seam (NODES, n) are compared [s]: their time, and that to get to where they begin.
-
-    Of ways that are as fast as asked the one is better whose joints stay farther from limits and singular postures.
-    """
-    limits = problem.limits
-    room = np.minimum(way - limits.lower, limits.upper - way) / (limits.upper - limits.lower)
-    crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / ROOM, 0.0), 1.0)
-    time = max(steady_time(way, limits), AMPLE * problem.time)
-    singular = 1.0 - min(_least_singular_value(problem, way) / REGULAR, 1.0)
-    coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
-    near = (CROWDED * crowded + SINGULAR * singular) * min(time, LONG)
-    return time + near + coming
-
-
-def _least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by ARM."""
-    chain = problem.chain
-    bodies = chain.bodies(way)
-    scale = np.array([1.0 / ARM] * 3 + [1.0] * 3)[:, None]
-    values = []
-    for J, joints in ((bodies.J_tool, chain.slave_joints), (bodies.J_part, chain.master_joints)):
-        if joints.any():
-            values.append(np.linalg.svd(scale * J[:, :, joints], compute_uv=False).min())
-    return float(min(values))
+def _touching(problem: SeamProblem, ways: FloatArray) -> str:
+    """Returns what the way that touches least touches first."""
+    if problem.clear is None or problem.what_touches is None:
+        return ""
+    free = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1)
+    best = int(free.sum(axis=1).argmax())
+    node = int(np.argmin(free[best]))
+    place = problem.shares[node] * problem.chain.work.length * 1e3
+    return f"; of the one that does least {problem.what_touches(ways[best, node])}, {place:.1f} mm along the seam"
 
 
 def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:

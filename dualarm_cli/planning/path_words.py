@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.closed_chain import SEAM_SOLVERS
+from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError, did_you_mean
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body_reach import Reached
 from dualarm_cli.model.job import Job, PathWork, Task
@@ -16,6 +17,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_motion import Followed, Refused, Remedy
+from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 
 AT_LIMIT = 2e-3
 """Distance from its limit at which a joint is called at it [rad]."""
@@ -43,10 +45,16 @@ def check_followers(job: Job, asked: str | None) -> None:
 
     Raises:
         UnknownSolverError: the command line names it.
+        UnsupportedError: the command line names one, and there are no paths.
         InputError: the task file does, at its place.
     """
     if asked is not None:
         PATH_SOLVERS[asked]
+        if not job.has_paths and asked not in REDUNDANCY_SOLVERS.names:
+            raise UnsupportedError(
+                f"--redundancy {asked} follows paths, and the tasks have none; seams are worked by "
+                f"{', '.join(SEAM_SOLVERS.names)}"
+            )
     found = {
         task.path.place: task.path.redundancy
         for task in job.tasks

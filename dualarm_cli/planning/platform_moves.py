@@ -45,6 +45,11 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         raise UsageError(f"--stage {stage}: the tasks have stages 1 to {len(work)}")
     if len(work[stage - 1]) != 2:
         raise UsageError(f"--stage {stage}: only one arm works in it; choose a stage with both")
+    if job.in_sections:
+        raise UsageError(
+            f"--stage {stage}: the tasks follow paths or seams, which are planned by themselves; name a task file of "
+            "picks, places and moves"
+        )
     # One stage more than lies before it where there is none: a free start is known only then.
     before_it = replace(job, returns=False)
     count = stage - 1 or (1 if job.start == "free" else 0)

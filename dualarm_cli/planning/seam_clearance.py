@@ -38,6 +38,17 @@ def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
     return clear
 
 
+def nearest_words(holding: Holding) -> Callable[[FloatArray], str]:
+    """Returns what says which bodies come nearest at a configuration (n,) [rad]."""
+
+    def words(position: FloatArray) -> str:
+        held = np.zeros(len(holding.cell.arms), dtype=np.int64)
+        one, other, missing = holding.cell.nearest(position, held)
+        return f"{one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance"
+
+    return words
+
+
 def where_it_touches(
     holding: Holding, motions: Sequence[tuple[str, Trajectory | None]]
 ) -> str | None:
@@ -56,12 +67,7 @@ def where_it_touches(
         margin = _margins(holding, position)
         k = int(np.argmin(margin))
         if margin[k] < KEPT_BETWEEN:
-            held = np.zeros(len(holding.cell.arms), dtype=np.int64)
-            one, other, missing = holding.cell.nearest(position[k], held)
-            lack = max(0.0, -missing) * 1e3
-            return (
-                f"{words}, after {time[k]:.3f} s, {one} and {other} lack {lack:.1f} mm of clearance"
-            )
+            return f"{words}, after {time[k]:.3f} s, {nearest_words(holding)(position[k])}"
     return None
 
 

@@ -17,7 +17,12 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.seam_clearance import clearance_test, seam_holding, where_it_touches
+from dualarm_cli.planning.seam_clearance import (
+    clearance_test,
+    nearest_words,
+    seam_holding,
+    where_it_touches,
+)
 from dualarm_cli.planning.seam_lines import drawn_back, line_motion
 from dualarm_cli.planning.seam_motion import TOO_FAST, TimedSeam, timed_seam
 from dualarm_cli.planning.seam_path import SeamPath
@@ -197,6 +202,7 @@ class SeamPlanner:
             coming=self._coming(start.here),
             goes_on=goes_on,
             clear=None if holding is None else clearance_test(holding),
+            what_touches=None if holding is None else nearest_words(holding),
         )
 
     def _coming(self, here: FloatArray) -> Callable[[FloatArray], FloatArray] | None:

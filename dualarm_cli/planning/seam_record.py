@@ -132,7 +132,17 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
             f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why} for, not "
             f"{work.duration / job.speed:.3f} s"
         )
-    if work.touches:
+    if job.speed < 1.0 and work.speed is not None:
+        notes.append(
+            f"{task}: at {job.speed:.0%} of full speed seams are slower as well: "
+            f"{work.speed * job.speed * 1e3:.4g} mm/s for {work.speed * 1e3:.4g}"
+        )
+    bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
+    if bodies:
+        notes.append(
+            f"{task}: {' and '.join(bodies)} without shapes: nothing keeps clear of what they stand for"
+        )
+    if work.touches and f"{work.slave}_tool" not in bodies:
         notes.append(
             f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, not reach into it"
         )

@@ -11,8 +11,9 @@ from dualarm_cli.planning.stage_parts import PLATFORM
 from dualarm_cli.reporting.measures import (
     DWELLS,
     LINES,
-    OTHER,
+    NO_TRANSFERS,
     PATHS,
+    SEAMS,
     Bottlenecks,
     bottlenecks,
     elbow_imbalance,
@@ -210,7 +211,10 @@ def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str
     """Returns which kinds of time the winner saves."""
     mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
     pairs = [("transfers", mine.transfers, theirs.transfers)]
-    pairs += [(what, mine.time[what], theirs.time[what]) for what in (LINES, DWELLS)]
+    pairs += [
+        (what, mine.time.get(what, 0.0), theirs.time.get(what, 0.0))
+        for what in (LINES, DWELLS, PATHS, SEAMS)
+    ]
     saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
     saved.sort(key=lambda pair: pair[1] - pair[2])
     texts = [f"{what} decide {a:.2f} s of it ({name}: {b:.2f} s)" for what, a, b in saved]
@@ -230,10 +234,7 @@ def _deciders(row: dict[str, Any]) -> str:
         f"{name} {time / whole:.0%}"
         for name, time in (
             ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
-            *(
-                (name, row["deciding_time"].get(name, 0.0))
-                for name in (LINES, DWELLS, PATHS, OTHER)
-            ),
+            *((name, row["deciding_time"].get(name, 0.0)) for name in NO_TRANSFERS),
         )
         if time > 0.0
     ]

@@ -8,7 +8,7 @@ from typing import Any
 from dualarm_cli.planning.stage_parts import PLATFORM
 from dualarm_cli.reporting.comparison import SHOWN, group_name, row_namer, section_title, share_text
 from dualarm_cli.reporting.figures import new_figure, rendered
-from dualarm_cli.reporting.measures import DWELLS, LINES, OTHER
+from dualarm_cli.reporting.measures import DWELLS, LINES, NO_TRANSFERS, OTHER, PATHS, SEAMS
 
 WIDTH = 10.0
 BAR, PANEL = 0.3, 1.0
@@ -19,6 +19,8 @@ COLOURS = {
     PLATFORM: "#2a7f3f",
     LINES: "#8f8f8f",
     DWELLS: "#d3d3d3",
+    PATHS: "#8a5fb0",
+    SEAMS: "#d98c2b",
     OTHER: "#f0e0a0",
 }
 """By what decides the time; the arms as in every other figure."""
@@ -60,8 +62,8 @@ def _labels() -> list[str]:
 
 
 def _label(name: str) -> str:
-    if name in (LINES, DWELLS, OTHER):
-        return {LINES: "lines", DWELLS: "dwells", OTHER: "waiting"}[name]
+    if name in NO_TRANSFERS:
+        return "waiting" if name == OTHER else name
     return f"transfers, {group_name(name)} decides"
 
 

@@ -14,6 +14,7 @@ ELBOW = 3
 """Place of the elbow among the joints of a 7-axis arm."""
 AXES = 7
 LINES, DWELLS, PATHS, SEAMS, OTHER = "lines", "dwells", "paths", "seams", "other"
+NO_TRANSFERS = (LINES, DWELLS, PATHS, SEAMS, OTHER)
 """What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
 
 
@@ -29,9 +30,7 @@ class Bottlenecks:
     @property
     def transfers(self) -> float:
         """Time that transfers decide [s]."""
-        return sum(
-            time for name, time in self.time.items() if name not in (LINES, DWELLS, PATHS, OTHER)
-        )
+        return sum(time for name, time in self.time.items() if name not in NO_TRANSFERS)
 
 
 def bottlenecks(schedule: Schedule) -> Bottlenecks:

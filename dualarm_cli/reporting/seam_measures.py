@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
@@ -142,7 +143,7 @@ def _measured(
     travel = np.abs(np.diff(seam.position, axis=0)).sum(axis=0)
     speed = seam.speed
     steady = np.flatnonzero(speed >= STEADY * speed.max())
-    turned = log_rotation(np.swapaxes(on.R_part[:1], -1, -2) @ on.R_part)
+    steps = log_rotation(np.swapaxes(on.R_part[:-1], -1, -2) @ on.R_part[1:])
     numbers = [
         k
         for k, stage in enumerate(schedule.stages)
@@ -163,8 +164,9 @@ def _measured(
         "residual_angle": float(on.angle.max()),
         "lean": float(on.lean.max()),
         "part_way": float(np.linalg.norm(np.diff(on.p_part, axis=0), axis=1).sum()),
-        "part_turn": float(np.linalg.norm(turned, axis=1).max()),
+        "part_turn": float(np.linalg.norm(steps, axis=1).sum()),
         "part_xyz": on.p_part[0].tolist(),
+        "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
         "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
         "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
         "joint_travel": float(travel.sum()),

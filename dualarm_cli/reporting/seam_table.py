@@ -48,7 +48,8 @@ def _closed(seam: dict[str, Any]) -> str:
 def part_words(seam: dict[str, Any]) -> str:
     """Returns whether the part stands or how far it moves."""
     x, y, z = seam["part_xyz"]
-    where = f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+    roll, pitch, yaw = (math.degrees(angle) for angle in seam["part_rpy"])
+    where = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
     if seam["part_way"] < STANDS_WAY and seam["part_turn"] < STANDS_TURN:
         platform = math.degrees(seam["platform_travel"])
         turns = f", the platform turns {platform:.1f} deg" if platform > 0.05 else ""

@@ -10,7 +10,8 @@ import pytest
 
 from dualarm_cli.closed_chain.closing import all_equations
 from dualarm_cli.closed_chain.rates import steady_times
-from dualarm_cli.closed_chain.starts import seam_starts, standing_joints, way_cost
+from dualarm_cli.closed_chain.starts import seam_starts, standing_joints
+from dualarm_cli.closed_chain.ways import way_cost
 from dualarm_cli.model.contours import Segment
 from dualarm_cli.model.feature_curve import FeatureCurve
 from dualarm_cli.model.seam import Hold, SeamTool

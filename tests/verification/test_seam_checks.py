@@ -16,6 +16,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.clearance_checks import _worked
 from dualarm_cli.verification.seam_checks import NAMES, check_seams
 from dualarm_cli.verification.seam_places import on_seam
 from dualarm_cli.verification.tool_model import ToolModel
@@ -88,6 +89,37 @@ def line(tmp_path_factory):
 def arc(tmp_path_factory):
     """An arc on a part between two iiwas, spin free and 5 degrees of tilt; the part may move."""
     return planned(tmp_path_factory.mktemp("arc"), PAIR, ARC)
+
+
+ENTRY = (
+    LINE.replace("start: free", "start: home")
+    + """\
+      entry: {approach: 20 mm, dwell: 0.3 s}
+      exit: {dwell: 0.3 s, retract: 20 mm}
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def entry(tmp_path_factory):
+    """The line with its tool coming, standing and leaving, from home."""
+    return planned(tmp_path_factory.mktemp("entry"), SDA10F, ENTRY)
+
+
+def moved_in(schedule, job, kind, action, by):
+    """The schedule with the master's fourth joint aside by up to an angle within one of the slave's segments."""
+    [segment] = [
+        s
+        for s in schedule.segments
+        if (s.arm, s.kind, s.action) == (job.tasks[0].seam.slave, kind, action)
+    ]
+    time = np.unique([*schedule.trajectory.time, *np.linspace(segment.start, segment.end, 101)])
+    q, v, a = schedule.trajectory.at(time)
+    x = np.clip((time - segment.start) / (segment.end - segment.start), 0.0, 1.0)
+    column = schedule.trajectory.joints.index("left_e")
+    q[:, column] += by * 16.0 * (x * (1.0 - x)) ** 2
+    motion = Trajectory(schedule.trajectory.joints, time, q, v, a)
+    return dataclasses.replace(schedule, trajectory=motion)
 
 
 def with_work(job, **changes):
@@ -469,3 +501,68 @@ def test_without_seams_or_tasks_nothing_is_checked(clean, line):
         checks = check_seams(schedule, job, ToolModel(schedule))
         assert [check.name for check in checks] == list(NAMES)
         assert {(check.verdict, check.detail) for check in checks} == {("not checked", why)}
+
+
+def test_a_seam_with_entry_and_exit_passes(entry):
+    """Untouched."""
+    assert failed(entry.schedule, entry.job) == set()
+    assert verify(entry.schedule, entry.job).passed
+
+
+@pytest.mark.parametrize(
+    ("kind", "action"),
+    [
+        ("dwell", "seam_start"),
+        ("dwell", "seam_end"),
+        ("approach", "seam_start"),
+        ("retract", "seam_end"),
+    ],
+)
+def test_a_part_that_moves_while_the_tool_comes_stands_or_leaves_is_found(entry, kind, action):
+    """By a hundredth of a radian and back: millimetres at the part; in dwells the tool is off the seam as well."""
+    schedule = moved_in(entry.schedule, entry.job, kind, action, 0.01)
+    expected = {"seam_part", "seam_distance"} if kind == "dwell" else {"seam_part"}
+    assert failed(schedule, entry.job) == expected
+
+
+@pytest.mark.parametrize("action", ["seam_start", "seam_end"])
+def test_events_that_are_not_at_the_ends_of_the_seam_are_found(entry, action):
+    """Moved by a millisecond, and left out."""
+    events = entry.schedule.events
+    later = tuple(
+        dataclasses.replace(e, time=e.time + 1e-3) if e.action == action else e for e in events
+    )
+    fewer = tuple(e for e in events if e.action != action)
+    for some in (later, fewer):
+        schedule = dataclasses.replace(entry.schedule, events=some)
+        assert failed(schedule, entry.job) == {"seam_progress"}
+
+
+def test_a_dwell_of_no_length_elsewhere_is_found_and_hides_no_contact(entry):
+    """Listed at the plan's start it must not make the time in which tool and part may touch any longer."""
+    segments = entry.schedule.segments
+    [dwell] = [s for s in segments if (s.kind, s.action) == ("dwell", "seam_start")]
+    early = dataclasses.replace(dwell, start=0.0, end=0.0, dwell=None)
+    schedule = dataclasses.replace(entry.schedule, segments=(early, *segments))
+    assert failed(schedule, entry.job) == {"seam_progress"}
+    for some in (schedule, entry.schedule):
+        [(start, end)] = _worked(some, entry.job, ("left_tool", "right_tool"))
+        assert start == min(s.start for s in segments if s.kind == "approach")
+        assert end == max(s.end for s in segments if s.kind == "retract")
+
+
+def test_a_seam_that_creeps_to_its_speed_is_found(line):
+    """A bell of ten times its time, to its speed for an instant: ramps may take 1.2 s each."""
+    T = line.schedule.duration
+
+    def bell(t):
+        x = t / (10.0 * T)
+        way = x - np.sin(2.0 * np.pi * x) / (2.0 * np.pi)
+        return (
+            T * way,
+            0.1 * (1.0 - np.cos(2.0 * np.pi * x)),
+            0.02 * np.pi / T * np.sin(2.0 * np.pi * x),
+        )
+
+    slow = retimed(line.schedule, bell, 10.0 * T)
+    assert "seam_as_asked" in failed(slow, line.job)
