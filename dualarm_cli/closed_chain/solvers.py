@@ -78,7 +78,7 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
 
 def _kept(problem: SeamProblem) -> int:
     """Returns how many still ways are taken as starts for moving ones."""
-    return max(1, problem.tried // 2)
+    return max(1, (problem.tried + 1) // 2)
 
 
 def _possible(problem: SeamProblem, way: FloatArray) -> bool:

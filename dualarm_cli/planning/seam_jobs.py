@@ -152,7 +152,7 @@ class SeamPlanner:
                 refusals.append(found)
                 continue
             planned.append(found)
-            if self.job.tool_speed is None:
+            if self.job.tool_speed is None and not self._falls_short(found, problem.chain.work):
                 break
         if not planned:
             return refusals
@@ -216,8 +216,8 @@ class SeamPlanner:
     def _solvers(self, task: str, problem: SeamProblem) -> list[str]:
         """Returns the solver that was asked for, or the first one that serves.
 
-        Then also the next one that serves: for where the first one's answer cannot be worked, and for under a cap on
-        the tools' speed, of which solvers do not know and under which a part that moves may be worth less.
+        Then also the next one that serves: for where the first one's answer cannot be worked, or not as fast as asked:
+        solvers know neither ramps nor a cap on the tools' speed, by which a part that moves may be worth less.
 
         Raises:
             UnsupportedError: the one that was asked for does not serve.

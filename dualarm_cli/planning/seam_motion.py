@@ -82,7 +82,7 @@ def timed_seam(
         profile = _profile(path, work, tight, pace, cap * CAP_MARGIN, trapezoid=jumps)
         if isinstance(profile, str):
             return profile
-        for spacing in SPACINGS:
+        for k, spacing in enumerate(SPACINGS):
             trajectory = _trajectory(path, profile, limits, spacing, jumps=jumps)
             worst = _largest_share(trajectory, limits)
             if worst > 1.0:
@@ -97,6 +97,9 @@ def timed_seam(
                 if residual > OPEN
                 else f"its speed is uneven by {uneven:.2%} between its knots"
             )
+            # A spline's error falls with the fourth power of its knots' distance.
+            if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
+                return reason
     return reason
 
 

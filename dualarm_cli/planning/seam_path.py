@@ -26,6 +26,8 @@ CLOSED = 1e-9
 """Residual that counts as closed [m, radians by TURN]."""
 EVENED_OUT = (0.0, 0.6, 1.2, 2.0, 3.0)
 """Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
+FARTHEST = 0.05
+"""Joints that closing the chain moves by more have come to another way [rad]."""
 FADED = 0.2
 """Share of a seam within which it comes to its own from where another one ended."""
 STANDS = 1e-9
@@ -109,7 +111,8 @@ def _closed(problem: SeamProblem, motion: SeamMotion, position: FloatArray) -> F
     )
     q = found.position
     inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()
-    good = inside and found.residual.max() < CLOSED
+    moved = float(np.abs(q - position).max())
+    good = inside and found.residual.max() < CLOSED and moved < FARTHEST
     return q if good and not chain.leans_too_far(chain.bodies(q), share) else None
 
 
