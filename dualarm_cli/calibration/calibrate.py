@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS
 from dualarm_cli.calibration.joint_fit import JointFit, Side, fit_tools_and_pose
-from dualarm_cli.calibration.judgement import Judgement, judge
+from dualarm_cli.calibration.judgement import Judgement, judge, mirrored
 from dualarm_cli.calibration.problem import CalibrationProblem, refuse_few
 from dualarm_cli.calibration.solution import CalibrationSolution
 from dualarm_cli.calibration.tips import flange_poses, second_joint_height, touched_points
@@ -68,6 +68,8 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
         tips["left"], tips["right"], touches.names, touches.noise, touches.origin
     )
     readings = _readings_disagree(touches, tools)
+    if wrong := mirrored(problem):
+        raise InfeasibleError("; ".join([*wrong, *readings]))
     try:
         solution = CALIBRATION_SOLVERS[method].solve(problem)
     except InfeasibleError as error:

@@ -98,7 +98,7 @@ def judge(
         *_near_line(problem, left, right),
         *_repeated(problem, pairs),
         *_disagreement(problem, pairs, residuals, method, fitted),
-        *_mirrored(problem),
+        *mirrored(problem),
         *_culprit(problem),
         *_uncertain(widths, method),
     ]
@@ -194,7 +194,7 @@ def least_squares(problem: CalibrationProblem) -> float:
     return float(((problem.left - problem.right @ R.T - t) ** 2).sum())
 
 
-def _mirrored(problem: CalibrationProblem) -> list[str]:
+def mirrored(problem: CalibrationProblem) -> list[str]:
     """Says so where a reflection fits far better: a sign was lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
     plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
