@@ -44,15 +44,12 @@ def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
     """
     found = _ways(problem, moving=False)
     if not isinstance(found, NoSeam):
-        best = _motion(problem, found[0])
-        if best.time <= AMPLE * problem.time:
-            return best
+        if steady_time(found[0], problem.limits) <= AMPLE * problem.time:
+            return _motion(problem, found[0])
         stands = standing_joints(problem, moving=True)
-        for way in found:
-            moving = improved(problem, way, stands)
-            if _possible(problem, moving):
-                best = min(best, _motion(problem, moving), key=lambda one: one.time)
-        return best
+        moving = [improved(problem, way, stands) for way in found]
+        ways = [found[0], *(way for way in moving if _possible(problem, way))]
+        return _motion(problem, min(ways, key=lambda way: way_cost(problem, way)))
     # There are seams that no still part lets a tool work, such as round a pipe with the surface always facing up.
     found = _ways(problem, moving=True)
     return found if isinstance(found, NoSeam) else _motion(problem, found[0])
