@@ -131,21 +131,22 @@ class Chain:
             found = found.with_one_sided(angle - KEPT * work.downhand, slope)
         return found
 
-    def leans_too_far(self, bodies: Bodies, share: FloatArray) -> bool:
+    def leans_too_far(self, bodies: Bodies, share: FloatArray, kept: float = 1.0) -> bool:
         """Returns whether tool or surface lean farther than the work lets them, at any of k configurations.
 
         Args:
             bodies: at k configurations.
             share: of the seam, shape (k,).
+            kept: share of what they may lean that counts.
         """
         work, farthest = self.work, -np.inf
         if work.tool.tilt > 0.0:
             lean = np.linalg.norm(self.offsets(bodies, share)[0][:, 3:5], axis=1)
-            farthest = float((lean - work.tool.tilt).max())
+            farthest = float((lean - kept * work.tool.tilt).max())
         if work.downhand is not None:
             upward, _ = self.upward(bodies, share)
             angle = np.arccos(np.clip(upward, -1.0, 1.0))
-            farthest = max(farthest, float((angle - work.downhand).max()))
+            farthest = max(farthest, float((angle - kept * work.downhand).max()))
         return farthest > 0.0
 
     def offsets(self, bodies: Bodies, share: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.closed_chain.chain import KEPT
 from dualarm_cli.closed_chain.closing import close
 from dualarm_cli.closed_chain.problem import SeamProblem
 from dualarm_cli.closed_chain.program import Program
 from dualarm_cli.closed_chain.rates import steady_time
 from dualarm_cli.closed_chain.starts import CLOSED, DEAR, beyond_limits, part_poses
-from dualarm_cli.closed_chain.ways import AMPLE
+from dualarm_cli.closed_chain.ways import AMPLE, REGULAR, least_singular_value
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 
 ROUNDS = 60
@@ -24,6 +25,8 @@ LOOKED_BACK, ENOUGH = 6, 2e-3
 """So many steps that together gain less than this share end it."""
 CLOSING_STEPS = 8
 """Newton steps after each step."""
+LEANT = (1.0 + KEPT) / 2.0
+"""Share of what tool and surface may lean up to which a step is taken."""
 SMOOTHING = 16
 """Steps at most that make the motion easy at the end, the time kept."""
 EASY = 0.01
@@ -115,6 +118,8 @@ def _smoothed(
     """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (NODES, n) [rad]."""
     best, radius = position, FIRST_RADIUS
     unease = program.unease(best, time)
+    # Where little is to be moved an arm that is stretched has the least to do.
+    regular = min(least_singular_value(problem, best), REGULAR) / 2.0
     for _ in range(SMOOTHING):
         found = program.step(best, time, radius, pace=0.0)
         tried = None if found is None else _closed(problem, found[0], program.stands)
@@ -123,6 +128,7 @@ def _smoothed(
             or beyond_limits(problem, tried).max() > 0.0
             or steady_time(tried, problem.limits) > time
             or program.unease(tried, time) >= unease
+            or least_singular_value(problem, tried) < regular
         ):
             radius *= REFUSED
             if radius < NARROWEST:
@@ -158,4 +164,8 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
         CLOSING_STEPS,
         part=poses,
     )
-    return found.position if found.residual.max() < CLOSED else None
+    # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.
+    bodies = chain.bodies(found.position)
+    exact = chain.equations(bodies, problem.shares).exact.size
+    too_far = chain.leans_too_far(bodies, problem.shares, LEANT)
+    return found.position if exact.max() < CLOSED and not too_far else None

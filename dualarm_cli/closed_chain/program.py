@@ -185,7 +185,10 @@ class Program:
         return block_diag(blocks).tocsr(), -np.concatenate(left)
 
     def _freedoms(self, position: FloatArray) -> list[tuple[Any, FloatArray]]:
-        """Returns what may not be exceeded: lean of the tool's axis, lean of the surface from facing upwards."""
+        """Returns what may not be exceeded: lean of the tool's axis, lean of the surface from facing upwards.
+
+        What leans farther already, within the cone but beyond the polygon, may stay: a step must be possible.
+        """
         from scipy.sparse import block_diag
 
         problem = self.problem
@@ -198,11 +201,16 @@ class Program:
             sides = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
             slope = sides @ J[:, 3:5][:, :, self.decided]
             bound = KEPT * work.tool.tilt * np.cos(np.pi / LEAN_SIDES) - r[:, 3:5] @ sides.T
-            found.append((block_diag(list(slope)).tocsr(), bound.ravel()))
+            found.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
         if work.downhand is not None:
             upward, J = chain.upward(bodies, share)
             slope = -J[:, None, self.decided]
-            found.append((block_diag(list(slope)).tocsr(), upward - np.cos(KEPT * work.downhand)))
+            found.append(
+                (
+                    block_diag(list(slope)).tocsr(),
+                    np.maximum(upward - np.cos(KEPT * work.downhand), 0.0),
+                )
+            )
         return found
 
     def unease(self, position: FloatArray, time: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 
-from dualarm_cli.closed_chain.improvement import improved
+from dualarm_cli.closed_chain.improvement import ROUNDS, improved
 from dualarm_cli.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.closed_chain.rates import steady_time
 from dualarm_cli.closed_chain.starts import LIMITS, beyond_limits, seam_starts, standing_joints
@@ -66,11 +66,17 @@ def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
         for way in starts.position[: problem.tried]
     ]
     tried = sorted(tried, key=lambda way: way_cost(problem, way))
-    best = improved(problem, tried[0], stands)
-    # What is quicker may have come near to a singular posture.
-    first = sorted((best, *tried), key=lambda way: way_cost(problem, way))
-    possible = (way for way in (*first, *starts.position) if _possible(problem, way))
-    return list(islice(possible, _kept(problem))) or NoSeam(LIMITS, 1.0)
+    # What is quicker may have come near to a singular posture: then the one before is only made easy.
+    best = [improved(problem, tried[0], stands, rounds) for rounds in (ROUNDS, 0)]
+    best.sort(key=lambda way: way_cost(problem, way))
+    possible = (way for way in (*best, *tried, *starts.position) if _possible(problem, way))
+    ways = list(islice(possible, _kept(problem)))
+    if not ways:
+        return NoSeam(LIMITS, 1.0)
+    if not any(ways[0] is way for way in best):
+        easy = improved(problem, ways[0], stands, 0)
+        ways[0] = easy if _possible(problem, easy) else ways[0]
+    return ways
 
 
 def _kept(problem: SeamProblem) -> int:

@@ -41,13 +41,13 @@ def way_cost(problem: SeamProblem, way: FloatArray) -> float:
     room = np.minimum(way - limits.lower, limits.upper - way) / (limits.upper - limits.lower)
     crowded = 1.0 - min(max(float(room[:, problem.chain.closes].min()) / ROOM, 0.0), 1.0)
     time = max(steady_time(way, limits), AMPLE * problem.time)
-    singular = 1.0 - min(_least_singular_value(problem, way) / REGULAR, 1.0)
+    singular = 1.0 - min(least_singular_value(problem, way) / REGULAR, 1.0)
     coming = 0.0 if problem.coming is None else float(problem.coming(way[:1])[0])
     near = (CROWDED * crowded + SINGULAR * singular) * min(time, LONG)
     return time + near + coming
 
 
-def _least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
+def least_singular_value(problem: SeamProblem, way: FloatArray) -> float:
     """Returns how near to singular working arms come: the least singular value of their Jacobians, metres by ARM."""
     chain = problem.chain
     bodies = chain.bodies(way)
