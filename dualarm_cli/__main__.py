@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+
+SIGINT_EXIT = 130
 
 
 def main() -> None:
@@ -11,9 +14,21 @@ def main() -> None:
     # The matrices here are small: more than one thread of the linear algebra only costs time. It must be
     # said before numpy is loaded, and a user who said otherwise is right.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from dualarm_cli.cli.run import run
+    try:
+        from dualarm_cli.cli.run import run
 
-    sys.exit(run(sys.argv[1:]))
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:
+        # It came before there was anything to end, or while an earlier one was being reported.
+        code = SIGINT_EXIT
+    if code == SIGINT_EXIT:
+        # Whoever asks once more while the interpreter cleans up gets the same answer.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # An interrupt that passed through text given to exec (dataclasses make their methods so, while their
+        # module is imported) is marked by CPython as never caught, and the process would die of the signal
+        # instead of giving its exit code. The next text unmarks it.
+        exec("")
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -96,3 +96,12 @@ class InfeasibleError(DualArmError):
     """No feasible plan: the task that fails, where it is written, and how far it misses."""
 
     exit_code = 3
+
+
+class BlockedError(InfeasibleError):
+    """Stages that do not keep clear, whatever is done about them."""
+
+    def __init__(self, message: str, stages: tuple[int, ...]) -> None:
+        """Stores the numbers of the stages, from 0; that of the return is the number of all others."""
+        self.stages = stages
+        super().__init__(message)

@@ -128,9 +128,13 @@ def _describe(noun: Noun) -> tuple[str, str]:
         counts = [
             (len({task.id for task in noun.tasks}), "task"),
             (targets, "target"),
-            (len(noun.stages()), "stage"),
         ]
-        return "tasks", ", ".join(_count(*count) for count in counts)
+        if noun.is_decided:
+            counts.append((len(noun.stages()), "stage"))
+        words = [_count(*count) for count in counts]
+        if not noun.is_decided:
+            words.append("order open" if noun.order == "optimise" else "arms open")
+        return "tasks", ", ".join(words)
     if isinstance(noun, Cell):
         counts = [(len(noun.frames), "frame"), (len(noun.obstacles), "obstacle")]
         return "cell", ", ".join([noun.robot.name, *(_count(*count) for count in counts)])

@@ -26,6 +26,35 @@ SeedOption = Annotated[
     int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
 ]
 
+TimeLimitOption = Annotated[
+    str | None,
+    typer.Option(
+        "--time-limit",
+        metavar="DURATION",
+        help="How long to search for orders at most (30, '30 s', '2 min'): what is found then depends on the machine.",
+        show_default="as long as --effort says",
+    ),
+]
+
+
+def read_time_limit(text: str | None) -> float | None:
+    """Returns a time limit [s], None where there is none.
+
+    Raises:
+        UsageError: it is no duration above 0.
+    """
+    from dualarm_cli.loading.quantities import TIME, QuantityError, parse_quantity
+
+    if text is None:
+        return None
+    try:
+        limit = parse_quantity(text, TIME)
+    except QuantityError as error:
+        raise UsageError(f"--time-limit: {error}") from error
+    if limit <= 0.0:
+        raise UsageError(f"--time-limit {text}: must be above 0 s; write one such as 30 or '2 min'")
+    return limit
+
 
 def refuse_plot(plot: Path, force: bool) -> None:
     """Raises before any work is done where a figure could not be written anyway.

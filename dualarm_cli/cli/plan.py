@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.options import Effort, EffortOption, SeedOption, refuse_plot
+from dualarm_cli.cli.options import (
+    Effort,
+    EffortOption,
+    SeedOption,
+    TimeLimitOption,
+    read_time_limit,
+    refuse_plot,
+)
 from dualarm_cli.cli.output import (
     JsonOption,
     QuietOption,
@@ -58,13 +65,14 @@ def plan_command(
     ] = None,
     timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
     effort: EffortOption = Effort.normal,
+    time_limit: TimeLimitOption = None,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
     seed: SeedOption = 0,
     plot: Annotated[
         Path | None,
         typer.Option(
             "--plot",
-            help="Figure of the paths or seams to write (.png, .svg, .pdf).",
+            help="Figure to write (.png, .svg, .pdf): who does what when; of jobs with paths or seams those.",
             show_default=False,
         ),
     ] = None,
@@ -80,6 +88,7 @@ def plan_command(
 
     if not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
+    limit = read_time_limit(time_limit)
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
@@ -87,9 +96,7 @@ def plan_command(
     if plot is not None:
         refuse_plot(plot, force)
     job = load_job(tasks)
-    if plot is not None and not job.in_sections:
-        raise UsageError(f"--plot {plot}: draws paths and seams, and {tasks} has none")
-    settings = PlanSettings(timing=timing, effort=effort.value, seed=seed)
+    settings = PlanSettings(timing=timing, effort=effort.value, seed=seed, time_limit=limit)
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
     rows = schedule.duration * rate
@@ -111,11 +118,13 @@ def plan_command(
 
 
 def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
+    """Writes the figure of a job's paths, else of its seams, else of who does what when."""
     from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.reporting.gantt_figure import draw_gantt
     from dualarm_cli.reporting.path_figure import draw_paths
     from dualarm_cli.reporting.seam_figure import draw_seams
 
-    draw = draw_paths if job.has_paths else draw_seams
+    draw = draw_paths if job.has_paths else draw_seams if job.has_seams else draw_gantt
     write_file(plot, draw(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
 
 
@@ -137,16 +146,21 @@ def write_results(
 
 
 def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
+    from contextlib import nullcontext
+
+    from dualarm_cli.cli.interrupts import Interrupts
+    from dualarm_cli.cli.status_line import StatusLine
     from dualarm_cli.planning.planner import plan
+    from dualarm_cli.planning.watch import Watch
     from dualarm_cli.verification import verify
 
     console = stderr_console()
-    if quiet or not console.is_terminal:
-        schedule = plan(job, settings)
-        return replace(schedule, verification=verify(schedule, job, clearance=True))
-    with console.status("planning") as status:
-        schedule = plan(job, settings, progress=lambda text: status.update(text))
-        status.update("verifying")
+    watch = Watch(limit=settings.time_limit)
+    shown = console.is_terminal and not quiet
+    with console.status(StatusLine(watch, "planning")) if shown else nullcontext():
+        with Interrupts(watch, quiet=quiet):
+            schedule = plan(job, settings, watch)
+        watch.tell("verifying")
         return replace(schedule, verification=verify(schedule, job, clearance=True))
 
 

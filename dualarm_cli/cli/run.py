@@ -93,6 +93,8 @@ def _run_command(arguments: list[str]) -> int:
 
     command = typer.main.get_command(app)
     result = command.main(args=arguments, prog_name="dualarm", standalone_mode=False)
+    if result == SIGINT_EXIT:
+        raise KeyboardInterrupt  # typer makes an exit code of it
     return result if isinstance(result, int) else 0
 
 

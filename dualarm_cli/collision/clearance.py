@@ -31,6 +31,8 @@ class CellClearance:
     """Columns of each arm's joints among the robot's."""
     parts: tuple[str, ...]
     """Kinds of parts; the first one is none."""
+    crossing: bool = True
+    """Whether arms have to keep clear of one another; else each is looked at by itself."""
 
     @classmethod
     def of(cls, cell: Cell, carried: Sequence[tuple[str, str]]) -> CellClearance:
@@ -87,6 +89,8 @@ class CellClearance:
             position: all joints of the robot [rad], shape (n, columns).
             held: what each arm holds, shape (n, arms).
         """
+        if not self.crossing:
+            return np.full(len(position), np.inf)
         if len(self.parts) == 1:
             return self.test.margins(self.test.cross(), position)
         found = np.full(len(position), np.inf)

@@ -33,6 +33,7 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
         "duration": schedule.duration,
         "lower_bound": schedule.lower_bound,
         "grid_gap": schedule.grid_gap,
+        "order_gap": schedule.order_gap,
         "clearance_cost": schedule.clearance_cost,
         "stages": [_stage(stage) for stage in schedule.stages],
         "segments": [_segment(segment) for segment in schedule.segments],
@@ -126,6 +127,8 @@ def _segment(segment: Segment) -> dict[str, Any]:
     row = asdict(segment)
     if segment.dwell is None:
         del row["dwell"]
+    if not segment.reason:
+        del row["reason"]
     return row
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -21,11 +22,14 @@ from dualarm_cli.model.schedule import (
     ScheduleArm,
     ScheduleRobot,
     Segment,
+    SegmentKind,
     Stage,
+    WaitReason,
 )
 from dualarm_cli.model.trajectory import Trajectory
 
-SEGMENT_KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam")
+SEGMENT_KINDS: tuple[str, ...] = get_args(SegmentKind)
+WAIT_REASONS: tuple[str, ...] = get_args(WaitReason)
 UNIT_TOLERANCE = 1e-6
 """How far a quaternion may be from unit length."""
 
@@ -49,15 +53,19 @@ def read_schedule(path: Path) -> Schedule:
     if len(set(joints)) != len(joints) or not joints:
         reader.fail("robot.joints", "must name every joint once")
     trajectory = reader.trajectory(document, joints)
+    known = reader.robot(robot, joints, file.parent)
     return Schedule(
-        robot=reader.robot(robot, joints, file.parent),
+        robot=known,
         trajectory=trajectory,
-        stages=tuple(reader.each(document, "stages", reader.stage)),
+        stages=tuple(
+            reader.each(document, "stages", partial(reader.stage, arms=tuple(known.arms)))
+        ),
         segments=tuple(reader.each(document, "segments", reader.segment)),
         events=tuple(reader.each(document, "events", reader.event)),
         provenance=_provenance(document.get("provenance")),
         lower_bound=reader.number(document, "lower_bound", "lower_bound", None),
         grid_gap=reader.number(document, "grid_gap", "grid_gap", None),
+        order_gap=reader.number(document, "order_gap", "order_gap", None),
         clearance_cost=reader.number(document, "clearance_cost", "clearance_cost", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),
@@ -217,6 +225,10 @@ class _Reader(JsonReader):
         kind: Any = self.text(row, "kind", f"{path}.kind")
         if kind not in SEGMENT_KINDS:
             self.fail(f"{path}.kind", f"'{kind}' is not one of {', '.join(SEGMENT_KINDS)}")
+        reason: Any = self.text(row, "reason", f"{path}.reason")
+        if reason not in WAIT_REASONS:
+            known = ", ".join(WAIT_REASONS[1:])
+            self.fail(f"{path}.reason", f"'{reason}' is not one of {known}")
         dwell = row.get("dwell")
         shares = None
         if isinstance(dwell, dict):
@@ -234,6 +246,7 @@ class _Reader(JsonReader):
             start=self.instant(row, "start", f"{path}.start"),
             end=self.instant(row, "end", f"{path}.end"),
             dwell=shares,
+            reason=reason,
         )
 
     def times(self, row: dict[str, Any], key: str, path: str) -> dict[str, float]:
@@ -244,7 +257,10 @@ class _Reader(JsonReader):
             name: self.number(times, name, f"{path}.{key}.{name}", 0.0) or 0.0 for name in times
         }
 
-    def stage(self, row: dict[str, Any], path: str) -> Stage:
+    def stage(self, row: dict[str, Any], path: str, arms: tuple[str, ...]) -> Stage:
+        arm = self.text(row, "arm", f"{path}.arm")
+        if arm and arm not in arms:
+            self.fail(f"{path}.arm", f"'{arm}' is not one of {', '.join(arms)}")
         return Stage(
             start=self.instant(row, "start", f"{path}.start"),
             end=self.instant(row, "end", f"{path}.end"),
@@ -255,4 +271,5 @@ class _Reader(JsonReader):
             arm_times=self.times(row, "arm_times", path),
             joint_times=self.times(row, "joint_times", path),
             bottleneck=self.text(row, "bottleneck", f"{path}.bottleneck"),
+            arm=arm,
         )

@@ -28,6 +28,8 @@ class PlatformChain:
     """Whether a joint turns (else it slides along z)."""
     T_world_carried: pin.SE3
     """The carried frame with all joints at zero; the root link's pose where there is no joint."""
+    held: bool = False
+    """Whether it stands where it starts, whatever it could do."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
@@ -70,7 +72,7 @@ class PlatformChain:
     @property
     def is_turntable(self) -> bool:
         """Whether it is one revolute joint, so that a platform angle can be chosen."""
-        return self.revolute == (True,)
+        return self.revolute == (True,) and not self.held
 
     def pose(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the carried frame in the world: rotations (..., 3, 3), translations (..., 3) [m].

@@ -85,6 +85,14 @@ class TaskSection(Section):
     after: list[Name] = Field(
         default_factory=list, description="Tasks to be done before, for order: optimise."
     )
+    not_before: Duration | None = Field(
+        default=None,
+        description="The tool is at the first target no earlier than this after the start [s].",
+    )
+    not_after: Duration | None = Field(
+        default=None,
+        description="The tool is at the last target no later than this after the start [s].",
+    )
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
     move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
@@ -172,6 +180,10 @@ class TasksFile(Section):
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for these tasks.")
     defaults: DefaultsSection = Field(
         default=DefaultsSection(), description="What tasks have that do not say otherwise."
+    )
+    sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
+        default_factory=list,
+        description="Lists of tasks that one arm does one right after the other, for order: optimise.",
     )
     tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
         description="The tasks, in order."

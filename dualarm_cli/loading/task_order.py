@@ -5,11 +5,20 @@ from __future__ import annotations
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.yaml_source import Document
-from dualarm_cli.model.job import Task
+from dualarm_cli.model.job import ANY, Task
 
 
-def check_order(document: Document, tasks: tuple[Task, ...], findings: Findings) -> list[str]:
-    """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file."""
+def check_order(
+    document: Document, tasks: tuple[Task, ...], findings: Findings, mode: str
+) -> list[str]:
+    """Returns notes on tasks that do not come after others as they are to; on one arm that is an error of the file.
+
+    Args:
+        document: the task file.
+        tasks: its tasks.
+        findings: where errors are noted.
+        mode: paired or free; arms with clocks of their own wait for one another's tasks.
+    """
     next_stage: dict[str, int] = {}
     spans: dict[str, tuple[str, int, int]] = {}
     sections: dict[str, int] = {}
@@ -32,7 +41,12 @@ def check_order(document: Document, tasks: tuple[Task, ...], findings: Findings)
                 continue
             if sections[name] < sections[task.id]:
                 continue
-            if spans[name][0] != arm:
+            if ANY in (arm, spans[name][0]):
+                if ids.index(name) < ids.index(task.id):
+                    continue
+            elif spans[name][0] != arm:
+                if mode == "free":
+                    continue
                 notes.append(
                     f"after: with order: given task {quote(task.id)} does not wait for {quote(name)}, "
                     "as their arms do their tasks side by side"

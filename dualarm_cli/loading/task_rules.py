@@ -1,8 +1,9 @@
-"""Rules across tasks: unique ids, precedence without cycles, what cannot be planned yet."""
+"""Rules across tasks: unique ids, precedence without cycles, sequences, windows, what cannot be planned yet."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.loading.diagnostics import Findings
@@ -29,24 +30,105 @@ def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: 
             message = f"duplicate task id {quote(task.id)}, first at line {first[task.id]}"
             findings.add(document, loc, message, "E102")
         first.setdefault(task.id, document.place(loc)[0])
-        if task.arm == "any":
-            message = "arm: any is not available in this version; use left or right"
-            findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
-    _check_precedence(document, tasks, findings)
+        _check_any(document, index, task, findings)
+        _check_window(document, index, task, findings)
+    in_a_row = check_sequences(document, tasks, findings)
+    _check_precedence(document, tasks, in_a_row, findings)
 
 
 def check_settings(document: Document, model: TasksFile, findings: Findings) -> None:
-    """Notes settings of the whole file that cannot be planned yet.
+    """Notes settings of the whole file that do not go together.
 
     Args:
         document: the task file.
         model: its content.
         findings: where errors are noted.
     """
-    for key, found, instead in (("mode", model.mode, "paired"), ("order", model.order, "given")):
-        if found != instead:
-            message = f"{key}: {found} is not available in this version; use {key}: {instead}"
-            findings.add(document, (key,), message, NOT_AVAILABLE)
+    alone = [task for task in model.tasks if task.path is not None or task.coordinate is not None]
+    if model.mode == "free" and alone:
+        message = (
+            f"mode: free does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; use "
+            "mode: paired, or plan them in files of their own"
+        )
+        findings.add(document, ("mode",), message, NOT_AVAILABLE)
+    for index, task in enumerate(model.tasks if alone else ()):
+        for key in ("not_before", "not_after"):
+            if getattr(task, key) is not None and task not in alone:
+                message = (
+                    f"{key} does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; "
+                    "plan them in files of their own"
+                )
+                findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
+    names = {task.id for task in alone}
+    for k, row in enumerate(model.sequences):
+        for m, name in enumerate(row):
+            if name in names:
+                message = f"task {quote(name)} takes its own arms; sequences are of picks, places and moves"
+                findings.add(document, ("sequences", k, m), message)
+    if model.sequences and model.order == "given":
+        message = "order: given does all tasks in the file's order already; say order: optimise, or remove 'sequences'"
+        findings.add(document, ("sequences",), message)
+
+
+def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
+    """Notes what does not go with arm: any."""
+    if task.arm != "any":
+        return
+    for action in ("pick", "place", "move"):
+        target = getattr(task, action)
+        if target is not None and target.joints is not None:
+            message = (
+                "joint configurations belong to one arm; use arm: left or right, or give a pose"
+            )
+            findings.add(document, ("tasks", index, action, "joints"), message)
+    for kind in ("path", "coordinate"):
+        if getattr(task, kind) is not None:
+            message = f"arm: any does not go with '{kind}'; it says itself which arms it takes"
+            findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
+
+
+def _check_window(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
+    """Notes a window that ends before it begins, and windows of what has its own."""
+    early, late = task.not_before, task.not_after
+    if early is not None and late is not None and late < early:
+        message = f"not_after: {late:g} s is before not_before: {early:g} s"
+        findings.add(document, ("tasks", index, "not_after"), message)
+    for key in ("not_before", "not_after"):
+        if getattr(task, key) is not None and (task.path is not None or task.coordinate):
+            message = f"'{key}' goes with picks, places and moves only; remove it"
+            findings.add(document, ("tasks", index, key), message)
+
+
+def check_sequences(
+    document: Document, tasks: Mapping[int, TaskSection], findings: Findings
+) -> list[tuple[str, str]]:
+    """Notes sequences of tasks that cannot be; returns who comes right after whom."""
+    raw = document.data.get("sequences")
+    arms = {task.id: task.arm for task in tasks.values()}
+    entries = document.data.get("tasks")
+    known = [t.get("id") for t in entries or () if isinstance(t, dict)]
+    follows, where = [], dict[str, int]()
+    for k, names in enumerate(raw if isinstance(raw, list) else []):
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            continue  # the schema has said so
+        for m, name in enumerate(names):
+            loc = ("sequences", k, m)
+            if name not in known:
+                hint = did_you_mean(name, [n for n in known if isinstance(n, str)])
+                findings.add(document, loc, f"there is no task {quote(name)}{hint}")
+            elif name in where:
+                message = f"task {quote(name)} is in a sequence already (number {where[name] + 1})"
+                findings.add(document, loc, message)
+            where.setdefault(name, k)
+        given = {arms[name]: name for name in names if arms.get(name) in ("left", "right")}
+        if len(given) > 1:
+            one, other = given.values()
+            message = (
+                f"one arm does a sequence; {quote(one)} and {quote(other)} are different arms'"
+            )
+            findings.add(document, ("sequences", k), message)
+        follows += list(pairwise(names))
+    return follows
 
 
 def permission_notes(model: TasksFile) -> list[str]:
@@ -64,13 +146,18 @@ def permission_notes(model: TasksFile) -> list[str]:
 
 
 def _check_precedence(
-    document: Document, tasks: Mapping[int, TaskSection], findings: Findings
+    document: Document,
+    tasks: Mapping[int, TaskSection],
+    in_a_row: list[tuple[str, str]],
+    findings: Findings,
 ) -> None:
     raw = document.data.get("tasks")
     entries = raw if isinstance(raw, list) else []
     known = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
     known_set = set(known)
     before: dict[str, list[str]] = {}
+    for name, then in in_a_row:
+        before.setdefault(then, []).append(name)
     index_of = {task.id: index for index, task in reversed(list(tasks.items()))}
     for index, task in tasks.items():
         for k, other in enumerate(task.after):
@@ -85,9 +172,11 @@ def _check_precedence(
     ring = _find_ring(before)
     if ring:
         text = " after ".join(quote(name) for name in [*ring, ring[0]])
-        findings.add(
-            document, ("tasks", index_of[ring[0]], "after"), f"tasks wait for each other: {text}"
-        )
+        place = next((index_of[name] for name in ring if name in index_of), 0)
+        message = f"tasks wait for each other: {text}"
+        if any(name in ring and then in ring for name, then in in_a_row):
+            message += " (those of a sequence for the ones before them)"
+        findings.add(document, ("tasks", place, "after"), message)
 
 
 def _find_ring(before: Mapping[str, list[str]]) -> list[str]:

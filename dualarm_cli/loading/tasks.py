@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -22,7 +23,16 @@ from dualarm_cli.loading.task_rules import check_settings, check_tasks, permissi
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import Action, Dwell, Job, PoseTarget, SeamTarget, Stop, Task
+from dualarm_cli.model.job import (
+    ANY,
+    Action,
+    Dwell,
+    Job,
+    PoseTarget,
+    SeamTarget,
+    Stop,
+    Task,
+)
 from dualarm_cli.model.place import Place
 
 FREE_START = "free"
@@ -64,8 +74,8 @@ def load_job(path: str | Path) -> Job:
         defaults = model.defaults if model is not None else DefaultsSection()
         paths = PathReader(project, Path(path), document, loaded[0], findings)
         tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
-        if not findings.diagnostics:
-            order_notes = check_order(document, tasks, findings)
+        if not findings.diagnostics and model is not None and model.order == "given":
+            order_notes = check_order(document, tasks, findings, model.mode)
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
@@ -80,6 +90,9 @@ def load_job(path: str | Path) -> Job:
         min(caps, default=None),
         dict(project.inputs),
         (*notes, *permission_notes(model), *order_notes),
+        model.mode,
+        model.order,
+        tuple(tuple(names) for names in model.sequences),
     )
 
 
@@ -154,17 +167,30 @@ class _TaskReader:
             if section.coordinate is not None:
                 found += self._partners(section, section.coordinate, loc)
                 continue
-            if section.arm is None or section.arm == "any":
+            if section.arm is None:
                 continue
-            if section.arm not in self._arms:
+            if section.arm != ANY and section.arm not in self._arms:
                 message = (
                     f"{self._robot.name} has no {section.arm} arm; it has {', '.join(self._arms)}"
                 )
                 self._findings.add(self._document, (*loc, "arm"), message)
                 continue
-            stops = self._stops(section, loc, section.arm)
+            # What only one arm can do is that arm's.
+            arm = self._arms[0] if section.arm == ANY and len(self._arms) == 1 else section.arm
+            stops = self._stops(section, loc, arm)
             part = self._part(section, loc)
-            found.append(Task(section.id, section.arm, stops, tuple(section.after), part))
+            line, column = self._document.place(loc)
+            task = Task(
+                section.id,
+                arm,
+                stops,
+                tuple(section.after),
+                part,
+                not_before=section.not_before or 0.0,
+                not_after=math.inf if section.not_after is None else section.not_after,
+                place=Place(self._document.source.name, line, column),
+            )
+            found.append(task)
         return tuple(found)
 
     def _followers(self, section: TaskSection, path: PathSection, loc: Loc) -> list[Task]:
@@ -248,6 +274,8 @@ class _TaskReader:
             target_section = getattr(section, action)
             if target_section is None:
                 continue
+            if target_section.joints is not None and arm == ANY:
+                continue  # the rules across tasks have said so
             target = self._targets.target(target_section, (*loc, action), arm)
             if target is None:
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -15,8 +16,12 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
 
 Action = Literal["pick", "place", "move", "path", "seam_start", "seam_end"]
+Mode = Literal["paired", "free"]
+Order = Literal["given", "optimise"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
+ANY = "any"
+"""What stands for an arm where the planner chooses it."""
 SAME_SHARE = 1e-9
 """Difference of two shares of a way that count as one."""
 
@@ -142,17 +147,27 @@ class Task:
     id: str
     """Unique name."""
     arm: str
-    """left or right."""
+    """left or right; ANY where the planner chooses."""
     stops: tuple[Stop, ...]
     """Its targets in their order."""
     after: tuple[str, ...] = ()
-    """Tasks that must be done before, where the planner chooses the order."""
+    """Tasks that must be done before it begins, where the planner chooses the order."""
     part: str = ""
     """Name of the part that is carried from pick to place; empty where it has no shape."""
     path: PathWork | None = None
     """The path that is followed, the same for both arms where both follow; its one stop is where the tool ends."""
     seam: SeamWork | None = None
     """The seam that is worked, the same for both arms; its two stops are where it begins and where it ends."""
+    not_before: float = 0.0
+    """Its tool is at the first target no earlier than this after the start [s]."""
+    not_after: float = math.inf
+    """Its tool is at the last target no later than this after the start [s]."""
+    place: Place = NOWHERE
+    """Where it is written."""
+
+    def allows(self, arm: str) -> bool:
+        """Returns whether an arm may do it."""
+        return self.arm in (arm, ANY)
 
     @property
     def alone(self) -> bool:
@@ -184,6 +199,19 @@ class Job:
     """SHA-256 of every file that was read, by its name within the project."""
     notes: tuple[str, ...] = ()
     """What the reader should know of how the files were understood."""
+    mode: Mode = "paired"
+    """Whether both arms start every stage together, or each goes by its own clock."""
+    order: Order = "given"
+    """Who chooses the order of the tasks."""
+    sequences: tuple[tuple[str, ...], ...] = ()
+    """Tasks that one arm does one right after the other, by their ids."""
+    pairing: tuple[tuple[StopKey, ...], ...] | None = None
+    """What is done in each stage; None for the k-th target of each arm in stage k."""
+
+    @property
+    def is_decided(self) -> bool:
+        """Returns whether it says which arm does what in which order."""
+        return self.order == "given" and all(task.arm != ANY for task in self.tasks)
 
     @property
     def has_paths(self) -> bool:
@@ -205,9 +233,13 @@ class Job:
         return [(task, stop) for task in self.tasks if task.arm == arm for stop in task.stops]
 
     def stops_by_key(self) -> dict[StopKey, Stop]:
-        """Returns every target by its arm, task and action."""
+        """Returns every target by its arm, task and action; by every arm that may go there."""
         return {
-            (task.arm, task.id, stop.action): stop for task in self.tasks for stop in task.stops
+            (arm.name, task.id, stop.action): stop
+            for task in self.tasks
+            for arm in self.cell.robot.arms
+            if task.allows(arm.name)
+            for stop in task.stops
         }
 
     def sections(self) -> list[tuple[Task, ...]]:
@@ -223,8 +255,14 @@ class Job:
     def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
         """Returns the paired stages: within each section the k-th target of each arm, by arm name.
 
-        An arm that has run out of targets is missing from the later stages of the section.
+        An arm that has run out of targets is missing from the later stages of the section. Where the job says itself
+        what is paired with what, these are its stages.
         """
+        if self.pairing is not None:
+            stops: dict[StopKey, tuple[Task, Stop]] = {
+                (t.arm, t.id, s.action): (t, s) for t in self.tasks for s in t.stops
+            }
+            return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
         found = []
         for section in self.sections():
             per_arm = {

@@ -16,6 +16,9 @@ from dualarm_cli.model.verification import Verification
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
+WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "end"]
+"""Why an arm waits: for the platform to be there; for the other arm to finish the stage; for it to be out of the way;
+for a task that has to be done before; for the time before which a task must not begin; because its work is done."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class ScheduleRobot:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stretch of the schedule that both arms start together."""
+    """A stretch of the schedule that both arms start together; of arms with clocks of their own, one arm's stop."""
 
     start: float
     """When it starts [s]."""
@@ -89,6 +92,8 @@ class Stage:
     """How long each joint alone would need for its transfer [s]."""
     bottleneck: str
     """The joint that decides the transfer's duration, TOOL_SPEED where a cap does; empty where nothing moves."""
+    arm: str = ""
+    """The arm whose stage it is by its own clock; empty where it is both arms'."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,8 @@ class Segment:
     """When it ends [s]."""
     dwell: Dwell | None = None
     """The shares of a dwell."""
+    reason: WaitReason = ""
+    """Why the arm waits; empty where it does not, or where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +172,9 @@ class Schedule:
     """A bound on every plan of the same stages [s], or None."""
     grid_gap: float | None = None
     """How far the best plan on the method's grid was from that grid's own bound, as a share, before it was refined."""
+    order_gap: float | None = None
+    """How far the best order was from a bound on all orders, as a share, both on the search's own grid; None
+    where the order was given or no bound is known."""
     clearance_cost: float | None = None
     """How much longer it is than the same method's plan where nothing has to keep clear [s], or None."""
     verification: Verification | None = None

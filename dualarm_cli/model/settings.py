@@ -24,6 +24,8 @@ class PlanSettings:
     """Method that works seams; None for what the task file says."""
     seed: int = 0
     """Seed of all randomness."""
+    time_limit: float | None = None
+    """How long orders are searched for at most [s]; a plan that it ends depends on the machine. None for no limit."""
     named: frozenset[str] = frozenset()
     """Which of these a person asked for: others may be replaced where they do not serve a robot."""
 

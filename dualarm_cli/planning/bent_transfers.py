@@ -73,14 +73,14 @@ def detour_pieces(
     between[index] = detour.points[0]
     goal = np.array(plan.start)
     goal[index] = plan.arrival[index]
-    pieces = []
+    legs = []
     for start, end in ((plan.start, between), (between, goal)):
         alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
         moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
-        pieces += [moved.motion[name]] if name in moved.motion else []
-    if detour.pause > 0.0:
-        pieces.insert(1, hold(joints, detour.points[0], detour.pause))
-    return pieces
+        legs.append([moved.motion[name]] if name in moved.motion else [])
+    # The posture may be the start itself: the pause comes first then.
+    pause = [hold(joints, detour.points[0], detour.pause)] if detour.pause > 0.0 else []
+    return [*legs[0], *pause, *legs[1]]
 
 
 def path_pieces(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.minimum_time.clearance import Barred
 from dualarm_cli.planning.clear_checks import check_parts, check_start
 from dualarm_cli.planning.clear_words import why_blocked
@@ -16,7 +16,8 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Known, Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan, same_postures
-from dualarm_cli.planning.stage_samples import MOVES, StageSamples, alone_clear, stage_samples
+from dualarm_cli.planning.stage_samples import StageSamples, alone_clear, stage_samples
+from dualarm_cli.planning.waiting import transfer_ends
 from dualarm_cli.timing import TimingSolver
 
 NEGLIGIBLE = 0.005
@@ -65,6 +66,7 @@ def quickest_clear(
     progress: Callable[[str], None],
     *,
     clear: bool = True,
+    crossing: bool = True,
 ) -> Found:
     """Returns the quickest plan of a method that keeps clear.
 
@@ -78,6 +80,7 @@ def quickest_clear(
         timing: how motions are timed.
         progress: is told what is being done.
         clear: whether anything has to keep clear.
+        crossing: whether arms have to keep clear of one another.
 
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
@@ -86,7 +89,7 @@ def quickest_clear(
     holding = None
     if clear:
         # What no plan can mend is told before one is looked for.
-        holding = Holding.of(job)
+        holding = Holding.of(job, crossing=crossing)
         check_start(problem, holding)
         check_parts(problem, holding)
     blind = solve(problem)
@@ -152,9 +155,9 @@ def quickest_clear(
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
         return found
-    raise failure or InfeasibleError(
-        why_blocked(clearing, None if found is None else found.cleared)
-    )
+    blocked = () if found is None else found.cleared.blocked
+    words = why_blocked(clearing, None if found is None else found.cleared)
+    raise failure or BlockedError(words, blocked)
 
 
 def _is_dear(found: Found) -> bool:
@@ -228,7 +231,7 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
     for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
         if not plan.detours and not plan.waits and plan.path is None:
             continue
-        straight = clearing.timed([replace(plan, detours={}, waits={}, path=None)])
+        straight = clearing.alone(replace(plan, detours={}, waits={}, path=None))
         cost = stage.end - stage.start - straight.trajectory.duration
         if cost > COSTLY * slow:
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
@@ -236,13 +239,9 @@ def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
         plan, stage = tried.plans[k], tried.motion.stages[k]
         samples = stage_samples(tried.motion, k, k, clearing.holding)
         margins = clearing.holding.cell.margins(samples.position, samples.held)
-        arrivals = [
-            part.end
-            for part in tried.motion.segments
-            if part.kind in MOVES and stage.start < part.end <= stage.end
-        ]
+        ends = transfer_ends(tried.motion.segments, stage.start, stage.end)
         length = stage.end - stage.start
-        arrived = (min(arrivals, default=stage.end) - stage.start) / length if length > 0 else 0.0
+        arrived = (min(ends, default=stage.end) - stage.start) / length if length > 0 else 0.0
         worst = int(np.argmin(margins)) / (len(margins) - 1)
         start = None if plan.stops and worst >= arrived else plan.start
         found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))

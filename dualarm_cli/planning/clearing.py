@@ -74,8 +74,12 @@ class Clearing:
     """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
-        """Returns the motion of some stages."""
+        """Returns the motion of all stages."""
         return realise(self.model, self.job, plans, self.timing, self.known)
+
+    def alone(self, plan: StagePlan) -> Motion:
+        """Returns the motion of one stage by itself."""
+        return realise(self.model, self.job, [plan], self.timing, self.known, windows=False)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
         """Returns the stages of a motion of unmended plans that do not keep clear."""
@@ -139,14 +143,14 @@ class Clearing:
         """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
         if self.job.tool_speed is None:
             return True
-        whole = self.timed([plan]).trajectory
+        whole = self.alone(plan).trajectory
         fastest = largest_tool_speed(
             self.model, list(self.model.arms), lambda time: whole.at(time)[0], whole.duration
         )
         return fastest <= self.job.tool_speed
 
     def _context(self, plan: StagePlan, k: int) -> StageContext:
-        motion = self.timed([plan])
+        motion = self.alone(plan)
         samples = stage_samples(motion, 0, k, self.holding)
         ways = arm_ways(self.model, motion, 0, samples)
         joints = self.job.cell.robot.platform
@@ -201,7 +205,7 @@ class Clearing:
         tries = [one for one in tries if self._within_cap(one)]
         if not tries:
             return None
-        lengths = [self.timed([one]).trajectory.duration for one in tries]
+        lengths = [self.alone(one).trajectory.duration for one in tries]
         return tries[int(np.argmin(lengths))]
 
     def _path(self, plan: StagePlan, k: int) -> StagePlan | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -34,14 +34,18 @@ class Holding:
     """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
     @classmethod
-    def of(cls, job: Job) -> Holding:
+    def of(cls, job: Job, *, crossing: bool = True) -> Holding:
         """Prepares a job.
+
+        Args:
+            job: what is to be done.
+            crossing: whether arms have to keep clear of one another; else each is looked at by itself.
 
         Raises:
             InputError: a mesh of the cell that cannot be used.
         """
         carried = dict.fromkeys((task.arm, task.part) for task in job.tasks if task.part)
-        cell = CellClearance.of(job.cell, list(carried))
+        cell = replace(CellClearance.of(job.cell, list(carried)), crossing=crossing)
         holds = dict.fromkeys(cell.arms, "")
         rows = []
         for work in job.stages():

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 
 import numpy as np
-import pinocchio as pin
 
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.bent_transfers import detour_pieces, path_pieces
+from dualarm_cli.planning.bent_transfers import path_pieces
 from dualarm_cli.planning.lines import solve_line
+from dualarm_cli.planning.motion_words import at_knot, event_of, stage_of
+from dualarm_cli.planning.stage_moves import moves_to_lines
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.transfers import (
     PLATFORM,
     Transfers,
     transfers_within_tool_speed,
 )
+from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, hold, merge
 
@@ -72,6 +74,8 @@ def realise(
     plans: list[StagePlan],
     timing: TimingSolver,
     known: Known | None = None,
+    *,
+    windows: bool = True,
 ) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
@@ -81,6 +85,7 @@ def realise(
         plans: its stages in order.
         timing: how transfers and lines are timed.
         known: what is timed already; what is new is added.
+        windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
     """
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
@@ -98,20 +103,58 @@ def realise(
                 model, plan, columns, limits, timing, job.tool_speed
             )
         transfers = record.known.transfers[key]
+        begin = record.clock
+        if windows and any(stop.task.not_before > begin for stop in plan.stops.values()):
+            _wait_for_windows(record, model, job, plan, transfers, columns, limits, timing)
         _add_stage(record, model, job, plan, transfers, columns, limits, timing)
+        record.stages[-1] = replace(record.stages[-1], start=begin)
     for name, index in columns.items():
         if not record.pieces[name]:
             # Nothing ever moves: a free start that is also the end.
             joints = tuple(robot.joints[i] for i in index)
             record.pieces[name].append(hold(joints, plans[-1].end[index], 0.0))
     trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
-    events = [_at_knot(event, trajectory.time) for event in record.events]
+    events = [at_knot(event, trajectory.time) for event in record.events]
     return Motion(
         trajectory,
         tuple(record.stages),
-        tuple(segment for name in record.segments for segment in record.segments[name]),
+        with_ends([segment for name in record.segments for segment in record.segments[name]]),
         tuple(sorted(events, key=lambda event: (event.time, event.arm))),
     )
+
+
+def _wait_for_windows(
+    record: _Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    transfers: Transfers,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> None:
+    """Lets a stage wait before it begins, so that its tools are at the first targets of tasks when they may be.
+
+    All wait together, so that in the stage itself everything stays as it is.
+    """
+    alone = _Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
+    _add_stage(alone, model, job, plan, transfers, columns, limits, timing)
+    late = {}
+    for event in alone.events:
+        task = plan.stops[event.arm].task
+        if event.action == task.stops[0].action:
+            late[event.arm] = task.not_before - record.clock - event.time
+    wait = max(late.values(), default=0.0)
+    if wait <= 0.0:
+        return
+    for name, index in columns.items():
+        joints = tuple(limits.joints[i] for i in index)
+        record.pieces[name].append(hold(joints, plan.start[index], wait))
+        if name != PLATFORM:
+            reason: WaitReason = "window" if late.get(name) == wait else "partner"
+            span = record.clock, record.clock + wait
+            _segment(record, name, "wait", plan.stops.get(name), *span, reason)
+    record.clock += wait
 
 
 def _add_stage(
@@ -125,37 +168,33 @@ def _add_stage(
     timing: TimingSolver,
 ) -> None:
     """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
-    begin, ends = record.clock, {}
+    begin, ends = record.clock, dict.fromkeys(columns, 0.0)
     together = {}
     if plan.path is not None:
         together = path_pieces(model, plan, columns, limits, timing, job.tool_speed)
-    platform = transfers.motion.get(PLATFORM)
-    for name, index in columns.items():
-        ends[name] = wait = plan.waits.get(name, 0.0)
-        if wait > 0:
-            names = tuple(model.cell.robot.joints[i] for i in index)
-            record.pieces[name].append(hold(names, plan.start[index], wait))
-            _segment(record, name, "wait", plan.stops.get(name), begin, begin + wait)
-        if name in together:
-            record.pieces[name].append(together[name])
-            ends[name] += together[name].duration
-        elif name in plan.detours:
-            pieces = detour_pieces(
-                model, plan, name, columns, limits, timing, job.tool_speed, platform
-            )
+    kind: SegmentKind = "transfer" if plan.stops else "return"
+    for name in columns:
+        moves = moves_to_lines(
+            model,
+            plan,
+            name,
+            transfers,
+            together,
+            ends.get(PLATFORM, 0.0),
+            columns,
+            limits,
+            timing,
+            job.tool_speed,
+        )
+        for reason, run in groupby(moves, key=lambda move: move.reason):
+            pieces = [move.motion for move in run]
             record.pieces[name] += pieces
+            start = ends[name]
             ends[name] += sum(piece.duration for piece in pieces)
-            # Its line begins when the platform is there as well.
-            if name in plan.stops and (waits := ends.get(PLATFORM, 0.0) - ends[name]) > 0:
-                names = tuple(limits.joints[i] for i in index)
-                record.pieces[name].append(hold(names, plan.arrival[index], waits))
-                ends[name] += waits
-        elif name in transfers.motion:
-            record.pieces[name].append(transfers.motion[name])
-            ends[name] += transfers.motion[name].duration
-        if name != PLATFORM and ends[name] > wait:
-            kind: SegmentKind = "transfer" if plan.stops else "return"
-            _segment(record, name, kind, plan.stops.get(name), begin + wait, begin + ends[name])
+            if name != PLATFORM and ends[name] > start:
+                span = begin + start, begin + ends[name]
+                what = "wait" if reason else kind
+                _segment(record, name, what, plan.stops.get(name), *span, reason)
     for name, arm_stop in plan.stops.items():
         clock = begin + ends[name]
         ends[name] = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing) - begin
@@ -165,32 +204,11 @@ def _add_stage(
             names = tuple(model.cell.robot.joints[i] for i in index)
             record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
             if name != PLATFORM:
-                _segment(record, name, "wait", None, begin + ends[name], begin + length)
+                span = begin + ends[name], begin + length
+                _segment(record, name, "wait", None, *span, "partner")
     record.clock = begin + length
     critical = max(plan.stops, key=lambda name: ends[name], default="")
-    record.stages.append(_stage(model, plan, transfers, begin, record.clock, critical))
-
-
-def _stage(
-    model: CellModel,
-    plan: StagePlan,
-    transfers: Transfers,
-    start: float,
-    end: float,
-    critical: str,
-) -> Stage:
-    platform = plan.arrival[model.platform_columns]
-    return Stage(
-        start=start,
-        end=end,
-        tasks=tuple(stop.task.id for stop in plan.stops.values()),
-        platform_solver=plan.solver,
-        platform_angle=float(platform[0]) if len(platform) == 1 else None,
-        platform_time=transfers.times.get(PLATFORM, 0.0),
-        arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
-        joint_times=transfers.joint_times,
-        bottleneck=transfers.bottleneck(critical),
-    )
+    record.stages.append(stage_of(model, plan, transfers, begin, record.clock, critical))
 
 
 def _add_stop(
@@ -223,7 +241,7 @@ def _add_stop(
 
     if stop.approach > 0:
         add(line("approach"), "approach")
-    record.events.append(_event(model, plan, arm_stop, clock))
+    record.events.append(event_of(model, plan, arm_stop, clock))
     if stop.dwell.total > 0:
         add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
     if stop.retract > 0:
@@ -250,37 +268,9 @@ def _segment(
     arm_stop: ArmStop | None,
     start: float,
     end: float,
+    reason: WaitReason = "",
 ) -> None:
     task = arm_stop.task.id if arm_stop else ""
     action = arm_stop.stop.action if arm_stop else ""
     dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
-    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell))
-
-
-def _event(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
-    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw."""
-    target, name = arm_stop.stop.target, arm_stop.arm
-    if isinstance(target, PoseTarget):
-        turn = pin.SE3(pin.utils.rotate("z", arm_stop.posture.yaw), np.zeros(3))
-        pose = target.pose * turn
-    else:
-        assert isinstance(target, JointTarget)  # seams are planned in sections of their own
-        position = np.array(plan.arrival)
-        position[model.arms[name].columns] = target.configurations[arm_stop.posture.target]
-        pose = model.tool_pose(name, position)
-    return Event(
-        time=time,
-        arm=name,
-        task=arm_stop.task.id,
-        action=arm_stop.stop.action,
-        frame=f"{name}_tcp",
-        pose=pose,
-        dwell=arm_stop.stop.dwell.total,
-    )
-
-
-def _at_knot(event: Event, time: FloatArray) -> Event:
-    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
-    after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
-    nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
-    return replace(event, time=float(nearest))
+    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell, reason))

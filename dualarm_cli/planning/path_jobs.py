@@ -8,9 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Task
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.path_following import PATH_SOLVERS
@@ -19,6 +18,8 @@ from dualarm_cli.planning.clear_plan import Found, quickest_clear
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.orders import PairedSearch, own_rules
+from dualarm_cli.planning.path_clearance import keeps_clear, touching_path
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_motion import Budget, Followed, Refused, follow_path
 from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
@@ -27,6 +28,8 @@ from dualarm_cli.planning.path_words import path_notes, why_not
 from dualarm_cli.planning.seam_jobs import SeamPlanner
 from dualarm_cli.planning.seam_record import add_seam, seam_notes
 from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.waiting import with_ends
+from dualarm_cli.planning.watch import Watch
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -35,8 +38,6 @@ SAME = 1e-9
 """Difference of two configurations that count as one [rad]."""
 HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
-LOOKED_AT = 0.02
-"""Time between the postures of a path that are looked at [s]."""
 ALIKE, SAME_PLACE, FAR_TOO_FAST = 3, 0.02, 1.2
 """So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
 LOOKS = {"quick": 1, "normal": 4, "thorough": 12}
@@ -111,7 +112,9 @@ class SectionPlanner:
         motion = Motion(
             trajectory,
             tuple(record.stages),
-            tuple(sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start))),
+            with_ends(
+                sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start))
+            ),
             tuple(sorted(record.events, key=lambda e: (e.time, e.arm))),
         )
         cost = record.cost if self.clear else None
@@ -121,12 +124,23 @@ class SectionPlanner:
         self, record: Record, section: tuple[Task, ...], here: FloatArray | None
     ) -> None:
         """Appends a section of stops by the job's method."""
-        problem = self._problem(section, here)
+        problem = self._ordered(self._problem(section, here))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
         record.add(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans
+
+    def _ordered(self, problem: MethodProblem) -> MethodProblem:
+        """Returns the same section with arms and order, the best ones found, where the file leaves them open."""
+        if problem.job.is_decided:
+            return problem
+        job = own_rules(problem.job)
+        watch = Watch(tell=self.progress)
+        search = PairedSearch.of(
+            problem.model, job, problem.effort, problem.seed, watch, clear=self.clear
+        )
+        return replace(problem, job=search.orders(watch).found[0].job)
 
     def _add_path(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
         """Appends a path with the transfer to its start."""
@@ -143,7 +157,7 @@ class SectionPlanner:
         refusals: list[Refused] = []
         looked_at, budget = 0, Budget()
         best: tuple[Found | None, Followed] | None = None
-        clear = None if holding is None else partial(_free, holding)
+        clear = None if holding is None else partial(keeps_clear, holding)
         starts = path_starts(context, work, start, self.problem.seed, clear)
         for q in starts.configurations[:MOST_STARTS]:
             found = follow_path(context, work, follower, q, budget)
@@ -152,7 +166,7 @@ class SectionPlanner:
                 if _always_there(refusals) or budget.spent:
                     break
                 continue
-            touching = None if holding is None else _touching(holding, found)
+            touching = None if holding is None else touching_path(holding, found)
             if touching is not None:
                 refusals.append(touching)
                 continue
@@ -267,29 +281,3 @@ def default_follower(context: PathContext) -> str:
 def robot_arm(arms: tuple[object, ...], name: str) -> int:
     """Returns an arm's number among those of a robot."""
     return [getattr(arm, "name", "") for arm in arms].index(name)
-
-
-def _free(holding: Holding, position: FloatArray) -> BoolArray:
-    """Returns which configurations (k, n) [rad] keep clear, shape (k,)."""
-    held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
-    return np.asarray(holding.cell.margins(position, held) >= SLACK)
-
-
-def _touching(holding: Holding, found: Followed) -> Refused | None:
-    """Returns where a followed path does not keep clear, or None."""
-    trajectory = found.trajectory
-    count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
-    time = np.linspace(0.0, trajectory.duration, count)
-    position = trajectory.at(time)[0]
-    held = np.zeros((count, len(holding.cell.arms)), dtype=np.int64)
-    margin = holding.cell.margins(position, held)
-    k = int(np.argmin(margin))
-    if margin[k] >= SLACK / 2.0:
-        return None
-    one, other, missing = holding.cell.nearest(position[k], held[k])
-    share = float(found.clock.at(time[k : k + 1])[0][0])
-    return Refused(
-        f"after {time[k]:.3f} s {one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance",
-        share,
-        "clear",
-    )

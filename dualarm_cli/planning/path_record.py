@@ -95,7 +95,7 @@ def add_followed(
     for arm in context.job.cell.robot.arms:
         task = followers.get(arm.name)
         if task is None:
-            record.segments.append(Segment(arm.name, "wait", "", "", clock, end))
+            record.segments.append(Segment(arm.name, "wait", "", "", clock, end, None, "partner"))
             continue
         record.segments.append(Segment(arm.name, "path", task.id, "path", clock, end))
         path = task.path.paths[arm.name] if task.path is not None else None

@@ -6,15 +6,20 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dualarm_cli import __version__
-from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
+from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.order_bound import own_clocks_bound, shared_bound
+from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.path_words import check_followers, path_job_notes
 from dualarm_cli.planning.seam_words import check_seams, seam_bound
@@ -25,6 +30,7 @@ from dualarm_cli.planning.serving import (
     why_redundancy_unserved,
 )
 from dualarm_cli.planning.stages import StagePlan
+from dualarm_cli.planning.watch import Watch
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -35,18 +41,21 @@ PATH_BOUND = (
 """What a bound with paths assumes."""
 SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
 """What sensitivities of jobs with seams assume."""
+UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
+"""What is said of a time limit where nothing was searched."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
 """What is said where there is no bound."""
 
 
-def plan(
-    job: Job, settings: PlanSettings, progress: Callable[[str], None] = lambda _: None
-) -> Schedule:
-    """Returns the schedule of a job with the lower bound of its sequence; see `plan_without_bound`."""
-    schedule = plan_without_bound(job, settings, progress)
-    progress("computing the lower bound")
+def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
+    """Returns the schedule of a job with its lower bound; see `plan_without_bound`."""
+    watch = watch or Watch(limit=settings.time_limit)
+    schedule = plan_without_bound(job, settings, watch)
+    watch.tell("computing the lower bound")
     bound = job_bound(job, settings.effort)
-    return replace(schedule, lower_bound=bound.value, notes=(*schedule.notes, *bound.assumptions))
+    unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
+    notes = (*schedule.notes, *unneeded, *bound.assumptions)
+    return replace(schedule, lower_bound=bound.value, notes=notes)
 
 
 def job_bound(job: Job, effort: str) -> LowerBound:
@@ -59,6 +68,10 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     general = bool(job.cell.robot.without_closed_form)
     if general and not job.in_sections:
         return LowerBound(None, (NO_BOUND,))
+    if not job.is_decided and not job.in_sections:
+        return shared_bound(CellModel.from_cell(job.cell), job, effort)
+    if job.mode == "free":
+        return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
     if not job.in_sections:
         return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
     value, assumptions = 0.0, dict[str, None]()
@@ -72,25 +85,51 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         elif not general:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
-            bound = lower_bound(sequence_problem(CellModel.from_cell(job.cell), alone), effort)
+            model = CellModel.from_cell(job.cell)
+            if alone.is_decided:
+                bound = lower_bound(sequence_problem(model, alone), effort)
+            else:
+                bound = shared_bound(model, alone, effort)
             value += bound.value if bound.value is not None else 0.0
             assumptions |= dict.fromkeys(bound.assumptions)
     return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
+def _in_time(schedule: Schedule, job: Job) -> Schedule:
+    """Returns a schedule after checking that nothing is done too late.
+
+    Raises:
+        InfeasibleError: a task whose window closes before it is done.
+    """
+    tasks = {task.id: task for task in job.tasks}
+    late = [
+        f"{tasks[e.task].place}: task '{e.task}' is done at {e.time:.3f} s, {e.time - tasks[e.task].not_after:.3f} s "
+        f"after its window closes (not_after: {tasks[e.task].not_after:g} s)"
+        for e in schedule.events
+        if e.time > tasks[e.task].not_after + 1e-9
+    ]
+    if late:
+        raise InfeasibleError(
+            "no plan was found that is in time:\n  "
+            + "\n  ".join(late)
+            + "\nwhat helps: later windows, another arm or order (arm: any, order: optimise), or less before it"
+        )
+    return schedule
+
+
 def plan_without_bound(
     job: Job,
     settings: PlanSettings,
-    progress: Callable[[str], None] = lambda _: None,
+    watch: Watch | None = None,
     *,
     clear: bool = True,
 ) -> Schedule:
-    """Returns the schedule of a job: decisions by closed forms, then exact motion that keeps clear.
+    """Returns the schedule of a job: who does what in which order, decisions by closed forms, exact motion.
 
     Args:
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
-        progress: is told what is being done.
+        watch: is told what is being done, and may end a search for orders early.
         clear: whether anything has to keep clear; without, methods are compared for their speed alone.
 
     Raises:
@@ -98,6 +137,7 @@ def plan_without_bound(
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
         InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
     """
+    watch = watch or Watch(limit=settings.time_limit)
     settings, replaced = served_settings(settings, job.cell.robot)
     timing = TIMING_SOLVERS[settings.timing]
     REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
@@ -110,18 +150,79 @@ def plan_without_bound(
         raise UnsupportedError(
             f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
         )
-    progress("reading the robot")
+    watch.tell("reading the robot")
     model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
+    found = _planned(job, settings, problem, replaced, watch, clear=clear)
+    return _in_time(found, job)
+
+
+def _planned(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job by the way that serves it."""
+    model, method, timing = (
+        problem.model,
+        METHODS[settings.platform],
+        TIMING_SOLVERS[settings.timing],
+    )
     if job.in_sections:
         check_followers(job, settings.follower)
         check_seams(job)
-        return _with_paths(job, settings, problem, replaced, progress, clear=clear)
+        return _with_paths(job, settings, problem, replaced, watch.tell, clear=clear)
+
+    def paired(one: Job) -> Schedule:
+        if one.is_decided:
+            own = replace(problem, job=one)
+            return _decided_plan(own, settings, replaced, watch, clear=clear)
+        return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
+
+    if job.mode == "paired":
+        return paired(job)
+    planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
+
+    def schedule(motion: Motion, one: Job) -> Schedule:
+        return _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one)))
+
+    return plan_by_own_clocks(planner, settings, watch, paired, schedule)
+
+
+def _decided_plan(
+    problem: MethodProblem,
+    settings: PlanSettings,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job whose arms and order are given."""
+    job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    progress = watch.tell
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
+    notes = (
+        *job.notes,
+        *replaced,
+        *_job_notes(job),
+        *found.decided.notes,
+        *_platform_notes(problem.model, stages),
+        *clearance_notes(found),
+    )
+    schedule = _schedule(job, settings, motion, notes)
+    return replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)
+
+
+def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]) -> Schedule:
+    """Returns what is told of a motion."""
     return Schedule(
         robot=ScheduleRobot.of_job(job),
         trajectory=motion.trajectory,
@@ -129,16 +230,7 @@ def plan_without_bound(
         segments=motion.segments,
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
-        grid_gap=found.decided.grid_gap,
-        clearance_cost=found.cost,
-        notes=(
-            *job.notes,
-            *replaced,
-            *_job_notes(job),
-            *found.decided.notes,
-            *_platform_notes(model, stages),
-            *clearance_notes(found),
-        ),
+        notes=notes,
     )
 
 
@@ -158,24 +250,16 @@ def _with_paths(
     )
     planned = planner.plan()
     motion = planned.motion
-    return Schedule(
-        robot=ScheduleRobot.of_job(job),
-        trajectory=motion.trajectory,
-        stages=motion.stages,
-        segments=motion.segments,
-        events=motion.events,
-        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
-        clearance_cost=planned.clearance_cost,
-        notes=(
-            *job.notes,
-            *(replaced if planned.stage_plans else ()),
-            *([SEAMS_KEPT] if job.has_seams else []),
-            *path_job_notes(job, settings.platform, motion.trajectory),
-            *_job_notes(job),
-            *dict.fromkeys(planned.notes),
-            *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
-        ),
+    notes = (
+        *job.notes,
+        *(replaced if planned.stage_plans else ()),
+        *([SEAMS_KEPT] if job.has_seams else []),
+        *path_job_notes(job, settings.platform, motion.trajectory),
+        *_job_notes(job),
+        *dict.fromkeys(planned.notes),
+        *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
     )
+    return replace(_schedule(job, settings, motion, notes), clearance_cost=planned.clearance_cost)
 
 
 def _job_notes(job: Job) -> list[str]:

@@ -40,6 +40,11 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         )
     if reason := why_no_closed_form(job.cell.robot):
         raise UnsupportedError(f"{job.cell.robot.name} has no elbows to balance: {reason}")
+    if not job.is_decided:
+        raise UsageError(
+            "the tasks leave arms or order open, so that they have no stages yet: plan them, or say order: given and "
+            "arm: left or right"
+        )
     work = job.stages()
     if not 1 <= stage <= len(work):
         raise UsageError(f"--stage {stage}: the tasks have stages 1 to {len(work)}")

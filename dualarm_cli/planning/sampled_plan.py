@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -60,14 +62,13 @@ class SampledPlan:
 
     def positions(self) -> list[FloatArray]:
         """Returns all joints before each stage and after the last one [rad], each (n,)."""
-        model, position = self.stages[0].model, self.start
-        found = [position]
+        return self._positions
+
+    @cached_property
+    def _positions(self) -> list[FloatArray]:
+        found = [self.start]
         for choice in self.choices:
-            position = np.array(position)
-            position[model.platform_columns] = choice.angle
-            for arm, way in choice.ways.items():
-                position[model.arms[arm].columns] = way.ends[0, 1]
-            found.append(position)
+            found.append(self._after(found[-1], choice))
         return found
 
     def plans(self, solver: str) -> list[StagePlan]:
@@ -108,24 +109,67 @@ class SampledPlan:
     @property
     def duration(self) -> float:
         """Time of the whole sequence by closed forms and estimated lines [s]."""
-        model, clock = self.stages[0].model, self.stages[0].clock
+        return math.fsum(self._lengths)
+
+    def duration_with(self, k: int, choice: Choice) -> float:
+        """Returns the duration of the plan with another choice in one stage [s].
+
+        Only the stages up to where every joint is again where it was are judged anew, so that refining a long sequence
+        costs what its stages cost and not their square.
+
+        Args:
+            k: the stage.
+            choice: what is decided about it.
+        """
+        if k == 0 and self.free_start:
+            return self.with_choice(k, choice).duration
+        positions, lengths = self.positions(), list(self._lengths)
+        position = positions[k]
+        for j in range(k, len(self.choices)):
+            one = choice if j == k else self.choices[j]
+            lengths[j] = self._length(j, one, position)
+            position = self._after(position, one)
+            if np.array_equal(position, positions[j + 1]):
+                return math.fsum(lengths)
+        lengths[-1] = self._closing(positions[0], position)
+        return math.fsum(lengths)
+
+    @cached_property
+    def _lengths(self) -> list[float]:
+        """Lengths of the stages and at last of the return, 0 where there is none [s]."""
         positions = self.positions()
-        total = 0.0
-        for k, (stage, choice) in enumerate(zip(self.stages, self.choices, strict=True)):
-            before, longest = positions[k], 0.0
-            turn = choice.angle - before[model.platform_columns]
-            waiting = float(clock.platform_times(turn[None])[0])
-            for arm, way in choice.ways.items():
-                moved = way.ends[0, 0] - before[model.arms[arm].columns]
-                skips = self.free_start and k == 0
-                move = 0.0 if skips else float(clock.arms[arm].law.duration(moved))
-                dwell = stage.work[arm][1].dwell.total
-                longest = max(longest, max(move, waiting) + float(way.line.sum()) + dwell)
-            total += longest
-        if self.job.returns:
-            moved = positions[0] - positions[-1]
-            closing = float(clock.platform_times(moved[model.platform_columns][None])[0])
-            for arm, one in model.arms.items():
-                closing = max(closing, float(clock.arms[arm].law.duration(moved[one.columns])))
-            total += closing
-        return total
+        found = [self._length(k, choice, positions[k]) for k, choice in enumerate(self.choices)]
+        return [*found, self._closing(positions[0], positions[-1])]
+
+    def _after(self, before: FloatArray, choice: Choice) -> FloatArray:
+        """Returns all joints after a stage [rad], shape (n,)."""
+        model, position = self.stages[0].model, np.array(before)
+        position[model.platform_columns] = choice.angle
+        for arm, way in choice.ways.items():
+            position[model.arms[arm].columns] = way.ends[0, 1]
+        return position
+
+    def _length(self, k: int, choice: Choice, before: FloatArray) -> float:
+        """Returns the length of a stage that begins with given joints [s]."""
+        stage, longest = self.stages[k], 0.0
+        model, clock = stage.model, stage.clock
+        turn = choice.angle - before[model.platform_columns]
+        waiting = float(clock.platform_times(turn[None])[0])
+        for arm, way in choice.ways.items():
+            moved = way.ends[0, 0] - before[model.arms[arm].columns]
+            skips = self.free_start and k == 0
+            move = 0.0 if skips else float(clock.arms[arm].law.duration(moved))
+            dwell = stage.work[arm][1].dwell.total
+            longest = max(longest, max(move, waiting) + float(way.line.sum()) + dwell)
+        return longest
+
+    def _closing(self, first: FloatArray, last: FloatArray) -> float:
+        """Returns the length of the return from the last joints to the first [s]."""
+        if not self.job.returns:
+            return 0.0
+        model, clock = self.stages[0].model, self.stages[0].clock
+        moved = first - last
+        closing = float(clock.platform_times(moved[model.platform_columns][None])[0])
+        for arm, one in model.arms.items():
+            closing = max(closing, float(clock.arms[arm].law.duration(moved[one.columns])))
+        return closing

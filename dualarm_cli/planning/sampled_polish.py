@@ -45,9 +45,11 @@ def polished(plan: SampledPlan, sweeps: int) -> SampledPlan:
         width = FIRST_WIDTH * SHRINK**sweep
         for k in range(len(plan.choices)):
             for choice in _promising(best, k, width):
+                duration = best.duration_with(k, choice)
+                if duration >= least - GAIN:
+                    continue
                 tried = best.with_choice(k, choice)
-                duration = tried.duration
-                if duration < least - GAIN and holds(tried, k):
+                if holds(tried, k):
                     best, least = tried, duration
                     break
     return best

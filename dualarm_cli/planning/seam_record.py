@@ -6,7 +6,7 @@ import numpy as np
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Task
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.path_record import Record
@@ -76,11 +76,16 @@ class _Writer:
         for arm in self._model.cell.robot.arms:
             task = self._tasks.get(arm.name)
             if task is None:
-                record.segments.append(Segment(arm.name, "wait", "", "", start, end))
+                part = Segment(arm.name, "wait", "", "", start, end, reason="partner")
+                record.segments.append(part)
                 continue
             own = kind if master is None or arm.name == self._work.slave else master
             dwell = Dwell(gripper=end - start) if own == "dwell" else None
-            record.segments.append(Segment(arm.name, own, task.id, action, start, end, dwell))
+            reason: WaitReason = ""
+            if own == "wait":
+                reason = "window" if kind == "wait" else "partner"
+            part = Segment(arm.name, own, task.id, action, start, end, dwell, reason)
+            record.segments.append(part)
         record.pieces.append(motion)
         record.clock = end
 

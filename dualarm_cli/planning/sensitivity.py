@@ -11,7 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.planning.line_factors import line_factors
-from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
+from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SHARE = 0.1
@@ -77,12 +77,15 @@ def sensitivity(schedule: Schedule) -> list[Sensitivity]:
     ones of the same displacement, and what they take longer as constant; a note of the plan says so.
 
     Args:
-        schedule: a planned one; of one without stages, or that does not say its limits, nothing is returned.
+        schedule: a planned one; of one without stages, whose stages overlap, since its length is no sum of them then,
+            or that does not say its limits, nothing is returned.
     """
     limits = schedule.robot.limits.select(schedule.trajectory.joints)
     entries = _entries(limits)
     parts = stage_parts(schedule)
-    if not entries or not parts or not np.isfinite(limits.acceleration).all():
+    if not entries or not parts or overlap(schedule.stages):
+        return []
+    if not np.isfinite(limits.acceleration).all():
         return []
     # Row 0 is the plan as it is; then every entry lower and higher.
     acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -29,22 +32,48 @@ def sequence_problem(
         holding: what has to keep clear; None where nothing has to.
         barred: stages that turned out not to keep clear.
     """
+    stages = job.stages()
+    stops = {
+        name: [
+            _target(work[name][1], None if holding is None else holding.yaws[k, name])
+            if name in work
+            else None
+            for k, work in enumerate(stages)
+        ]
+        for name in model.arms
+    }
+    found = _problem(model, job, stops)
+    if holding is None:
+        return found
+    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    return replace(found, clearance=_clearance(model, start, holding, barred))
+
+
+def stops_problem(
+    model: CellModel, job: Job, stops: Mapping[str, Sequence[Stop | None]]
+) -> SequenceProblem:
+    """Returns stops of one's choice as stages, for postures at them.
+
+    Args:
+        model: the job's cell.
+        job: for its limits and its start.
+        stops: each arm's stops, all of them as many.
+    """
+    targets = {
+        name: [None if stop is None else _target(stop, None) for stop in own]
+        for name, own in stops.items()
+    }
+    return _problem(model, job, targets)
+
+
+def _problem(
+    model: CellModel, job: Job, stops: Mapping[str, Sequence[StopTarget | None]]
+) -> SequenceProblem:
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
     start = np.array(robot.postures["home" if job.start == "free" else job.start])
-    stages = job.stages()
     arms = tuple(
-        _arm_work(
-            arm,
-            limits.select(arm.arm.joints),
-            tuple(
-                _target(work[name][1], None if holding is None else holding.yaws[k, name])
-                if name in work
-                else None
-                for k, work in enumerate(stages)
-            ),
-            start[arm.columns],
-        )
+        _arm_work(arm, limits.select(arm.arm.joints), tuple(stops[name]), start[arm.columns])
         for name, arm in model.arms.items()
     )
     law, span = None, (0.0, 0.0)
@@ -60,7 +89,6 @@ def sequence_problem(
         arms=arms,
         free_start=job.start == "free",
         returns=job.returns,
-        clearance=None if holding is None else _clearance(model, start, holding, barred),
     )
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from dualarm_cli.model.schedule import Event, Schedule, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.waiting import MOVES, SAME_TIME, whole_transfers
 
-SAME_TIME = 1e-9
-"""Instants nearer than this are one [s]."""
 STANDS = 1e-9
 """A joint that is off by less than this stands still [rad]."""
 PLATFORM = "platform"
@@ -25,7 +25,8 @@ class StageParts:
     stage: Stage
     """What the schedule says of it."""
     arms: Mapping[str, tuple[Segment, ...]]
-    """What each arm does, in time order; waiting is left out, and so are arms that only wait."""
+    """What each arm does, in time order; waiting is left out, and so are arms that only wait. A transfer lasts from
+    when the arm leaves until its line may begin, waiting for the platform included."""
     critical: str
     """The arm whose last part ends the stage; empty where no arm does anything."""
     group: str
@@ -36,6 +37,16 @@ class StageParts:
         """Returns how long an arm spends on some kinds of parts [s]."""
         parts = self.arms.get(arm, ())
         return sum((part.end - part.start for part in parts if part.kind in kinds), 0.0)
+
+    def arrival(self, arm: str) -> float:
+        """Returns when an arm's transfer is over [s]; the stage's start where it has none."""
+        moves = (part.end for part in self.arms.get(arm, ()) if part.kind in MOVES)
+        return max(moves, default=self.stage.start)
+
+
+def overlap(stages: Sequence[Stage]) -> bool:
+    """Returns whether any stage begins before the one before it ends: each arm runs on a clock of its own."""
+    return any(later.start < before.end - SAME_TIME for before, later in pairwise(stages))
 
 
 def stage_parts(schedule: Schedule) -> list[StageParts]:
@@ -49,13 +60,11 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
     """
     stages = schedule.stages or _stages_of_events(schedule)
     segments = schedule.segments or _segments_of_events(schedule, stages)
-    starts = np.array([stage.start for stage in stages])
     per_stage: list[dict[str, list[Segment]]] = [{} for _ in stages]
-    for part in segments if stages else ():
-        middle = (part.start + part.end) / 2.0
-        k = max(0, int(np.searchsorted(starts, middle, side="right")) - 1)
-        if part.kind != "wait":
-            per_stage[k].setdefault(part.arm, []).append(part)
+    whole = whole_transfers(sorted(segments, key=lambda part: part.start)) if stages else []
+    parts = [part for part in whole if part.kind != "wait"]
+    for part, k in zip(parts, _stages_of(parts, stages), strict=True):
+        per_stage[k].setdefault(part.arm, []).append(part)
     return [
         _parts(
             schedule,
@@ -64,6 +73,32 @@ def stage_parts(schedule: Schedule) -> list[StageParts]:
         )
         for stage, arms in zip(stages, per_stage, strict=True)
     ]
+
+
+def _stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
+    """Returns for each part the place of its stage: the last one begun by its middle, of its task where stages overlap.
+
+    Of several overlapping stages of a task, or without one, that which has most of the part, and of those the shortest.
+    """
+    middles = [(part.start + part.end) / 2.0 for part in parts]
+    starts = np.array([stage.start for stage in stages])
+    begun = np.maximum(np.searchsorted(starts, middles, side="right") - 1, 0)
+    if not overlap(stages):
+        return [int(k) for k in begun]
+    by_task: dict[str, list[int]] = {}
+    for k, stage in enumerate(stages):
+        for task in dict.fromkeys(stage.tasks or ("",)):
+            by_task.setdefault(task, []).append(k)
+
+    found = []
+    for part, last in zip(parts, begun, strict=True):
+        ranked = []
+        for k in by_task.get(part.task, []):
+            shared = min(stages[k].end, part.end) - max(stages[k].start, part.start)
+            if shared >= -SAME_TIME:
+                ranked.append((-round(shared, 9), stages[k].end - stages[k].start, k))
+        found.append(min(ranked)[-1] if ranked else int(last))
+    return found
 
 
 def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]]) -> StageParts:
@@ -82,7 +117,7 @@ def _deciding_group(
     """Returns which group decides how long the critical arm's transfer takes."""
     if not critical:
         return _group_of(schedule, stage.bottleneck)
-    if not any(part.kind in ("transfer", "return") for part in arms.get(critical, ())):
+    if not any(part.kind in MOVES for part in arms.get(critical, ())):
         return ""
     if any(part.kind == "return" for part in arms[critical]) or not stage.arm_times:
         return _group_of(schedule, stage.bottleneck) or critical

@@ -13,6 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.waiting import transfer_ends
 
 STEP = 0.004
 """Time between the instants at full speed, but for stages of minutes [s]."""
@@ -31,8 +32,6 @@ SAME_TIME = 1e-9
 """Instants nearer than this are one [s]."""
 LINES = ("approach", "dwell", "retract")
 """Segments on which a part may touch what stands still."""
-MOVES = ("transfer", "return")
-"""Segments that lead to where a line begins."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
 """Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
@@ -138,13 +137,8 @@ def arm_ways(
     this = motion.stages[number]
     ways = {}
     for a, (name, arm) in enumerate(model.arms.items()):
-        ends = [
-            part.end
-            for part in motion.segments
-            if part.arm == name
-            and part.kind in MOVES
-            and this.start < part.end <= this.end + samples.step
-        ]
+        own = [part for part in motion.segments if part.arm == name]
+        ends = transfer_ends(own, this.start, this.end + samples.step)
         arrival = round((max(ends, default=this.start) - this.start) / samples.step)
         arrival = min(arrival, len(samples.position) - 1)
         ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)

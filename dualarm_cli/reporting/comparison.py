@@ -76,7 +76,8 @@ def job_comparison(
     section = {
         "tasks": name,
         "robot": job.cell.robot.name,
-        "stages": len(job.stages()) + job.returns,
+        "stages": len(job.stages()) + job.returns if job.is_decided else None,
+        "open": not job.is_decided,
         "parts": count_parts(job),
         "closes": job.returns,
         "lower_bound": bound,
@@ -198,6 +199,8 @@ def section_title(section: dict[str, Any], name: str) -> str:
         section: one member of the document's `comparisons`.
         name: what the task file is called there.
     """
+    if section["stages"] is None:
+        return f"{name}: {section['robot']}, each method with the order that it finds"
     noun = "stage" if section["stages"] == 1 else "stages"
     return f"{name}: {section['robot']}, {section['stages']} {noun}"
 

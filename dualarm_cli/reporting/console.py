@@ -13,6 +13,8 @@ from dualarm_cli.reporting.seam_table import seam_lines
 
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
+SHOWN_WAIT = 0.005
+"""Waits of less are nothing to the printed digit [s]."""
 SHOWN_LIMITS = 3
 """How many single limits the sensitivity lines name."""
 
@@ -69,6 +71,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )
+    lines += wait_lines(report)
     lines += path_lines(report)
     lines += seam_lines(report)
     if report["bottlenecks"]:
@@ -102,7 +105,8 @@ def bound_line(report: dict[str, Any]) -> str:
     elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
         line = "lower bound: 0 s, as its cells are too coarse for moves this short: try --effort thorough"
     else:
-        line = f"lower bound: no rest-to-rest plan of these stages is faster than {report['lower_bound']:.3f} s"
+        what = "tasks, in whatever order," if report["open"] else "stages"
+        line = f"lower bound: no rest-to-rest plan of these {what} is faster than {report['lower_bound']:.3f} s"
         if report["gap"] is not None:
             line += f"; at most {report['gap']:.1%} could be saved"
     if report["tool_speed_cap"] is not None:
@@ -111,8 +115,29 @@ def bound_line(report: dict[str, Any]) -> str:
         line += (
             f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
         )
+    if report["order_gap"] is not None:
+        line += (
+            f"; the order is within {report['order_gap']:.1%} of the best on the search's own grid"
+        )
     effort = report["settings"].get("effort")
     return f"{line}; effort: {effort}" if effort else line
+
+
+def wait_lines(report: dict[str, Any]) -> list[str]:
+    """Returns what the arms wait for, most first, and by how much the platform draws out their transfers."""
+    waits, drawn = [], []
+    for name, use in report["arms"].items():
+        total = sum(use["waited"].values())
+        if total >= SHOWN_WAIT:
+            reasons = sorted(use["waited"].items(), key=lambda item: -item[1])
+            shown = [f"{r.replace('_', ' ')} {t:.2f}" for r, t in reasons if t >= SHOWN_WAIT]
+            waits.append(f"{name} {total:.2f} s" + (f" ({', '.join(shown)})" if shown else ""))
+        if use["drawn_out_for_platform"] >= SHOWN_WAIT:
+            drawn.append(f"{name} {use['drawn_out_for_platform']:.2f} s")
+    lines = [f"waits: {', '.join(waits)}"] if waits else []
+    if drawn:
+        lines.append(f"transfers drawn out until the platform is there: {', '.join(drawn)}")
+    return lines
 
 
 def sensitivity_lines(report: dict[str, Any]) -> list[str]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, stage_parts
+from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 
 ELBOW = 3
 """Place of the elbow among the joints of a 7-axis arm."""
@@ -16,6 +17,8 @@ AXES = 7
 LINES, DWELLS, PATHS, SEAMS, OTHER = "lines", "dwells", "paths", "seams", "other"
 NO_TRANSFERS = (LINES, DWELLS, PATHS, SEAMS, OTHER)
 """What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
+LEAST_OTHER = 1e-6
+"""Less than this is rounding [s]."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Bottlenecks:
     stages: dict[str, int]
     """How many stages' transfers each joint group decides, most first."""
     time: dict[str, float]
-    """Time of transfers by deciding group, of lines and of dwells [s]; together the length of all stages."""
+    """Time of transfers by deciding group, of lines and of dwells [s]; together the length of the motion."""
 
     @property
     def transfers(self) -> float:
@@ -37,7 +40,9 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
     """Returns what decides how long a schedule is.
 
     A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
-    dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer.
+    dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer. Where stages overlap,
+    since each arm runs on a clock of its own, the length is that of the arm that is done last: its stages, and `other`
+    for what it waits.
 
     Args:
         schedule: with stages and segments, or with events at least.
@@ -45,14 +50,29 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
     groups = [*([PLATFORM] if schedule.robot.platform else []), *schedule.robot.arms]
     time = dict.fromkeys([*groups, LINES, DWELLS], 0.0)
     counts: Counter[str] = Counter()
-    for part in stage_parts(schedule):
-        shares = _shares(part)
+    parts = stage_parts(schedule)
+    last = _last_arm(parts) if overlap(schedule.stages) else ""
+    for part in parts:
         if part.group:
             counts[part.group] += 1
-        for name, length in shares.items():
+        if last and part.critical != last:
+            continue
+        for name, length in _shares(part).items():
             time[name] = time.get(name, 0.0) + length
+    if last and (rest := schedule.duration - sum(time.values())) > LEAST_OTHER:
+        time[OTHER] = time.get(OTHER, 0.0) + rest
     ranked = sorted(counts.items(), key=lambda item: (-item[1], groups.index(item[0])))
     return Bottlenecks(dict(ranked), time)
+
+
+def _last_arm(parts: Sequence[StageParts]) -> str:
+    """Returns the arm whose work ends last; empty where none works."""
+    ends: dict[str, float] = {}
+    for part in parts:
+        if part.critical:
+            end = part.arms[part.critical][-1].end
+            ends[part.critical] = max(end, ends.get(part.critical, end))
+    return max(ends, key=lambda arm: ends[arm], default="")
 
 
 def _shares(part: StageParts) -> dict[str, float]:
@@ -73,7 +93,7 @@ def _shares(part: StageParts) -> dict[str, float]:
     if part.group:
         shares[part.group] = transfer
     rest = whole - sum(shares.values())
-    if rest > 1e-6:
+    if rest > LEAST_OTHER:
         shares[OTHER] = rest
     return shares
 
@@ -81,13 +101,15 @@ def _shares(part: StageParts) -> dict[str, float]:
 def elbow_imbalance(schedule: Schedule) -> float | None:
     """Returns the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
 
-    Transfers of both arms count, the return among them. None where there are no two 7-axis arms, or no such transfer.
+    Transfers of both arms count, the return among them. None where there are no two 7-axis arms, or no such transfer,
+    and where stages overlap: no transfer is then of both arms.
 
     Args:
         schedule: with stages.
     """
     arms = schedule.robot.arms
-    if len(arms) != 2 or any(len(arm.joints) != AXES for arm in arms.values()):
+    sevens = all(len(arm.joints) == AXES for arm in arms.values())
+    if len(arms) != 2 or not sevens or overlap(schedule.stages):
         return None
     trajectory = schedule.trajectory
     columns = [trajectory.joints.index(arm.joints[ELBOW]) for arm in arms.values()]
@@ -97,14 +119,10 @@ def elbow_imbalance(schedule: Schedule) -> float | None:
     before = np.array([part.stage.start for part in parts])
     sizes = []
     for name, column in zip(arms, columns, strict=True):
-        after = np.array([part.stage.start + _transfer(part, name) for part in parts])
+        after = np.array([part.arrival(name) for part in parts])
         moved = trajectory.at(after)[0][:, column] - trajectory.at(before)[0][:, column]
         sizes.append(np.abs(moved))
     return float(np.abs(sizes[0] - sizes[1]).mean())
-
-
-def _transfer(part: StageParts, arm: str) -> float:
-    return part.length(arm, "transfer", "return")
 
 
 def platform_travel(schedule: Schedule) -> float | None:

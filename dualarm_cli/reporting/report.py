@@ -14,6 +14,7 @@ from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.reporting.seam_measures import seam_measures
+from dualarm_cli.reporting.waits import drawn_out, wait_rows, waited
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
 
@@ -29,6 +30,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         schedule: a planned schedule, with its verification where there is one.
         job: what it was planned for.
     """
+    drawn = drawn_out(schedule)
     return {
         "format": FORMAT,
         "robot": schedule.robot.name,
@@ -39,6 +41,10 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "lower_bound": schedule.lower_bound,
         "gap": relative_gap(schedule),
         "grid_gap": schedule.grid_gap,
+        "order_gap": schedule.order_gap,
+        "mode": job.mode,
+        "order": job.order,
+        "open": not job.is_decided,
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
@@ -46,7 +52,11 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "seams": seam_measures(schedule, job),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
-        "arms": {name: _arm_use(schedule, name) for name in schedule.robot.arms},
+        "arms": {
+            name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}
+            for name in schedule.robot.arms
+        },
+        "waits": wait_rows(schedule, job),
         "limits_used": _limits_used(schedule),
         "platform_travel": platform_travel(schedule) or 0.0,
         "elbow_imbalance": elbow_imbalance(schedule),
@@ -169,6 +179,7 @@ def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     return times | {
         "dwell_shares": shares,
         "waiting": waiting,
+        "waited": waited(schedule, arm),
         "utilisation": busy / duration if duration > 0 else 0.0,
     }
 

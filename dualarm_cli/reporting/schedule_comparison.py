@@ -11,7 +11,7 @@ import numpy as np
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.planning.stage_parts import stage_parts
+from dualarm_cli.planning.stage_parts import overlap, stage_parts
 from dualarm_cli.reporting.stage_blame import Version, blame
 
 FORMAT = "dualarm.schedule-comparison/1"
@@ -192,6 +192,11 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
     if any(later < earlier for earlier, later in pairwise(places)):
         notes.append("the order of the stages differs")
     for schedule, side in ((a, "A"), (b, "B")):
+        if overlap(schedule.stages):
+            notes.append(
+                f"stages of {side} overlap: each arm runs on a clock of its own, so that the stages' differences do "
+                "not add up to the whole"
+            )
         missing = [w for w in ("stages", "segments") if not getattr(schedule, w)]
         if missing:
             notes.append(f"{side} states no {' and no '.join(missing)}: cut at its events")

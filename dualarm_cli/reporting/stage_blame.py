@@ -66,7 +66,7 @@ class Version:
 
     def arrival(self, arm: str) -> float:
         """Returns when an arm's transfer is over [s]."""
-        return self.parts.stage.start + self.parts.length(arm, "transfer", "return")
+        return self.parts.arrival(arm)
 
     def displacement(self, joint: str, arm: str) -> float | None:
         """Returns how far a joint moves in an arm's transfer [rad]; None where there is no such joint."""

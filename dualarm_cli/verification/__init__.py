@@ -10,6 +10,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
@@ -19,6 +20,7 @@ from dualarm_cli.verification.motion_checks import (
     check_time,
     not_checked,
 )
+from dualarm_cli.verification.order_checks import check_order, check_precedence, check_windows
 from dualarm_cli.verification.path_checks import check_paths
 from dualarm_cli.verification.seam_checks import check_seams
 from dualarm_cli.verification.sequence_checks import (
@@ -26,11 +28,9 @@ from dualarm_cli.verification.sequence_checks import (
     check_bound,
     check_dwells,
     check_ends,
-    check_order,
-    check_pairing,
     check_segments,
-    check_stages,
 )
+from dualarm_cli.verification.stage_checks import check_pairing, check_stages
 from dualarm_cli.verification.tool_checks import (
     check_events,
     check_lines,
@@ -40,6 +40,18 @@ from dualarm_cli.verification.tool_checks import (
 from dualarm_cli.verification.tool_model import ToolModel
 from dualarm_cli.verification.tool_speed import check_tool_speed
 from dualarm_cli.verification.torque_checks import check_torques
+
+OF_JOBS = (
+    "events_at_targets",
+    "order",
+    "precedence",
+    "windows",
+    "pairing",
+    "dwells",
+    "start_posture",
+    "return",
+)
+"""Checks of what only a job tells."""
 
 
 def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = False) -> Verification:
@@ -75,6 +87,8 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
     model = ToolModel(schedule)
     known = _of_known_arms(schedule)
+    # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.
+    done = None if job is None else job_as_done(schedule, job)
     # Where tools end on paths is judged with the paths, by their own tolerance.
     stops = known
     if job is not None:
@@ -86,20 +100,20 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_rest(trajectory),
         check_arms(schedule),
         *check_events(stops, model),
-        *check_lines(known, job, model),
-        *check_paths(schedule, job, model),
-        *check_seams(schedule, job, model),
-        check_torques(schedule, job),
+        *check_lines(known, done, model),
+        *check_paths(schedule, done, model),
+        *check_seams(schedule, done, model),
+        check_torques(schedule, done),
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
-        check_stages(schedule),
+        check_stages(schedule, job),
         check_segments(schedule),
         check_bound(schedule),
-        *_job_checks(schedule, job),
+        *_job_checks(schedule, job, done),
     ]
     if not clearance:
         return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
-    collisions, clearances = check_clearance(schedule, job)
+    collisions, clearances = check_clearance(schedule, done)
     return Verification((*checks, collisions), clearances)
 
 
@@ -126,15 +140,17 @@ def _of_known_arms(schedule: Schedule) -> Schedule:
     )
 
 
-def _job_checks(schedule: Schedule, job: Job | None) -> list[Check]:
-    names = ("events_at_targets", "order", "pairing", "dwells", "start_posture", "return")
-    if job is None:
-        return [not_checked(name, "no task file was given (--tasks)") for name in names]
+def _job_checks(schedule: Schedule, job: Job | None, done: Job | None) -> list[Check]:
+    """Returns the checks of what only a job tells, as its file has it and as it was done."""
+    if job is None or done is None:
+        return [not_checked(name, "no task file was given (--tasks)") for name in OF_JOBS]
     return [
-        check_targets(schedule, job),
+        check_targets(schedule, done),
         check_order(schedule, job),
-        check_pairing(schedule, job),
-        check_dwells(schedule, job),
+        check_precedence(schedule, job),
+        check_windows(schedule, job),
+        check_pairing(schedule, done),
+        check_dwells(schedule, done),
         *check_ends(schedule, job),
     ]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import (
@@ -14,13 +13,13 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
 from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.stretches import edges_of, stages_of
 
 NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
@@ -38,7 +37,7 @@ def check_clearance(
 
     Args:
         schedule: with finite numbers and rising times.
-        job: cell and tasks; without them nothing is checked.
+        job: cell and tasks, each with the arm that did it; without them nothing is checked.
 
     Raises:
         InputError: a mesh of the cell that cannot be used.
@@ -46,7 +45,8 @@ def check_clearance(
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
     model = pin.buildModelFromXML(job.cell.robot.urdf)
-    carried = {(task.arm, task.part): None for task in job.tasks if task.part}
+    arms = schedule.robot.arms
+    carried = {(t.arm, t.part): None for t in job.tasks if t.part and t.arm in arms}
     solids = cell_solids(job.cell, model, list(carried))
     pairs, windows = _pairs_and_windows(model, solids, schedule, job)
     if not pairs:
@@ -86,39 +86,32 @@ def _proven(
 ) -> list[StageClearance]:
     """Returns the least margin of some pairs in every stage in which they count."""
     proof = ClearanceProof(model, solids, pairs, windows, schedule.trajectory)
-    edges = _edges(schedule)
-    starts = np.array([stage.start for stage in schedule.stages] or [edges[0]])
-    # A stage without length has no stretch of its own; two that start at once are one, the later.
-    numbers = np.searchsorted(starts, edges[:-1], side="right") - 1
-    stages = []
-    for k, found in enumerate(proof.certify(edges, precision)):
+    edges = edges_of(schedule)
+    least: dict[int, StageClearance] = {}
+    for found, numbers in zip(
+        proof.certify(edges, precision), stages_of(schedule, edges), strict=True
+    ):
         if found.pair < 0:
             continue
         pair = pairs[found.pair]
-        stages.append(
-            StageClearance(
-                stage=int(max(0, numbers[k])),
+        for number in numbers:
+            if number in least and least[number].margin <= found.margin:
+                continue
+            least[number] = StageClearance(
+                stage=number,
                 clearance=found.margin + pair.required,
                 margin=found.margin,
                 required=pair.required,
                 bodies=(solids[pair.first].label, solids[pair.second].label),
                 time=found.time,
             )
-        )
-    return stages
+    return [least[number] for number in sorted(least)]
 
 
 def _millimetres(distance: float) -> str:
     if distance < 0.0:
         return f"{-distance * 1e3:.1f} mm inside one another"
     return f"{distance * 1e3:.1f} mm"
-
-
-def _edges(schedule: Schedule) -> FloatArray:
-    """Returns the starts of the stages and the end of the motion [s]; one stretch where none are stated."""
-    time = schedule.trajectory.time
-    starts = [stage.start for stage in schedule.stages if time[0] < stage.start < time[-1]]
-    return np.array([time[0], *sorted(set(starts)), time[-1]])
 
 
 def _pairs_and_windows(

@@ -1,10 +1,10 @@
-"""Checks of what happens when: order, pairing, dwells, start and end."""
+"""Checks of what happens when: arms, segments, dwells, start and end."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.model.job import Dwell, Job, StopKey
+from dualarm_cli.model.job import Dwell, Job
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
@@ -15,92 +15,17 @@ def check_arms(schedule: Schedule) -> Check:
     """Checks that everything is done by an arm that the robot has."""
     known = schedule.robot.arms
     works = [("event", e) for e in schedule.events] + [("segment", s) for s in schedule.segments]
-    strangers = [(kind, work) for kind, work in works if work.arm not in known]
+    found = [(f"{kind} of {work.task}", work.arm) for kind, work in works if work.arm not in known]
+    found += [
+        (f"stage {number}", stage.arm)
+        for number, stage in enumerate(schedule.stages, start=1)
+        if stage.arm and stage.arm not in known
+    ]
     where = f"all of {', '.join(known)}"
-    if strangers:
-        kind, work = strangers[0]
-        where = f"{kind} of {work.task} names arm '{work.arm}'; the robot has {', '.join(known)}"
-    return judge("arms", len(strangers), 0, "", where)
-
-
-def check_order(schedule: Schedule, job: Job) -> Check:
-    """Checks that each arm's events are the job's targets, all of them, in the given order."""
-    wrong = 0
-    where = "every target, in the order of the file"
-    for arm in job.cell.robot.arms:
-        asked = [(task.id, stop.action) for task, stop in job.stops_of(arm.name)]
-        events = sorted((e for e in schedule.events if e.arm == arm.name), key=lambda e: e.time)
-        done = [(event.task, event.action) for event in events]
-        if done != asked:
-            pairs = zip(
-                asked + [("nothing", "")] * len(done), [*done, ("nothing", "")], strict=False
-            )
-            first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
-            wrong += 1
-            due, did = (" ".join(entry).strip() for entry in first)
-            where = f"{arm.name} arm: {due} is due, {did} is done"
-    return judge("order", wrong, 0, "", where)
-
-
-def check_stages(schedule: Schedule) -> Check:
-    """Checks that stages follow one another from the start of the motion to its end."""
-    if not schedule.stages:
-        return not_checked("stages", "the schedule lists none")
-    worst, where = 0.0, "one after the other"
-    clock = 0.0
-    for number, stage in enumerate(schedule.stages, start=1):
-        if abs(stage.start - clock) > worst:
-            worst = abs(stage.start - clock)
-            where = f"stage {number} does not start where the one before ends"
-        if stage.start - stage.end > worst:
-            worst, where = stage.start - stage.end, f"stage {number} ends before it starts"
-        clock = stage.end
-    if abs(clock - schedule.duration) > worst:
-        worst, where = abs(clock - schedule.duration), "the last stage does not end the motion"
-    return judge("stages", worst, tol.SAME_TIME, "s", where)
-
-
-def check_pairing(schedule: Schedule, job: Job) -> Check:
-    """Checks that paired targets fall into one stage, which both arms start together."""
-    worst, where = 0.0, "both arms start every stage together"
-    times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
-    starts: dict[StopKey, float] = {}
-    for segment in schedule.segments:
-        key = (segment.arm, segment.task, segment.action)
-        starts[key] = min(segment.start, starts.get(key, np.inf))
-    asked = job.stages()
-    for number, work in enumerate(asked, start=1):
-        if number > len(schedule.stages):
-            return judge("pairing", np.inf, tol.SAME_TIME, "s", f"stage {number} is missing")
-        stage = schedule.stages[number - 1]
-        keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
-        for key in keys:
-            time = times.get(key, np.inf)
-            outside = max(stage.start - time, time - stage.end)
-            if outside > worst:
-                worst, where = outside, f"{key[1]} ({key[2]}) is outside stage {number}"
-        begun = [starts[key] for key in keys if key in starts]
-        apart = max(begun, default=0.0) - min(begun, default=0.0)
-        if apart > worst:
-            worst, where = apart, f"the arms do not start stage {number} together"
-    wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
-    if wrong and worst <= tol.SAME_TIME:
-        return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
-    return judge("pairing", worst, tol.SAME_TIME, "s", where)
-
-
-def _wrong_tasks(schedule: Schedule, asked: list[list[str]]) -> str:
-    """Returns which stage names other tasks than the job has there, or an empty string.
-
-    A stage beyond the job's, the return to the start, works on none.
-    """
-    for number, stage in enumerate(schedule.stages, start=1):
-        due = asked[number - 1] if number <= len(asked) else []
-        # Both arms may follow one path: it is one task.
-        if sorted(stage.tasks) != sorted(due) and set(stage.tasks) != set(due):
-            said, wanted = (", ".join(names) or "no task" for names in (stage.tasks, due))
-            return f"stage {number} names {said}; the tasks are {wanted}"
-    return ""
+    if found:
+        what, arm = found[0]
+        where = f"{what} names arm '{arm}'; the robot has {', '.join(known)}"
+    return judge("arms", len(found), 0, "", where)
 
 
 def check_segments(schedule: Schedule) -> Check:

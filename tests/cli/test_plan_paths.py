@@ -55,6 +55,17 @@ def test_plan_writes_the_measures_and_the_figure(seam, capsys):
     assert (seam / "paths.svg").read_bytes().startswith(b"<?xml")
 
 
+def test_an_arm_that_follows_no_path_waits_for_the_end(seam):
+    """The right arm never works: the report has its wait, as long as the plan, for what the left arm follows."""
+    assert run(["plan", "tasks.yaml", "--out", "plan", "--quiet"]) == 0
+    report = json.loads((seam / "plan" / "report.json").read_text())
+    waits = [row for row in report["waits"] if row["arm"] == "right"]
+    assert {(row["reason"], row["for"]["task"]) for row in waits} == {("end", "seam")}
+    total = sum(row["length"] for row in waits)
+    assert total == pytest.approx(report["cycle_time"], abs=1e-6)
+    assert report["arms"]["right"]["waited"]["end"] == pytest.approx(total, abs=1e-6)
+
+
 def test_the_command_line_s_follower_counts_before_the_file_s(seam):
     """`--redundancy` names it for all paths; without it the file does."""
     (seam / "tasks.yaml").write_text(
@@ -66,13 +77,17 @@ def test_the_command_line_s_follower_counts_before_the_file_s(seam):
         assert found["method"] == method
 
 
-def test_a_figure_of_no_paths_is_refused_before_planning(seam, tasks_folder, capsys):
-    """Exit 2, nothing is written, the file is named."""
+def test_a_job_without_paths_has_its_chart_drawn(seam, tasks_folder):
+    """Where nothing follows a path the figure is of who does what when: it names the robot and both arms."""
     tasks = tasks_folder / "03_bottin_planar" / "tasks.yaml"
-    assert run(["plan", str(tasks), "--out", "plan", "--plot", "paths.png"]) == 2
-    assert f"--plot paths.png: draws paths and seams, and {tasks} has none" in _one_line(capsys)
-    assert not (seam / "plan").exists()
-    assert not (seam / "paths.png").exists()
+    options = ["--out", "plan", "--platform", "fixed", "--plot", "chart.svg", "--quiet"]
+    assert run(["plan", str(tasks), *options]) == 0
+    drawn = (seam / "chart.svg").read_text()
+    assert drawn.startswith("<?xml")
+    report = json.loads((seam / "plan" / "report.json").read_text())
+    assert f"<!-- {report['robot']}: " in drawn
+    for lane in (*report["arms"], "platform"):
+        assert f"<!-- {lane} -->" in drawn
 
 
 def test_a_figure_that_is_there_or_of_an_unknown_kind_is_refused_before_planning(seam, capsys):

@@ -189,6 +189,28 @@ def test_signals_end_a_plan_at_once_and_leave_no_files(number, code, tasks_folde
     assert not out.exists()
 
 
+def test_an_interrupt_within_a_generated_method_ends_with_the_exit_code_too(tmp_path):
+    """CPython marks a KeyboardInterrupt that went through `exec` of a text, and would die of SIGINT at exit."""
+    (tmp_path / "interrupted.py").write_text(
+        "import dualarm_cli.cli.run as command_line\n"
+        "from dualarm_cli.__main__ import main\n"
+        "def generating(arguments):\n"
+        "    try:\n"
+        "        exec('raise KeyboardInterrupt')\n"
+        "    except KeyboardInterrupt:\n"
+        "        return 130\n"
+        "command_line.run = generating\n"
+        "main()\n"
+    )
+    folders = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    result = subprocess.run(
+        [sys.executable, "-m", "interrupted"],
+        env=os.environ | {"PYTHONPATH": folders},
+        check=False,
+    )
+    assert result.returncode == 130
+
+
 def test_a_closed_pipe_is_no_traceback(tasks_folder):
     """`dualarm robot show sda10f | head -1`."""
     command = f"{sys.executable} -m dualarm_cli robot show sda10f | head -1"

@@ -63,10 +63,13 @@ def schedule() -> Schedule:
         stages=(
             Stage(0.0, 1 / 3, ("a",), "exact", 0.1, 0.2, {"left": 0.3}, {"turn": 0.4}, "turn"),
             Stage(1 / 3, 0.7, (), "fixed", None, 0.0, {}, {}, ""),
+            Stage(0.2, 0.4, ("a",), "fixed", None, 0.0, {}, {}, "", arm="left"),
         ),
         segments=(
             Segment("left", "transfer", "a", "pick", 0.0, 0.1),
             Segment("left", "dwell", "a", "pick", 0.1, 0.2, Dwell(0.01, 0.02, 1 / 30)),
+            Segment("left", "wait", 'b"\\', "move", 0.2, 0.3, reason="shared_zone"),
+            Segment("left", "wait", "", "", 0.3, 0.7),
         ),
         events=(
             Event(0.30000000000000004, "left", "a", "pick", "left_tcp", _pose(rng), 0.1),

@@ -77,6 +77,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "duration",
         "lower_bound",
         "grid_gap",
+        "order_gap",
         "clearance_cost",
         "stages",
         "segments",
@@ -87,7 +88,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "files",
         "verification",
     ]
-    assert sum('"action":' in line for line in text.splitlines()) == 4
+    assert sum('"action":' in line for line in text.splitlines()) == 6
     assert json.loads(text)["verification"]["passed"] is True
     assert json.loads(text)["robot"]["limits"]["turn"]["jerk"] is None
 
@@ -111,3 +112,9 @@ def test_a_file_name_that_is_no_utf8_is_written_and_read(schedule, tmp_path):
     (tmp_path / "schedule.json").write_bytes(content)
     (tmp_path / "robot.urdf").write_text(schedule.robot.urdf)
     assert read_schedule(tmp_path).provenance.inputs == {name: "ab"}
+
+
+def test_a_reason_is_written_where_there_is_one(schedule):
+    """Of four segments one waits for a reason; the others say nothing, as before there were reasons."""
+    rows = json.loads(to_json(schedule, "robot.urdf", {}))["segments"]
+    assert [row.get("reason") for row in rows] == [None, None, "shared_zone", None]

@@ -262,6 +262,10 @@ SPLINE = "{spline: [{xyz: [0.8, 0.5, 0.9]}, {xyz: [0.9, 0.4, 1.0]}]}"
 SPEED = "speed: 50 mm/s"
 FRAMES = "E300 the cell has no frame 'bun', did you mean 'bin'? It has: bin, bin.slot, world"
 BACK = "E300 the curve turns back at once near {}, where the tool would have to stop; end the curve there and begin another piece"
+ALONE = (
+    "E310 {} does not go with paths and coordinate tasks (task 'seam') in this version; use {}, "
+    "or plan them in files of their own"
+)
 MARK = "¦"
 """Stands in front of what a message shall point at."""
 
@@ -297,7 +301,7 @@ def refused(
         (SPEED + "\n      through", "speed: 1\n      ¦poses: a.csv\n      through", "E200 'poses' does not go with 'through'; keep one"),
         # Who follows.
         ("  - id: seam\n    arm: left\n", "  - ¦id: seam\n", "E202 'arm' is missing"),
-        ("arm: left", "arm: ¦any", "E310 arm: any is not available in this version; use left or right"),
+        ("arm: left", "arm: ¦any", "E310 arm: any does not go with 'path'; it says itself which arms it takes"),
         (SPEED, "¦speed: 1\n      arm: right", "E300 the task's arm is left, its path's is right; keep one"),
         (SPEED, "¦speed: 1\n      left: {poses: a.csv}", "E202 'right' is missing: where both follow, both need a path"),
         (SPEED, "¦speed: 1\n      right: {poses: a.csv}", "E202 'left' is missing: where both follow, both need a path"),
@@ -306,6 +310,9 @@ def refused(
         ("    path:", "    dwell: ¦1 s\n    path:", "E300 'dwell' does not go with a path; remove it"),
         ("    path:", "    approach: ¦1 mm\n    path:", "E300 'approach' does not go with a path; remove it"),
         ("    path:", "    retract: ¦0\n    path:", "E300 'retract' does not go with a path; remove it"),
+        ("    path:", "    not_before: ¦1 s\n    path:", "E300 'not_before' goes with picks, places and moves only; remove it"),
+        ("    path:", "    not_after: ¦1 s\n    path:", "E300 'not_after' goes with picks, places and moves only; remove it"),
+        ("cell: cell.yaml", "cell: cell.yaml\nmode: ¦free", ALONE.format("mode: free", "mode: paired")),
         ("    path:", "    part: ¦box\n    path:", "E300 'part' does not go with a path; remove it"),
         ("    path:", "    move: {xyz: [0, 0, 0]}\n    ¦path:", "E200 'path' does not go with 'move'; make two tasks"),
         ("    path:", "    pick: {xyz: [0, 0, 0]}\n    ¦path:", "E200 'path' does not go with 'pick'; make two tasks"),

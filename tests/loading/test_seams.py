@@ -391,6 +391,7 @@ def test_files_of_poses_that_are_no_curve(
         ("      master: left\n", "      downhand: 10 deg\n", "7:7: E200 'downhand' needs a master that can turn the part"),
         ("    coordinate", "    arm: left\n    coordinate", "6:10: E300 'arm' does not go with a coordinate task; it names master and slave itself"),
         ("    coordinate", "    approach: 1 mm\n    coordinate", "6:15: E300 'approach' does not go with a coordinate task; write it into its entry"),
+        ("    coordinate", "    not_before: 1 s\n    coordinate", "6:17: E300 'not_before' goes with picks, places and moves only; remove it"),
         ("    coordinate", "    retract: 1 mm\n    coordinate", "6:14: E300 'retract' does not go with a coordinate task; write it into its exit"),
         ("    coordinate", "    dwell: {gripper: 1}\n    coordinate", "6:12: E300 'dwell' does not go with a coordinate task; write it into its entry and exit"),
     ],

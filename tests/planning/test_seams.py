@@ -213,6 +213,11 @@ def test_entry_and_exit_stand_where_the_seam_begins_and_ends_not_before_its_time
     assert job_bound(job, "quick").value == pytest.approx(4.7)
     kinds = [s.kind for s in schedule.segments if s.arm == "right"]
     assert kinds == ["transfer", "wait", "approach", "dwell", "seam", "dwell", "retract", "return"]
+    assert [s.reason for s in schedule.segments if s.arm == "right"] == ["", "window", *[""] * 6]
+    # The left arm holds the part: it waits for the same time, for the right one's entry, and at last for its end.
+    waits = [s for s in schedule.segments if s.arm == "left" and s.kind == "wait"]
+    reasons = [s.reason for s in waits if s.end - s.start > 1e-6]
+    assert reasons == ["window", *["partner"] * 2, *["end"] * 2]
     [(begin, end)] = spans(schedule)
     assert begin == pytest.approx(4.0, abs=1e-9)
     [first, second] = spans(schedule, "dwell")

@@ -111,10 +111,10 @@ class Film:
         zero = np.zeros_like(d)
         self.knots.append((begin + duration, goal.copy(), zero, zero))
 
-    def trajectory(self) -> Trajectory:
+    def trajectory(self, joints: tuple[str, ...] = JOINTS) -> Trajectory:
         """Returns what was strung together."""
         t, q, v, a = (np.array(column) for column in zip(*self.knots, strict=True))
-        return Trajectory(JOINTS, t, q, v, a)
+        return Trajectory(joints, t, q, v, a)
 
 
 def _limits() -> JointLimits:
@@ -220,6 +220,142 @@ def clean() -> SimpleNamespace:
     start = _posture(0.0, {"left": (0.0, 0.6), "right": (0.1, 0.6)})
     job = _job(start)
     return SimpleNamespace(job=job, schedule=_schedule(job, start))
+
+
+CLOCK_TASKS = {
+    "fill": ("left", {"pick": (0.3, 0.75), "place": (-0.4, 0.65)}),
+    "look": ("left", {"move": (0.1, 0.7)}),
+    "fit": ("right", {"pick": (-0.2, 0.7), "place": (0.5, 0.8)}),
+    "turn": ("right", {"move": (0.2, 0.6)}),
+}
+"""Arm and targets, (φ, distance) from its shoulder, of tasks of arms with clocks of their own; the platform stands."""
+
+
+def _clock_job(job: Job) -> Job:
+    tasks = {}
+    for line, (name, (arm, targets)) in enumerate(CLOCK_TASKS.items(), start=7):
+        bare = "move" in targets
+        stops = tuple(
+            Stop(action, PoseTarget(_tool(arm, 0.0, *target)), *((0.0, 0.0, Dwell()) if bare else
+                 (LINE, LINE, DWELL)), Place("tasks.yaml", line, 3))
+            for action, target in targets.items()
+        )  # fmt: skip
+        tasks[name] = Task(name, arm, stops)
+    return dataclasses.replace(
+        job,
+        tasks=(
+            dataclasses.replace(tasks["turn"], arm="any", not_before=0.5, not_after=1.0),
+            dataclasses.replace(tasks["look"]),
+            dataclasses.replace(tasks["fit"], after=("fill",)),
+            dataclasses.replace(tasks["fill"], arm="any"),
+        ),
+        mode="free",
+        order="optimise",
+        sequences=(("fill", "look"),),
+    )
+
+
+class Clock:
+    """One arm's work: tasks and waits one after the other."""
+
+    def __init__(self, arm: str, start: np.ndarray) -> None:
+        """Begins where the motion starts."""
+        self.arm, self.film = arm, Film(start)
+        self.stages: list[Stage] = []
+        self.segments: list[Segment] = []
+        self.events: list[Event] = []
+
+    def _play(self, kind: str, goal: np.ndarray, duration: float, *what: str) -> None:
+        begin = self.film.now
+        self.film.move(goal, duration)
+        shares = DWELL if kind == "dwell" else None
+        reason = what[0] if kind == "wait" else ""
+        task, action = ("", "") if kind in ("wait", "return") else what
+        segment = Segment(self.arm, kind, task, action, begin, self.film.now, shares, reason)  # type: ignore[arg-type]
+        self.segments.append(segment)
+
+    def wait(self, duration: float, reason: str) -> None:
+        """Stands where it is."""
+        self._play("wait", self.film.knots[-1][1], duration, reason)
+
+    def task(self, name: str) -> None:
+        """Does a task, each stop in a stage of its own."""
+        for action, (phi, reach) in CLOCK_TASKS[name][1].items():
+            begin, line = self.film.now, 0.0 if action == "move" else LINE
+            above, there = _arm_posture(phi, reach - line), _arm_posture(phi, reach)
+            self._play("transfer", above, MOVE, name, action)
+            if line:
+                self._play("approach", there, STRAIGHT, name, action)
+            pose = _tool(self.arm, 0.0, phi, reach)
+            dwell = DWELL.total if line else 0.0
+            tcp = f"{self.arm}_tcp"
+            self.events.append(Event(self.film.now, self.arm, name, action, tcp, pose, dwell))
+            if line:
+                self._play("dwell", there, DWELL.total, name, action)
+                self._play("retract", above, STRAIGHT, name, action)
+            self._stage(begin, name)
+
+    def back(self) -> None:
+        """Returns to the start."""
+        begin = self.film.now
+        self._play("return", self.film.knots[0][1], MOVE)
+        self._stage(begin)
+
+    def _stage(self, begin: float, *tasks: str) -> None:
+        stage = _stage(begin, self.film.now, tasks, 0.0)
+        self.stages.append(dataclasses.replace(stage, arm=self.arm))
+
+
+def _together(job: Job, clocks: list[Clock]) -> Schedule:
+    """Returns the schedule of arms by their clocks, the platform still; who is done first waits for the end."""
+    end = max(clock.film.now for clock in clocks)
+    for clock in clocks:
+        if clock.film.now < end:
+            clock.wait(end - clock.film.now, "end")
+    parts = [clock.film.trajectory(ARM_JOINTS[clock.arm]) for clock in clocks]
+    time = np.unique(np.concatenate([part.time for part in parts]))
+    # What differs by rounding alone is one knot.
+    time = time[np.append(True, np.diff(time) > 1e-12)]
+    columns = [np.hstack(rates) for rates in zip(*(part.at(time) for part in parts), strict=True)]
+    platform = np.zeros((len(time), 1))
+    trajectory = Trajectory(JOINTS, time, *(np.hstack([platform, rates]) for rates in columns))
+    return Schedule(
+        ScheduleRobot.of_job(job),
+        trajectory,
+        tuple(sorted((s for c in clocks for s in c.stages), key=lambda stage: stage.start)),
+        tuple(segment for clock in clocks for segment in clock.segments),
+        tuple(sorted((e for c in clocks for e in c.events), key=lambda event: event.time)),
+        Provenance("0", {}, {}, 0),
+    )
+
+
+@pytest.fixture(scope="session")
+def by_clocks(clean: SimpleNamespace) -> SimpleNamespace:
+    """A job for arms with clocks of their own, `play` for schedules of it, and one without any fault.
+
+    Left: fill picks until 2.0 s and places until 4.0 s, look until 4.8 s, back at 5.6 s. Right: turn until 0.8 s,
+    waits, is on its way to fit from 3.2 s, so that its approach begins at 4.0 s; picks until 5.2 s, places until 7.2 s,
+    is back at 8 s.
+    """
+    job = _clock_job(clean.job)
+    start = job.cell.robot.postures["ready"]
+
+    def play(**rows: list[str | tuple[float, str]]) -> Schedule:
+        clocks = []
+        for arm, steps in rows.items():
+            at = 1 if arm == "left" else 4
+            clock = Clock(arm, start[at : at + 3])
+            for step in steps:
+                if isinstance(step, tuple):
+                    clock.wait(*step)
+                else:
+                    clock.task(step)
+            clock.back()
+            clocks.append(clock)
+        return _together(job, clocks)
+
+    schedule = play(left=["fill", "look"], right=["turn", (2.4, "after"), "fit"])
+    return SimpleNamespace(job=job, schedule=schedule, play=play)
 
 
 @pytest.fixture(scope="session")

@@ -228,3 +228,59 @@ def test_a_part_may_lie_on_what_it_is_taken_from_and_put_on_but_not_reach_into_i
 def _own_pairs(job):
     """All pairs but those with the plate: they are not what is asked."""
     return [tuple(names) for names in bodies_in_pairs(job.cell) if "plate" not in names]
+
+
+def left_open(job):
+    """The same job, arms and order left to the planner."""
+    tasks = tuple(dataclasses.replace(task, arm="any") for task in job.tasks)
+    return dataclasses.replace(job, tasks=tasks, order="optimise")
+
+
+@pytest.mark.parametrize("length", [0.02, 0.30])
+def test_a_part_of_a_task_of_any_arm_belongs_to_the_arm_that_did_it(schedule, packing, length):
+    """Rods clear of the table and rods that hit it: just as where the file says which arm."""
+    job = carried(packing, length)
+    given, opened = collisions(schedule, job), collisions(schedule, left_open(job))
+    assert given == opened
+    assert given[0].verdict == ("passed" if length < 0.1 else "failed")
+
+
+def test_a_part_that_nobody_picks_is_carried_by_nobody(schedule, packing):
+    """The left arm's task is not done: its long rod is nowhere, the right arm's still hits the table."""
+    job = left_open(carried(packing, 0.30))
+    events = tuple(event for event in schedule.events if event.arm != "left")
+    check, _ = collisions(dataclasses.replace(schedule, events=events), job)
+    assert check.verdict == "failed"
+    only = dataclasses.replace(job, tasks=(job.tasks[0],))
+    check, _ = collisions(dataclasses.replace(schedule, events=events), only)
+    assert check.verdict == "passed"
+
+
+def test_stages_that_overlap_have_each_the_least_of_their_own_time(schedule, packing):
+    """One stage over all the motion has the least of all; others, given with it, keep their own."""
+    job = dataclasses.replace(packing, mode="free")
+    _, apart = collisions(schedule, packing)
+    whole = dataclasses.replace(
+        schedule.stages[0], start=0.0, end=schedule.duration, tasks=(), arm="right"
+    )
+    left = [dataclasses.replace(stage, arm="left") for stage in schedule.stages]
+    both = dataclasses.replace(schedule, stages=(whole, *left))
+    _, found = collisions(both, job)
+    assert [stage.stage for stage in found] == list(range(len(schedule.stages) + 1))
+    assert [stage.margin for stage in found[1:]] == pytest.approx([s.margin for s in apart])
+    assert found[0].margin == min(stage.margin for stage in found[1:])
+
+
+def test_motion_between_stages_is_proven_too(schedule, packing):
+    """A ball at the first event, which lies in no stage: the motion is judged, whatever the stages leave out."""
+    event = next(e for e in schedule.events if e.arm == "left")
+    place = event.pose.act(np.array([0.0, 0.0, -0.03]))
+    ball = Obstacle("ball", Shape("sphere", (0.02,), pin.SE3(np.eye(3), place)))
+    job = dataclasses.replace(in_cell(packing, obstacles=(ball,)), mode="free")
+    late = [stage for stage in schedule.stages if stage.start > event.time]
+    early = dataclasses.replace(schedule.stages[0], end=1e-3, tasks=())
+    check, found = collisions(dataclasses.replace(schedule, stages=(early, *late)), job)
+    assert check.verdict == "failed"
+    assert check.measured == pytest.approx(0.05, abs=1e-3)
+    assert found[0].stage == 0
+    assert found[0].margin == pytest.approx(-0.05, abs=1e-3)

@@ -1,0 +1,147 @@
+"""Open orders: the plan of the search against the file's order and the nearest neighbour, gaps, and planning time.
+
+python benchmarks/orders.py [--tasks 20 50 100 500] [--seeds 10] [--first 0] [--effort normal] [--mode paired|free]
+    [--family spots parts]
+
+Everything is planned by the same planner with the same effort, and verified, clearances proven. Where arms touch in a
+stage of a baseline's order, so that it has no plan, the stops of that stage are made one after the other instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+from nearest_neighbour import nearest_neighbour
+from random_orders import FAMILIES, random_instance
+
+from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.verification import verify
+
+MENDED = 12
+"""So often the stages of a baseline that do not keep clear are taken apart."""
+WHAT = ("file", "nearest", "search")
+
+
+def mended_plan(job: Job, settings: PlanSettings) -> tuple[Schedule, int]:
+    """Returns the schedule of a decided job, and how many stages were taken apart for it."""
+    count = 0
+    for _ in range(MENDED):
+        try:
+            return plan_without_bound(job, settings), count
+        except BlockedError as error:
+            if job.mode == "free" or not error.stages:
+                raise
+            pairing = taken_apart(job, error.stages)
+            if len(pairing) == len(job.stages()):
+                raise
+            count += len(pairing) - len(job.stages())
+            job = replace(job, pairing=pairing)
+    return plan_without_bound(job, settings), count
+
+
+def taken_apart(job: Job, stages: Sequence[int]) -> tuple[tuple[StopKey, ...], ...]:
+    """Returns what is done in each stage when the stops of some stages are made one after the other."""
+    found: list[tuple[StopKey, ...]] = []
+    for k, work in enumerate(job.stages()):
+        keys = tuple((arm, task.id, stop.action) for arm, (task, stop) in work.items())
+        found += [(key,) for key in keys] if k in stages else [keys]
+    return tuple(found)
+
+
+def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[str, float]:
+    """Durations of all three plans, the gap, and how long everything took; all verified."""
+    instance = random_instance(seed, tasks, family, mode)  # type: ignore[arg-type]
+    settings = PlanSettings(effort=effort)
+    row: dict[str, float] = {}
+    for what in WHAT:
+        begin = time.perf_counter()
+        try:
+            if what == "search":
+                job, apart = instance.job, 0
+                schedule = plan_without_bound(job, settings)
+            else:
+                job = instance.given if what == "file" else nearest_neighbour(instance.job)
+                schedule, apart = mended_plan(job, settings)
+        except InfeasibleError as error:
+            print(f"  {tasks} {family} seed {seed}: {what} has no plan: {str(error)[:150]}")
+            row[what] = float("inf")
+            continue
+        row[f"{what} planning"] = time.perf_counter() - begin
+        row[what], row[f"{what} apart"] = schedule.duration, apart
+        begin = time.perf_counter()
+        failures = verify(schedule, instance.job, clearance=True).failures
+        row[f"{what} verifying"] = time.perf_counter() - begin
+        if failures:
+            print(f"  {tasks} {family} seed {seed}: {what} FAILS: {failures}")
+            row[f"{what} fails"] = 1.0
+        if what == "search":
+            row["gap"] = float("nan") if schedule.order_gap is None else schedule.order_gap
+    begin = time.perf_counter()
+    row["bound"] = job_bound(instance.job, effort).value or 0.0
+    row["bounding"] = time.perf_counter() - begin
+    return row
+
+
+def print_row(seed: int, row: dict[str, float]) -> None:
+    """One instance."""
+    none = float("nan")
+    planned = " ".join(f"{row.get(f'{what} planning', none):.1f}" for what in WHAT)
+    apart = " ".join(f"{row.get(f'{what} apart', none):.0f}" for what in WHAT[:2])
+    print(
+        f"  seed {seed}: file {row['file']:8.3f} s, nearest {row['nearest']:8.3f} s, search {row['search']:8.3f} s"
+        f" ({row['search'] / row['file']:.3f}, {row['search'] / row['nearest']:.3f}), gap {row.get('gap', none):.1%},"
+        f" apart {apart}; planning {planned} + bound {row['bounding']:.1f}"
+        f" + verification {row.get('search verifying', none):.1f} s",
+        flush=True,
+    )
+
+
+def print_medians(name: str, rows: list[dict[str, float]]) -> None:
+    """Medians over the seeds."""
+
+    def median(values: list[float]) -> float:
+        return statistics.median(values) if values else float("nan")
+
+    print(f"{name}: {len(rows)} seeds")
+    for what in ("file", "nearest"):
+        ratios = [row["search"] / row[what] for row in rows]
+        print(
+            f"  search / {what:8s} median {median(ratios):.3f}   worst {max(ratios):.3f}   best {min(ratios):.3f}"
+        )
+    gaps = [row["gap"] for row in rows if row.get("gap", float("nan")) >= 0.0]
+    print(f"  gap on the search's grid median {median(gaps):.1%} of {len(gaps)}")
+    print(f"  lower bound / search median {median([r['bound'] / r['search'] for r in rows]):.3f}")
+    for what in ("search planning", "bounding", "search verifying"):
+        spans = [row[what] for row in rows if what in row]
+        print(f"  {what:16s} median {median(spans):.1f} s   worst {max(spans):.1f} s", flush=True)
+
+
+def main() -> None:
+    """Runs the study."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--tasks", type=int, nargs="+", default=[20, 50, 100, 500])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--effort", default="normal")
+    parser.add_argument("--mode", choices=["paired", "free"], default="paired")
+    parser.add_argument("--family", choices=FAMILIES, nargs="+", default=list(FAMILIES))
+    arguments = parser.parse_args()
+    for family in arguments.family:
+        for tasks in arguments.tasks:
+            rows = []
+            for seed in range(arguments.first, arguments.first + arguments.seeds):
+                rows.append(row_of(seed, tasks, family, arguments.mode, arguments.effort))
+                print_row(seed, rows[-1])
+            print_medians(f"{tasks} {family}, {arguments.mode}, {arguments.effort}", rows)
+
+
+if __name__ == "__main__":
+    main()

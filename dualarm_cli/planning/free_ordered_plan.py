@@ -1,0 +1,189 @@
+"""Plans of jobs whose arms have clocks of their own: the best orders found are planned, the quickest plan is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.free_orders import FreeOrder, FreeOrders, free_orders
+from dualarm_cli.planning.free_plan import FreePlanner
+from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.planning.order_words import check_reach
+from dualarm_cli.planning.ordered_plan import early_notes
+from dualarm_cli.planning.watch import Watch
+
+LONG = 40
+"""Of orders of more tasks only one is planned."""
+PROMISING = 0.04
+"""Orders are planned that are estimated to be slower than the best one by less than this share."""
+WAITED = 0.1
+"""Without a platform paired arms are looked at where each waits more than this share of the time by its own clock."""
+ANGLES = 3
+"""So many orders are planned, if one of them can be."""
+TRIES = 6
+"""So many are tried until one can be."""
+
+
+def plan_by_own_clocks(
+    planner: FreePlanner,
+    settings: PlanSettings,
+    watch: Watch,
+    paired: Callable[[Job], Schedule],
+    schedule: Callable[[Motion, Job], Schedule],
+) -> Schedule:
+    """Returns the quickest plan found of arms with clocks of their own.
+
+    The platform stands at one angle while both arms work, or, where that is not quicker, both arms go from stage to
+    stage together as they do where they are paired.
+
+    Args:
+        planner: makes plans with a standing platform.
+        settings: as for any plan.
+        watch: is told how it goes, and may end the search.
+        paired: plans the job as if it were paired.
+        schedule: what a motion of a decided job is told with.
+
+    Raises:
+        InfeasibleError: neither is possible.
+    """
+    problem = planner.problem
+    watch.begin()
+    watch.tell("timing each task at every platform angle")
+    order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
+    check_reach(order)
+    orders = free_orders(order, settings.effort, settings.seed, watch)
+    best: Schedule | None = None
+    for number, one in enumerate(_worth_planning(orders)):
+        if best is not None and (watch.stop() or number >= ANGLES or len(one.job.tasks) > LONG):
+            break
+        try:
+            own = replace(planner, problem=replace(problem, job=one.job))
+            found = schedule(own.plan(one.angle), one.job)
+        except InfeasibleError:
+            continue
+        if best is None or found.duration < best.duration:
+            best = replace(found, order_gap=_free_gap(orders))
+    watch.end()
+    together = None
+    if best is None or _may_be_quicker(problem.model, best):
+        watch.tell("planning both arms stage by stage together")
+        try:
+            together = paired(stage_by_stage(problem.job))
+        except InfeasibleError:
+            if best is None:
+                raise
+    if best is None or (together is not None and together.duration < best.duration):
+        assert together is not None
+        return replace(together, notes=(*together.notes, _why_together(best)))
+    early = early_notes(watch)
+    return replace(best, notes=(*best.notes, *free_notes(orders, together), *early))
+
+
+def _why_together(own: Schedule | None) -> str:
+    """Returns why both arms go from stage to stage together although each could go by its own clock."""
+    if own is None:
+        return (
+            "mode: free: no plan was found in which each arm goes by its own clock (the platform stands while tools "
+            "work there); both go from stage to stage together"
+        )
+    return (
+        "mode: free: both arms go from stage to stage together, as that is quicker than each by its own clock, for "
+        f"which the platform has to stand ({own.duration:.3f} s)"
+    )
+
+
+def stage_by_stage(job: Job) -> Job:
+    """Returns a job as paired arms do it: each makes its next stop as soon as what comes before it is over.
+
+    Raises:
+        InfeasibleError: in the order that is given arms wait for one another for ever.
+    """
+    if not job.is_decided or not any(task.after for task in job.tasks):
+        return replace(job, mode="paired")
+    queues = [
+        [(task, stop) for task in job.tasks if task.arm == arm.name for stop in task.stops]
+        for arm in job.cell.robot.arms
+    ]
+    over: set[str] = set()
+    pairing: list[tuple[StopKey, ...]] = []
+    while waiting := [queue for queue in queues if queue]:
+        ready = [
+            queue
+            for queue in waiting
+            if queue[0][1] is not queue[0][0].stops[0] or over.issuperset(queue[0][0].after)
+        ]
+        if not ready:
+            tasks = [queue[0][0] for queue in waiting]
+            names = " and ".join(f"'{task.id}'" for task in tasks)
+            raise InfeasibleError(
+                f"{tasks[0].place}: in the order that is given {names} wait for tasks that come later for ever; "
+                "change the order in the file, or say order: optimise"
+            )
+        stage = [queue.pop(0) for queue in ready]
+        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stage))
+        over |= {task.id for task, stop in stage if stop is task.stops[-1]}
+    return replace(job, mode="paired", pairing=tuple(pairing))
+
+
+def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
+    """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
+    if model.platform.is_turntable and len(model.arms) > 1:
+        return True
+    waits = [
+        sum(
+            part.end - part.start
+            for part in found.segments
+            if part.arm == arm and part.kind == "wait"
+        )
+        for arm in model.arms
+    ]
+    return min(waits) > WAITED * found.duration
+
+
+def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
+    """Returns the orders at the best angles."""
+    if not orders.found:
+        return []
+    if len(orders.found[0].job.tasks) > LONG:
+        return list(orders.found[:TRIES])
+    least = orders.found[0].total
+    # Found orders come the quickest first.
+    return [
+        *(one for one in orders.found if one.total <= (1.0 + PROMISING) * least),
+        *(one for one in orders.found if one.total > (1.0 + PROMISING) * least),
+    ][:TRIES]
+
+
+def _free_gap(orders: FreeOrders) -> float | None:
+    if orders.bound is None:
+        return None
+    return max(0.0, 1.0 - orders.bound / orders.found[0].total)
+
+
+def free_notes(orders: FreeOrders, together: Schedule | None) -> list[str]:
+    """Returns what a reader should know of a plan with a standing platform."""
+    one = orders.found[0]
+    notes = [
+        f"mode: free: the platform stands while tools work, and each arm goes by its own clock; {one.total:.2f} s by "
+        "the search's own estimate"
+    ]
+    if together is not None:
+        notes.append(
+            f"mode: free: both arms stage by stage together would take {together.duration:.3f} s"
+        )
+    if orders.exact:
+        notes.append(
+            "order: the best of all with the search's platform angles and postures, proven"
+        )
+    elif orders.bound is not None:
+        notes.append(
+            "order bound: with the platform standing at any of the search's angles and with its postures no order "
+            f"takes less than {orders.bound:.2f} s (gap {_free_gap(orders):.1%}); others may be quicker than either"
+        )
+    return notes

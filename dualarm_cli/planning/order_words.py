@@ -1,0 +1,142 @@
+"""What is said where no order can be found: tasks that no arm reaches, rules that no order keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.model.job import Task
+from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.planning.reach import explain_reach
+from dualarm_cli.planning.stage_problems import stop_problems
+from dualarm_cli.sequencing.cp_sat import prove
+from dualarm_cli.sequencing.relaxation import Relaxation
+
+PROOF = 4.0
+"""How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
+
+
+def check_reach(order: OrderModel) -> None:
+    """Raises InfeasibleError where some task is out of every arm's reach, with why for each arm."""
+    reached = order.reached().any(axis=2)
+    lost = np.flatnonzero(~reached.any(axis=0)).tolist()
+    if not lost:
+        return
+    lines = []
+    for t in lost:
+        task = order.job.tasks[t]
+        reasons = [
+            f"{name} arm: {_why(order, t, name)}" for name in order.model.arms if task.allows(name)
+        ]
+        lines.append(f"{task.place}: no arm does task '{task.id}': {'; '.join(reasons)}")
+    raise InfeasibleError("\n".join(lines))
+
+
+def _why(order: OrderModel, t: int, name: str) -> str:
+    """Returns why one arm cannot do a task."""
+    task = order.job.tasks[t]
+    for stop in task.stops:
+        seen = stop_problems(order.model, order.job, order.start, {name: (task, stop)})[name]
+        reason = explain_reach(order.model, order.start, seen)
+        if reason is not None:
+            return f"{stop.action}: {reason}" if len(task.stops) > 1 else reason
+    if len(task.stops) > 1:
+        return (
+            "its pick and its place are in reach, but every posture found lacks clearance or a line"
+        )
+    return "it is in reach, but every posture found lacks clearance or a line"
+
+
+NOT_FOUND = (
+    "no order was found that keeps all rules (windows, after, sequences), though none is proven to be impossible; "
+    "allow more time (--effort thorough), widen the windows, or let more tasks be done by any arm"
+)
+"""What is said where rules may be kept, but nothing was found that does."""
+
+
+def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | None:
+    """Returns which rules contradict each other: a set of which nothing can be left out; None if none is known to.
+
+    Args:
+        order: the job's tasks.
+        problem: the same with least times; what is impossible for it is impossible.
+    """
+    rules = _rules(problem, order.job.tasks)
+    if not _is_impossible(problem):
+        return None
+    kept = list(rules)
+    for name in list(kept):
+        rest = [other for other in kept if other != name]
+        if _is_impossible(_only(problem, [rules[other] for other in rest])):
+            kept = rest
+    places = {
+        f"{task.place}" for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)
+    }
+    where = f"{min(places)}: " if places else ""
+    if not kept:
+        return InfeasibleError(
+            f"{where}no order does all tasks: every arm lacks one that the other lacks too"
+        )
+    if len(kept) == 1:
+        return InfeasibleError(f"{where}no plan keeps this rule, whatever else is done: {kept[0]}")
+    return InfeasibleError(
+        f"{where}no order keeps these rules together, whatever else is done (leave out any one of them and there may "
+        f"be one): {'; '.join(kept)}"
+    )
+
+
+Rule = Callable[[Relaxation], Relaxation]
+
+
+def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
+    """Returns everything that can contradict, each with what puts it into a problem without any."""
+    found: dict[str, Rule] = {}
+    ids = [task.id for task in tasks]
+    for pair in problem.before:
+
+        def comes(p: Relaxation, pair: tuple[int, int] = pair) -> Relaxation:
+            return replace(p, before=(*p.before, pair))
+
+        found[f"'{ids[pair[1]]}' after '{ids[pair[0]]}'"] = comes
+    for row in problem.sequences:
+        names = ", ".join(f"'{ids[t]}'" for t in row)
+
+        def follows(p: Relaxation, row: tuple[int, ...] = row) -> Relaxation:
+            return replace(p, sequences=(*p.sequences, row))
+
+        found[f"{names} by one arm in a row"] = follows
+    if problem.not_before is not None:
+        for t in np.flatnonzero(problem.not_before > 0.0).tolist():
+            value = float(problem.not_before[t])
+
+            def opens(p: Relaxation, t: int = t, value: float = value) -> Relaxation:
+                window = np.zeros(p.tasks) if p.not_before is None else p.not_before.copy()
+                window[t] = value
+                return replace(p, not_before=window)
+
+            found[f"'{ids[t]}' not_before: {tasks[t].not_before:g} s"] = opens
+    if problem.not_after is not None:
+        for t in np.flatnonzero(np.isfinite(problem.not_after)).tolist():
+            value = float(problem.not_after[t])
+
+            def closes(p: Relaxation, t: int = t, value: float = value) -> Relaxation:
+                window = np.full(p.tasks, np.inf) if p.not_after is None else p.not_after.copy()
+                window[t] = value
+                return replace(p, not_after=window)
+
+            found[f"'{ids[t]}' not_after: {tasks[t].not_after:g} s"] = closes
+    return found
+
+
+def _only(problem: Relaxation, rules: list[Rule]) -> Relaxation:
+    found = replace(problem, before=(), sequences=(), not_before=None, not_after=None)
+    for rule in rules:
+        found = rule(found)
+    return found
+
+
+def _is_impossible(problem: Relaxation) -> bool:
+    return prove(problem, None, PROOF, 0).impossible

@@ -1,0 +1,148 @@
+"""Plans of jobs that leave arms or order open: the best orders found are planned, the quickest plan is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
+from dualarm_cli.planning.watch import SeenEnoughError, Watch
+
+CUTS = 3
+"""So often orders are searched for anew without pairs of stops that turned out to touch."""
+LONG = 40
+"""Of orders with more stages only the best one is planned."""
+PROMISING = 0.04
+"""Orders are planned that are estimated to be slower than the best one by less than this share."""
+
+
+def plan_in_best_order(
+    job: Job,
+    settings: PlanSettings,
+    model: CellModel,
+    watch: Watch,
+    decided_plan: Callable[[Job], Schedule],
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the quickest plan found over arms and orders of paired arms.
+
+    Args:
+        job: what is to be done.
+        settings: as for any plan.
+        model: the job's cell.
+        watch: is told how it goes, and may end the search.
+        decided_plan: plans a job that says which arm does what in which order.
+        clear: whether anything has to keep clear.
+
+    Raises:
+        InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found keeps clear.
+    """
+    watch.begin()
+    search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
+    orders = search.orders(watch)
+    pairs: set[StagePair] = set()
+    for tries in range(CUTS + 1):
+        try:
+            best = _quickest(_promising(orders.found), watch, decided_plan, pairs)
+            break
+        except BlockedError as error:
+            if tries == CUTS or not pairs or watch.stop():
+                raise
+            # What turned out to touch is kept apart, and the search goes on from there.
+            first = orders.found[0].job
+            watch.tell(f"keeping {len(pairs)} pairs of stops apart: {error.stages}")
+            search = search.without(pairs, first)
+            # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
+            found = search.orders(watch) if tries < CUTS - 1 else search.as_it_is()
+            orders = replace(found, bound=orders.bound)
+    watch.end()
+    return replace(best, order_gap=orders.gap, notes=(*best.notes, *order_notes(orders, watch)))
+
+
+def _quickest(
+    orders: list[DecidedOrder],
+    watch: Watch,
+    decided_plan: Callable[[Job], Schedule],
+    pairs: set[StagePair],
+) -> Schedule:
+    """Returns the quickest plan of some orders, at least of the first one that has a plan.
+
+    Args:
+        orders: those that are worth it.
+        watch: is told how it goes.
+        decided_plan: plans a decided job.
+        pairs: what turns out not to keep clear side by side is added.
+    """
+    best: Schedule | None = None
+    failure: InfeasibleError | None = None
+    longest = 0.0
+    try:
+        for number, one in enumerate(orders, start=1):
+            if best is not None and watch.stop(longest):
+                break
+            if best is None and number == len(orders):
+                watch.end()
+            watch.tell(f"planning order {number} (about {one.total:.2f} s)")
+            begin = watch.elapsed()
+            watch.droppable = best is not None
+            try:
+                schedule = decided_plan(one.job)
+            except InfeasibleError as error:
+                failure = failure or error
+                if isinstance(error, BlockedError):
+                    pairs |= _blocked_pairs(one.job, error.stages)
+                continue
+            longest = max(longest, watch.elapsed() - begin)
+            if best is None or schedule.duration < best.duration:
+                best = schedule
+        watch.droppable = False
+    except SeenEnoughError:
+        watch.droppable = False
+        watch.stop()
+    if best is None:
+        # There is an order, or it would have been said that there is none.
+        assert failure is not None
+        raise failure
+    return best
+
+
+def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
+    """Returns the stops that are made side by side in some stages of a decided job."""
+    found: set[StagePair] = set()
+    for k, work in enumerate(job.stages()):
+        if k in stages and len(work) == 2:
+            one, other = ((task.id, stop.action) for task, stop in work.values())
+            found.add((one, other))
+    return found
+
+
+def _promising(found: tuple[DecidedOrder, ...]) -> list[DecidedOrder]:
+    """Returns the orders that are worth planning."""
+    if len(found[0].job.stages()) > LONG:
+        return [found[0]]
+    return [one for one in found if one.total <= (1.0 + PROMISING) * found[0].total]
+
+
+def order_notes(orders: Orders, watch: Watch) -> list[str]:
+    """Returns how the order was found, what is proven of it, and that the search was ended early, if it was."""
+    total = orders.found[0].total
+    notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
+    if orders.bound is not None:
+        notes.append(
+            f"order bound: no order takes less than {orders.bound:.2f} s on the search's own grid of platform angles "
+            f"and postures (gap {orders.gap:.1%}); plans off that grid may be quicker than either"
+        )
+    return notes + early_notes(watch)
+
+
+def early_notes(watch: Watch) -> list[str]:
+    """Returns that a search was ended early, if it was."""
+    if not watch.stopped:
+        return []
+    return [f"order: the search was ended early, as {watch.stopped}; it may do better"]

@@ -1,0 +1,249 @@
+"""Arms, order and pairing of a job that leaves them open: the best ones found, as jobs that say all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import ANY, Job, StopKey, Task
+from dualarm_cli.planning.free_orders import free_orders
+from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.planning.order_words import NOT_FOUND, check_reach, why_impossible
+from dualarm_cli.planning.stage_order_model import stage_problem
+from dualarm_cli.planning.watch import Watch
+from dualarm_cli.sequencing.cp_sat import prove
+from dualarm_cli.sequencing.relaxation import of_stages, of_ways
+from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.sequencing.stage_times import totals
+
+MOST_PROVEN = 60
+"""Of so many tasks at most a bound on all orders is looked for."""
+PROVEN = "the best of all orders with the search's postures, proven by dynamic programming"
+"""How orders of few tasks of one arm are found."""
+PROOF_SHARE = 0.2
+"""Share of a time limit that is kept for the bound."""
+SEARCHED = "found by removing tasks and putting them back where all is then done soonest"
+"""How orders of many tasks are found."""
+
+
+EFFORTS = {
+    "quick": StageEffort(1, 3_000, 0.6),
+    "normal": StageEffort(4, 9_000, 1.5),
+    "thorough": StageEffort(8, 60_000, 8.0),
+}
+"""How hard orders are searched for."""
+PROOFS = {"quick": 1.0, "normal": 4.0, "thorough": 30.0}
+"""How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
+
+
+@dataclass(frozen=True)
+class DecidedOrder:
+    """One answer."""
+
+    job: Job
+    """The job with arms, order and pairing."""
+    total: float
+    """Its cycle time as far as the search for orders knows [s]."""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What the search found."""
+
+    found: tuple[DecidedOrder, ...]
+    """Different orders, the best one first."""
+    bound: float | None
+    """No order takes less with the search's platform angles and postures [s]; None where none is known."""
+    how: str
+    """How they were found, in words."""
+
+    @property
+    def gap(self) -> float | None:
+        """By what share the best one is above the bound, both on the search's grid; None without a bound."""
+        if self.bound is None:
+            return None
+        return max(0.0, 1.0 - self.bound / self.found[0].total)
+
+
+@dataclass(frozen=True)
+class PairedSearch:
+    """The search for orders of paired arms."""
+
+    order: OrderModel
+    """The job's tasks as each arm may do them."""
+    problem: StageProblem
+    """Its stages as numbers."""
+    effort: str
+    """One of EFFORTS."""
+    seed: int
+    """Of all randomness."""
+    start: IntArray | None = None
+    """An order that is known to be good, shape (n, arms); None where none is."""
+
+    @classmethod
+    def of(
+        cls, model: CellModel, job: Job, effort: str, seed: int, watch: Watch, *, clear: bool
+    ) -> PairedSearch:
+        """Prepares a job.
+
+        Args:
+            model: its cell.
+            job: what is to be done.
+            effort: one of EFFORTS.
+            seed: of all randomness.
+            watch: is told what is being done.
+            clear: whether postures have to keep clear of the cell, and arms of each other at their stops.
+
+        Raises:
+            InfeasibleError: a task that no arm reaches.
+        """
+        watch.tell("timing each task at every platform angle")
+        order = OrderModel.of(model, job, clear=clear)
+        check_reach(order)
+        return cls(order, stage_problem(order), effort, seed)
+
+    def orders(self, watch: Watch) -> Orders:
+        """Returns the best orders found.
+
+        Raises:
+            InfeasibleError: rules that no order keeps.
+        """
+        job, model = self.order.job, self.order.model
+        if len(model.arms) == 1 and not model.platform.is_turntable:
+            return _alone(self.order, self.effort, self.seed, watch)
+        watch.tell("putting tasks in order")
+        tasks = len(self.problem.tasks)
+        kept = PROOF_SHARE * (watch.limit or 0.0) if tasks <= MOST_PROVEN else 0.0
+        found = good_orders(
+            self.problem,
+            EFFORTS[self.effort],
+            self.seed,
+            self.start,
+            watch.found,
+            lambda: watch.stop(kept),
+        )
+        if not found or self._is_late(found[0]):
+            # Lateness is as far as the search knows: only what is proven ends here.
+            why = why_impossible(self.order, of_stages(self.problem))
+            if why is not None or not found:
+                raise why or InfeasibleError(NOT_FOUND)
+        few = is_few(self.problem) and self.start is None
+        bound, how = None, SEARCHED
+        if few:
+            how = f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks were timed, k-th stops side by side"
+        # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
+        if tasks <= MOST_PROVEN and not watch.stop():
+            watch.tell("bounding all orders")
+            proof = PROOFS[self.effort]
+            relaxed = of_stages(self.problem)
+            bound = prove(relaxed, None, proof, self.seed, watch.stop, watch.bounded).bound or None
+        answers = [DecidedOrder(decided(job, model, one.slots), one.total) for one in found]
+        return Orders(tuple(answers), bound, how)
+
+    def as_it_is(self) -> Orders:
+        """Returns the order that the search would go on from, without any search."""
+        assert self.start is not None  # it goes on from one
+        total = float(totals(self.problem, self.start[None])[0])
+        job = decided(self.order.job, self.order.model, self.start)
+        return Orders((DecidedOrder(job, total),), None, SEARCHED)
+
+    def _is_late(self, found: StageOrder) -> bool:
+        """Returns whether an order misses a window, by the search's own times."""
+        if self.problem.not_after is None:
+            return False
+        plain = replace(self.problem, not_after=None)
+        return bool(totals(plain, found.slots[None])[0] < found.total - 1e-6)
+
+    def without(self, pairs: set[StagePair], near: Job) -> PairedSearch:
+        """Returns the search among orders in which pairs of stops are not made side by side.
+
+        Args:
+            pairs: stops of the first and of the second arm, each by task and action.
+            near: an order to go on from.
+        """
+        numbers = _stop_numbers(self.order.job)
+        cuts = {(numbers[one], numbers[other]) for one, other in pairs}
+        size = self.problem.stops + 2
+        table: FloatArray = np.zeros((size, size, len(self.problem.turn)))
+        if self.problem.apart is not None:
+            table = np.array(self.problem.apart)
+        for one, other in cuts:
+            table[one, other] = np.inf
+        slots = np.full((len(near.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
+        for k, work in enumerate(near.stages()):
+            for a, name in enumerate(self.order.model.arms):
+                if name in work:
+                    slots[k, a] = numbers[work[name][0].id, work[name][1].action]
+        problem = replace(self.problem, apart=table)
+        # Most of a long order is as good as it was.
+        effort = "quick" if len(slots) > MOST_PROVEN else self.effort
+        return replace(self, problem=problem, effort=effort, start=apart(slots, cuts))
+
+
+StagePair = tuple[tuple[str, str], tuple[str, str]]
+"""Task and action of the first arm's stop in a stage and of the second arm's."""
+
+
+def _stop_numbers(job: Job) -> dict[tuple[str, str], int]:
+    """Returns the number of every stop, by its task and action."""
+    keys = [(task.id, stop.action) for task in job.tasks for stop in task.stops]
+    return {key: k for k, key in enumerate(keys)}
+
+
+def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
+    """Returns the orders of one arm that nothing carries: it goes by its own clock, whatever the mode."""
+    orders = free_orders(order, effort, seed, watch)
+    if not orders.found:
+        raise why_impossible(order, of_ways(order.problem(0))) or InfeasibleError(NOT_FOUND)
+    how = PROVEN if orders.exact else SEARCHED
+    answers = [DecidedOrder(one.job, one.total) for one in orders.found]
+    return Orders(tuple(answers), orders.bound, how)
+
+
+def own_rules(job: Job) -> Job:
+    """Returns a job without the rules that are about tasks which are not its own: those are done before or after."""
+    own = {task.id for task in job.tasks}
+    tasks = (
+        replace(task, after=tuple(name for name in task.after if name in own)) for task in job.tasks
+    )
+    rows = tuple(row for row in job.sequences if own.issuperset(row))
+    return replace(job, tasks=tuple(tasks), sequences=rows)
+
+
+def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
+    """Returns a job in which arms, order and pairing are as an order says.
+
+    Args:
+        job: as its file leaves it.
+        model: its cell.
+        slots: by stage and arm the number of the stop, IDLE for none, shape (n, arms).
+    """
+    stops = [(task, stop) for task in job.tasks for stop in task.stops]
+    arms, names = list(model.arms), dict[str, str]()
+    pairing: list[tuple[StopKey, ...]] = []
+    for row in slots.tolist():
+        stage = []
+        for arm, k in zip(arms, row, strict=True):
+            if k == IDLE:
+                continue
+            task, stop = stops[k]
+            names.setdefault(task.id, arm)
+            stage.append((arm, task.id, stop.action))
+        pairing.append(tuple(stage))
+    return assigned(job, names, pairing)
+
+
+def assigned(job: Job, names: dict[str, str], pairing: Sequence[tuple[StopKey, ...]]) -> Job:
+    """Returns a job whose tasks are done by arms (by task id, in the order of the stages) as paired."""
+    tasks: dict[str, Task] = {task.id: task for task in job.tasks}
+    ordered = tuple(
+        replace(tasks[name], arm=arm) if tasks[name].arm == ANY else tasks[name]
+        for name, arm in names.items()
+    )
+    return replace(job, tasks=ordered, order="given", pairing=tuple(pairing))

@@ -1,0 +1,138 @@
+"""From a job that leaves arms and order open to stages as numbers: one posture of each arm at each stop and angle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.planning.cheapest_postures import cheapest_postures
+from dualarm_cli.planning.meeting import meeting_costs
+from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.sequencing.stage_problem import StageProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+MOST_NUMBERS = 24_000_000
+"""Most numbers of one arm's table of stage lengths."""
+FEW_STOPS = 60
+"""Up to so many stops are looked at from twice as many platform angles: better orders are found."""
+MOST_ANGLES = 12
+"""Most platform angles of more stops."""
+
+
+def stage_problem(order: OrderModel) -> StageProblem:
+    """Returns the stages as numbers.
+
+    Args:
+        order: the job's tasks as each arm may do them.
+    """
+    job, model = order.job, order.model
+    stops = [(t, s) for t, task in enumerate(job.tasks) for s in range(len(task.stops))]
+    angles = _few_angles(order, len(stops))
+    f, count = len(angles), len(stops)
+    lengths, works, chosen = [], [], []
+    turn = order.clock.platform_times(
+        order.angles[angles][None, :, :] - order.angles[angles][:, None, :]
+    )
+    for name in model.arms:
+        joints = len(model.arms[name].columns)
+        target = np.full((count, f, joints), np.nan)
+        entry = np.full((count, f, joints), np.nan)
+        leaving = np.full((count, f, joints), np.nan)
+        work = np.full((count, f), np.inf)
+        cheapest = cheapest_postures(order, name, stops, angles)
+        for k, (t, s) in enumerate(stops):
+            here = np.flatnonzero(cheapest[k] >= 0)
+            if len(here):
+                nodes, rows = order.nodes[name, t, s], cheapest[k, here]
+                entry[k, here], target[k, here] = nodes.entry[rows], nodes.target[rows]
+                leaving[k, here], work[k, here] = nodes.leaving[rows], nodes.work[rows]
+        start = order.start[model.arms[name].columns]
+        lengths.append(_lengths(order, name, entry, leaving, work, start, turn))
+        works.append(work)
+        chosen.append(np.stack([entry, target, leaving]))
+    index = {task.id: t for t, task in enumerate(job.tasks)}
+    numbers, k = [], 0
+    for task in job.tasks:
+        numbers.append(tuple(range(k, k + len(task.stops))))
+        k += len(task.stops)
+    return StageProblem(
+        tuple(lengths),
+        tuple(works),
+        turn,
+        tuple(numbers),
+        job.returns,
+        job.start == "free",
+        tuple((index[name], t) for t, task in enumerate(job.tasks) for name in task.after),
+        tuple(tuple(index[name] for name in row) for row in job.sequences),
+        *_windows(order, numbers, works),
+        job.order == "given",
+        meeting_costs(order, stops, chosen),
+    )
+
+
+def _few_angles(order: OrderModel, stops: int) -> IntArray:
+    """Returns as many angles as tables have room for, the start first, evenly over those at which work can be done."""
+    reached = order.reached().any(axis=(0, 1))
+    useful = np.flatnonzero(reached)
+    few = 2 * MOST_ANGLES if stops <= FEW_STOPS else MOST_ANGLES
+    most = min(few, max(3, int(np.sqrt(MOST_NUMBERS / ((stops + 1) * (stops + 2))))))
+    if len(useful) >= most:
+        by_angle = useful[np.argsort(order.angles[useful, 0])] if order.angles.size else useful
+        useful = by_angle[np.unique(np.linspace(0, len(useful) - 1, most - 1).round().astype(int))]
+    return np.concatenate([[0], np.sort(useful[useful != 0])])
+
+
+def _lengths(
+    order: OrderModel,
+    name: str,
+    entry: FloatArray,
+    leaving: FloatArray,
+    work: FloatArray,
+    start: FloatArray,
+    turn: FloatArray,
+) -> FloatArray:
+    """Returns one arm's part of stages, see StageProblem.length."""
+    count, f = work.shape
+    whole = order.clock.arms[name].law
+    # Joint by joint, on long rows of numbers, all is several times quicker.
+    laws = _single_joints(whole)
+    goals = np.ascontiguousarray(np.moveaxis(entry, 2, 0))[:, :, None, :, None]
+    found = np.full((count + 1, count + 2, f, f), np.inf, dtype=np.float32)
+    for i in range(count + 1):
+        came = np.broadcast_to(start, (f, len(start))) if i == count else leaving[i]
+        transfer: FloatArray = np.zeros((count, f, f, 1))
+        for law, goal, here in zip(laws, goals, came.T, strict=True):
+            np.maximum(transfer, law.per_joint(goal - here[:, None, None]), out=transfer)
+        found[i, :count] = np.maximum(transfer[..., 0], turn) + work[:, None, :]
+        back = whole.duration(start - came) if order.job.returns else np.zeros(f)
+        found[i, count] = back[:, None]
+    found[:, count + 1] = -np.inf
+    return np.where(np.isnan(found), np.float32(np.inf), found)
+
+
+def _single_joints(law: RestToRest) -> list[RestToRest]:
+    """Returns the laws of the joints one by one."""
+    rows = zip(law.velocity, law.acceleration, law.jerk, strict=True)
+    return [RestToRest(*(np.array([value]) for value in row)) for row in rows]
+
+
+def _windows(
+    order: OrderModel, numbers: list[tuple[int, ...]], works: list[FloatArray]
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Returns when approaches may begin, and stops must be over, by stop; None where no task has a window.
+
+    A window is for the instant at which a tool is there: lines are taken to last half of what is not dwell each.
+    """
+    tasks = order.job.tasks
+    if all(task.not_before == 0.0 and np.isinf(task.not_after) for task in tasks):
+        return None, None
+    count = sum(len(own) for own in numbers)
+    early, late = np.zeros(count), np.full(count, np.inf)
+    for task, own in zip(tasks, numbers, strict=True):
+        for k, stop in zip(own, task.stops, strict=True):
+            line = 0.5 * max(0.0, min(float(work[k].min()) for work in works) - stop.dwell.total)
+            if k == own[0]:
+                early[k] = max(0.0, task.not_before - line)
+            if k == own[-1]:
+                late[k] = task.not_after + line
+    return early, late

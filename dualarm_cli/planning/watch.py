@@ -1,0 +1,78 @@
+"""Who watches a long search: sees how it goes, and says when it is enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+INTERRUPTED = "it was interrupted"
+"""Why a search ended that the user had seen enough of."""
+
+
+class SeenEnoughError(BaseException):
+    """Raised from outside into what may be dropped, see `Watch.droppable`; no solver swallows it."""
+
+
+@dataclass
+class Watch:
+    """Progress of a search and its end, by time or because the user has seen enough."""
+
+    tell: Callable[[str], None] = lambda _: None
+    """Is told what is being done."""
+    limit: float | None = None
+    """How long to search at most [s]; None for as long as the effort says."""
+    enough: Callable[[], bool] = lambda: False
+    """Whether the user has seen enough."""
+    stopped: str = ""
+    """Why the search was stopped early; empty where it was not."""
+    best: float | None = None
+    """Least total that the search has found [s]; None where it has found nothing yet."""
+    bound: float | None = None
+    """Best bound known on all totals [s]."""
+    searching: bool = False
+    """Whether a search is going on."""
+    droppable: bool = False
+    """Whether a SeenEnoughError may be raised into what is being done: there is something as good to go on with."""
+    _begin: float = field(default_factory=time.monotonic)
+
+    @property
+    def endable(self) -> bool:
+        """Whether the search could end now with something found."""
+        return self.searching and self.best is not None
+
+    def begin(self) -> None:
+        """A search begins; its time counts from here."""
+        self._begin = time.monotonic()
+        self.best = self.bound = None
+        self.searching = True
+
+    def end(self) -> None:
+        """Nothing is left to search for."""
+        self.searching = self.droppable = False
+
+    def found(self, total: float) -> None:
+        """The search has found something [s]."""
+        self.best = total if self.best is None else min(self.best, total)
+
+    def bounded(self, bound: float) -> None:
+        """Nothing takes less than a bound [s]."""
+        self.bound = bound if self.bound is None else max(self.bound, bound)
+
+    def stop(self, ahead: float = 0.0) -> bool:
+        """Returns whether to stop now.
+
+        Args:
+            ahead: how long the next thing will take [s], where it cannot be stopped.
+        """
+        if self.enough():
+            self.stopped = self.stopped or INTERRUPTED
+            return True
+        if self.limit is not None and self.elapsed() + ahead > self.limit:
+            self.stopped = self.stopped or f"its time limit is {self.limit:g} s"
+            return True
+        return False
+
+    def elapsed(self) -> float:
+        """Returns how long the search has taken [s]."""
+        return time.monotonic() - self._begin

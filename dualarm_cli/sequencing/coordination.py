@@ -1,0 +1,197 @@
+"""Two arms that go their ways by their own clocks and wait for each other where they must: the quickest way together.
+
+The state is how far each arm has got on its own timeline. Both go on, or one waits where it stands anyway; pairs of
+places at which the arms would touch, or at which one is ahead of a task that it has to wait for, are obstacles in that
+plane [ODonnell1989]. Dynamic programming over the plane finds the quickest way from start to end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+
+FAR_DOWN = 1e7
+"""More steps than any way has."""
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """The plane of two timelines in equal steps."""
+
+    steps: tuple[int, int]
+    """How many steps each timeline has."""
+    rests: tuple[tuple[int, ...], tuple[int, ...]]
+    """By arm, after how many steps it may wait; at its end it may anyway."""
+    blocked: BoolArray
+    """Where they must not be together, shape (steps + 1, 2 band + 1): column c of row i is step i + c - band of the
+    second arm."""
+    opens: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]] = ((), ())
+    """By arm, pairs of a place to rest and the number of steps of time before which it must not leave it."""
+
+    @property
+    def band(self) -> int:
+        """How many steps one arm may be ahead of the other at most."""
+        return (self.blocked.shape[1] - 1) // 2
+
+
+@dataclass(frozen=True)
+class Together:
+    """A way through the plane."""
+
+    length: int
+    """Its steps of time."""
+    waits: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]
+    """By arm, pairs of a place to rest and how many steps the arm waits there."""
+
+
+def quickest_together(diagram: Diagram) -> Together | None:
+    """Returns the quickest way through the plane, None where there is none within the band."""
+    n, m = diagram.steps
+    band = diagram.band
+    may_wait = [_marks(k, r) for k, r in zip(diagram.steps, diagram.rests, strict=True)]
+    opens = [_opens(k, r) for k, r in zip(diagram.steps, diagram.opens, strict=True)]
+    # time[i, c] for the second arm at j = i + c - band.
+    time = np.full((n + 1, 2 * band + 1), np.inf)
+    columns = np.arange(2 * band + 1)
+    waits_b = np.zeros(m + 1, dtype=np.bool_)
+    waits_b[:] = may_wait[1]
+    for i in range(n + 1):
+        j = i + columns - band
+        inside = (j >= 0) & (j <= m)
+        row = np.full(2 * band + 1, np.inf)
+        jj = np.clip(j, 0, m)
+        if i == 0:
+            row[band] = 0.0
+        else:
+            # Both go on; or the first goes on while the second waits (one column to the right, as i grows).
+            both = _leaving(time[i - 1], may_wait, opens, i - 1, j - 1, (True, True))
+            row = both + 1.0
+            ahead = np.append(time[i - 1][1:], np.inf)
+            wait = _leaving(ahead, may_wait, opens, i - 1, j, (True, False)) + 1.0
+            row = np.minimum(row, np.where(waits_b[jj], wait, np.inf))
+        row = np.where(inside & ~diagram.blocked[i], row, np.inf)
+        if may_wait[0][i]:
+            free = inside & ~diagram.blocked[i]
+            row = _along(row, free, waits_b[jj], opens[1][jj])
+        time[i] = row
+    end = band + m - n
+    if not 0 <= end <= 2 * band or not np.isfinite(time[n, end]):
+        return None
+    return _traced(diagram, time, may_wait, opens)
+
+
+def _along(row: FloatArray, free: BoolArray, may_wait: BoolArray, opens: FloatArray) -> FloatArray:
+    """Returns a row of times in which the first arm waits while the second goes on.
+
+    Args:
+        row: when the states are reached without that, shape (c,).
+        free: which states are not blocked, shape (c,).
+        may_wait: where the second arm may wait, shape (c,).
+        opens: the time before which it must not go on, shape (c,).
+    """
+    if not opens.any():
+        # The least of what is reached before in the same run of free states, and a step for each state since.
+        columns, run = np.arange(len(row)), np.cumsum(~free)
+        lowered = np.where(free, row - columns, np.inf) - FAR_DOWN * run
+        found: FloatArray = np.minimum.accumulate(lowered) + FAR_DOWN * run + columns
+        return np.where(free & (found < 0.5 * FAR_DOWN), np.minimum(row, found), row)
+    row = row.copy()
+    for c in range(1, len(row)):
+        before = row[c - 1]
+        if not free[c] or not np.isfinite(before):
+            continue
+        if before < opens[c - 1]:
+            if not may_wait[c - 1]:
+                continue
+            before = opens[c - 1]
+        row[c] = min(row[c], before + 1.0)
+    return row
+
+
+def _leaving(
+    time: FloatArray,
+    may_wait: Sequence[BoolArray],
+    opens: Sequence[FloatArray],
+    i: int,
+    j: IntArray,
+    moves: tuple[bool, bool],
+) -> FloatArray:
+    """Returns when states are left at the earliest [steps]: arms wait until they may move on, if both can wait.
+
+    Args:
+        time: when the states are reached, shape (c,).
+        may_wait: by arm where it may wait.
+        opens: by arm the time before which it must not go on.
+        i: place of the first arm.
+        j: places of the second arm, shape (c,).
+        moves: which arms move on.
+    """
+    jj = np.clip(j, 0, len(opens[1]) - 1)
+    until = np.zeros(len(time))
+    if moves[0]:
+        until = np.maximum(until, opens[0][i])
+    if moves[1]:
+        until = np.maximum(until, opens[1][jj])
+    both_wait = may_wait[0][i] & may_wait[1][jj]
+    return np.where(time >= until, time, np.where(both_wait, np.maximum(time, until), np.inf))
+
+
+def _marks(steps: int, rests: Sequence[int]) -> BoolArray:
+    found = np.zeros(steps + 1, dtype=np.bool_)
+    found[list(rests)] = True
+    found[steps] = True
+    return found
+
+
+def _opens(steps: int, opens: Sequence[tuple[int, int]]) -> FloatArray:
+    found = np.zeros(steps + 1)
+    for place, time in opens:
+        found[place] = max(found[place], time)
+    return found
+
+
+def _traced(
+    diagram: Diagram,
+    time: FloatArray,
+    may_wait: Sequence[BoolArray],
+    opens: Sequence[FloatArray],
+) -> Together:
+    """Returns the way that leads to the end, backwards step by step."""
+    (n, m), band = diagram.steps, diagram.band
+    i, j = n, m
+    waits: tuple[dict[int, int], dict[int, int]] = ({}, {})
+
+    def at(i: int, j: int) -> float:
+        c = j - i + band
+        inside = i >= 0 and j >= 0 and 0 <= c <= 2 * band
+        return float(time[i, c]) if inside else np.inf
+
+    def left(i: int, j: int, moves: tuple[bool, bool]) -> float:
+        own = np.array([at(i, j)])
+        return float(_leaving(own, may_wait, opens, i, np.array([j]), moves)[0]) + 1.0
+
+    while i or j:
+        now = at(i, j)
+        tries = []
+        if i and j and np.isfinite(at(i - 1, j - 1)):
+            tries.append((left(i - 1, j - 1, (True, True)), i - 1, j - 1))
+        if i and may_wait[1][j] and np.isfinite(at(i - 1, j)):
+            tries.append((left(i - 1, j, (True, False)), i - 1, j))
+        if j and may_wait[0][i] and np.isfinite(at(i, j - 1)):
+            tries.append((left(i, j - 1, (False, True)), i, j - 1))
+        _, before_i, before_j = min(tries, key=lambda one: abs(one[0] - now))
+        length = round(now - at(before_i, before_j))
+        for a, (place, before) in enumerate(((i, before_i), (j, before_j))):
+            moved = place - before
+            if length > moved:
+                waits[a][before] = waits[a].get(before, 0) + length - moved
+        i, j = before_i, before_j
+    ends = tuple(
+        tuple(sorted((place, wait) for place, wait in own.items() if place < steps))
+        for own, steps in zip(waits, (n, m), strict=True)
+    )
+    return Together(int(time[n, m - n + band]), (ends[0], ends[1]))

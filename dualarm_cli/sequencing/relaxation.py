@@ -1,0 +1,115 @@
+"""Least times between tasks, whatever ways and platform angles are taken: what bounds are proven with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.sequencing.problem import SequencingProblem
+from dualarm_cli.sequencing.stage_problem import StageProblem
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """Tasks with the least time from the end of each to the end of each other, by arm; no order takes less."""
+
+    cost: tuple[FloatArray, ...]
+    """By arm, the least time from the end of task i to the end of task j [s], infinite where an arm cannot do one,
+    whatever the rules; the last row is from the start, the last column the way back, shape (n + 1, n + 1)."""
+    least: FloatArray
+    """Least time of each task itself on any arm [s], shape (n,)."""
+    before: tuple[tuple[int, int], ...] = ()
+    """Pairs of tasks of which the first is over before the second begins."""
+    sequences: tuple[tuple[int, ...], ...] = ()
+    """Tasks that one arm does one right after the other."""
+    not_before: FloatArray | None = None
+    """Earliest instant at which a task may begin [s], shape (n,)."""
+    not_after: FloatArray | None = None
+    """Latest instant at which a task may be over [s], shape (n,)."""
+    in_file_order: bool = False
+    """Whether each arm does its tasks in the order of their numbers."""
+
+    @property
+    def tasks(self) -> int:
+        """How many."""
+        return len(self.least)
+
+    @property
+    def timed(self) -> bool:
+        """Whether it matters when a task is done."""
+        return bool(self.before) or self.not_before is not None or self.not_after is not None
+
+    def kept(self, arm: int) -> FloatArray:
+        """Returns an arm's costs, infinite too where rules forbid that one task comes right after another."""
+        n = self.tasks
+        found = self.cost[arm].astype(np.float64)
+        found[np.arange(n), np.arange(n)] = np.inf
+        if self.in_file_order:
+            found[:n, :n][np.tril_indices(n)] = np.inf
+        for one, other in self.before:
+            found[other, one] = np.inf
+        for row in self.sequences:
+            for one, other in pairwise(row):
+                keep = found[one, other]
+                found[one, :] = np.inf
+                found[:, other] = np.inf
+                found[one, other] = keep
+        return found
+
+    def allowed(self, arm: int) -> BoolArray:
+        """Returns which tasks an arm can do, shape (n,)."""
+        return np.asarray(np.isfinite(self.cost[arm][:, : self.tasks]).any(axis=0))
+
+
+def of_ways(problem: SequencingProblem) -> Relaxation:
+    """Returns the least times of tasks that can be done in several ways with the platform standing still."""
+    n, w = problem.tasks, problem.ways
+    costs, least = [], np.full(n, np.inf)
+    for a in range(len(problem.arms)):
+        whole = problem.between[a] + problem.length[a][None, :]
+        pad = np.full((whole.shape[0] + w - 1,) * 2, np.inf)
+        pad[: n * w + 1, : n * w + 1] = whole
+        costs.append(pad.reshape(n + 1, w, n + 1, w).min(axis=(1, 3)))
+        least = np.minimum(least, problem.length[a][: n * w].reshape(n, w).min(axis=1))
+    return Relaxation(
+        tuple(costs),
+        least,
+        problem.before,
+        problem.sequences,
+        problem.not_before if problem.windows else None,
+        problem.not_after if problem.windows else None,
+        problem.in_file_order,
+    )
+
+
+def of_stages(problem: StageProblem) -> Relaxation:
+    """Returns the least times of tasks over all platform angles, each arm as if the platform served it alone."""
+    n = len(problem.tasks)
+    first = np.array([own[0] for own in problem.tasks])
+    last = np.array([*(own[-1] for own in problem.tasks), problem.stops])
+    costs, least = [], np.full(n, np.inf)
+    for a, length in enumerate(problem.length):
+        cost = np.full((n + 1, n + 1), np.inf)
+        cost[:, :n] = length[last[:, None], first[None, :]].min(axis=(2, 3))
+        if not problem.free_start:
+            cost[n, :n] = length[problem.stops, first][:, 0].min(axis=1)
+        cost[:n, n] = length[last[:n], problem.stops].min(axis=(1, 2))
+        inside = np.array(
+            [sum(float(length[i, j].min()) for i, j in pairwise(own)) for own in problem.tasks]
+        )
+        cost[:, :n] += inside
+        costs.append(cost)
+        least = np.minimum(least, problem.work[a][first].min(axis=1) + inside)
+    early, late = problem.not_before, problem.not_after
+    return Relaxation(
+        tuple(costs),
+        least,
+        problem.before,
+        problem.sequences,
+        None if early is None else early[first],
+        None if late is None else late[last[:n]],
+        problem.in_file_order,
+    )

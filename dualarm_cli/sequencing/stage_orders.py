@@ -1,0 +1,168 @@
+"""The best orders of stages found: all of them where tasks are few, else searches from several orders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import IntArray
+from dualarm_cli.sequencing.stage_exact import FEW, best_of_all, side_by_side
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.sequencing.stage_search import StageSearch
+from dualarm_cli.sequencing.stage_times import with_angles
+from dualarm_cli.sequencing.stage_units import Unit
+
+WHOLE = 30
+"""Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
+LEAST = 120
+"""How often something is removed and put back at least."""
+FIRST_TRIES = 6
+"""So many orders in which tasks are put in are tried until one serves."""
+
+
+@dataclass(frozen=True)
+class StageEffort:
+    """How hard orders are searched for."""
+
+    starts: int
+    """Searches from different orders."""
+    steps: int
+    """How often something is removed and put back in each, times the number of stages."""
+    stretches: float
+    """Stretches that are improved, by stage of a long order."""
+
+
+def is_few(problem: StageProblem) -> bool:
+    """Returns whether all orders are timed."""
+    return len(problem.tasks) <= FEW
+
+
+def good_orders(
+    problem: StageProblem,
+    effort: StageEffort,
+    seed: int,
+    start: IntArray | None = None,
+    better: Callable[[float], None] = lambda _: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> list[StageOrder]:
+    """Returns different orders, the best one first; none where none was found.
+
+    Few tasks: the best of all. More: ruin and recreate from the order of the tasks' numbers, and from others.
+
+    Args:
+        problem: what is asked.
+        effort: how hard to try.
+        seed: of all randomness.
+        start: an order that is known to be good, to begin with, shape (n, arms).
+        better: is told the total of every better order [s].
+        stop: whether to stop early; one order is made in any case.
+    """
+    if is_few(problem) and start is None:
+        best = best_of_all(problem, better, stop)
+        return [] if best is None else [best]
+    found: list[StageOrder] = []
+
+    def told(one: StageOrder) -> None:
+        better(one.total)
+
+    for k in range(effort.starts):
+        if found and stop():
+            break
+        search = StageSearch(problem, seed + k)
+        first = _first(search, start if k == 0 else None, in_order=k == 0)
+        if first is None:
+            continue
+        told(first)
+        steps = max(LEAST, effort.steps // len(first.slots))
+        one = search.improve(first, steps, told, stop)
+        if len(one.slots) > WHOLE:
+            count = round(effort.stretches * len(one.slots))
+            one = search.improve_stretches(one, count, told, stop)
+        found.append(one)
+        if len(one.slots) > WHOLE:
+            break
+    given = in_file_order(problem, StageSearch(problem, seed).units)
+    if given is not None and start is None:
+        # What the file says is an answer as well, and may turn out to be the quickest one.
+        plain = with_angles(problem, given)
+        found += [plain] if np.isfinite(plain.total) else []
+    found.sort(key=lambda one: one.total)
+    kept: dict[bytes, StageOrder] = {}
+    for one in found:
+        kept.setdefault(one.slots.tobytes(), one)
+    return list(kept.values())
+
+
+def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> StageOrder | None:
+    """Returns an order to begin with, None where none was found."""
+    if start is not None:
+        return with_angles(search.problem, start)
+    tries: list[StageOrder] = []
+    for plain in (in_file_order, by_suited_arms) if in_order else ():
+        given = plain(search.problem, search.units)
+        if given is not None:
+            tries.append(with_angles(search.problem, never_touching(search.problem, given)))
+    for _ in range(FIRST_TRIES):
+        one = search.first()
+        if one is not None:
+            tries.append(one)
+        if any(np.isfinite(one.total) for one in tries):
+            break
+    good = [one for one in tries if np.isfinite(one.total)]
+    return min(good, key=lambda one: one.total) if good else None
+
+
+def in_file_order(problem: StageProblem, units: list[Unit]) -> IntArray | None:
+    """Returns the tasks in the order of their numbers, those of any arm by the one that has less to do until then.
+
+    None where that keeps no rule.
+    """
+    rows: list[list[Unit]] = [[] for _ in problem.length]
+    stops = [0] * len(rows)
+    for unit in sorted(units, key=lambda unit: unit.tasks):
+        if not unit.arms:
+            return None
+        a = min(unit.arms, key=lambda a: (stops[a], a))
+        rows[a].append(unit)
+        stops[a] += len(unit.stops)
+    return side_by_side(problem, rows)
+
+
+def by_suited_arms(problem: StageProblem, units: list[Unit]) -> IntArray | None:
+    """Returns the tasks in the order of their numbers, each by the arm that gets to its first stop soonest from home.
+
+    None where that keeps no rule.
+    """
+    rows: list[list[Unit]] = [[] for _ in problem.length]
+    for unit in sorted(units, key=lambda unit: unit.tasks):
+        if not unit.arms:
+            return None
+        soonest = {a: problem.length[a][problem.stops, unit.stops[0]].min() for a in unit.arms}
+        rows[min(soonest, key=lambda a: (soonest[a], a))].append(unit)
+    return side_by_side(problem, rows)
+
+
+def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
+    """Returns an order in which stops that no angle allows side by side are made one after the other."""
+    if len(problem.work) != 2:
+        return slots
+    both = (slots != IDLE).all(axis=1)
+    one, other = slots[both].T
+    possible = np.isfinite(problem.work[0][one]) & np.isfinite(problem.work[1][other])
+    if problem.apart is not None:
+        possible &= np.isfinite(problem.apart[one, other])
+    never = slots[both][~possible.any(axis=1)]
+    return apart(slots, {(int(i), int(j)) for i, j in never})
+
+
+def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
+    """Returns an order (n, 2) in which pairs of stops are not made in the same stage: one after the other instead."""
+    rows = []
+    for one, other in slots.tolist():
+        if (one, other) in pairs:
+            rows += [[one, IDLE], [IDLE, other]]
+        else:
+            rows.append([one, other])
+    return np.array(rows, dtype=np.int64).reshape(-1, 2)

@@ -1,0 +1,77 @@
+"""Stages of paired arms on a turning platform, as numbers: who does what in which stage, and at which angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+
+IDLE = -1
+"""Stands for an arm without a stop in a stage."""
+
+
+@dataclass(frozen=True)
+class StageProblem:
+    """Tasks to be given to arms and put into stages, so that all is done soonest.
+
+    In a stage platform and arms leave together; an arm's approach begins when its own transfer and the platform's are
+    over; the stage ends when the last of its arms is done. Every arm has one posture at each stop and angle.
+    """
+
+    length: tuple[FloatArray, ...]
+    """By arm, how long its part of a stage takes [s], infinite where it cannot be: from stop i, made at angle f, to
+    stop j at angle g, shape (s + 1, s + 2, f, f). The last row is from its start (the same for all f); column s the way
+    back (0 without one; without the platform's turn); column s + 1, which IDLE points at, for nothing to do: minus
+    infinity."""
+    work: tuple[FloatArray, ...]
+    """By arm, what of that comes after the transfer [s], shape (s, f)."""
+    turn: FloatArray
+    """Platform times between angles [s], shape (f, f); angle 0 is where it starts."""
+    tasks: tuple[tuple[int, ...], ...]
+    """Stops of each task; one arm makes them one right after the other."""
+    returns: bool
+    """Whether platform and arms go back to where they start."""
+    free_start: bool = False
+    """Whether the platform may stand at any angle to begin with."""
+    before: tuple[tuple[int, int], ...] = ()
+    """Pairs of tasks of which the first is over before the second begins."""
+    sequences: tuple[tuple[int, ...], ...] = ()
+    """Tasks that one arm does one right after the other."""
+    not_before: FloatArray | None = None
+    """Earliest instant at which a stop's approach begins [s], shape (s,)."""
+    not_after: FloatArray | None = None
+    """Latest instant at which a stop may be over [s], shape (s,)."""
+    in_file_order: bool = False
+    """Whether each arm does its tasks in the order of their numbers."""
+    apart: FloatArray | None = None
+    """What it costs that the first arm makes a stop while the second one makes another, infinite where they would
+    touch, by angle [s], shape (s + 2, s + 2, f); 0 in the last row and column, which IDLE points at."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        object.__setattr__(self, "length", tuple(readonly(x) for x in self.length))
+        object.__setattr__(self, "work", tuple(readonly(x) for x in self.work))
+        object.__setattr__(self, "turn", readonly(self.turn))
+
+    @property
+    def stops(self) -> int:
+        """How many stops there are."""
+        return sum(len(own) for own in self.tasks)
+
+    def allowed(self, arm: int, task: int) -> bool:
+        """Returns whether an arm can do a task at all."""
+        return all(bool(np.isfinite(self.work[arm][stop]).any()) for stop in self.tasks[task])
+
+
+@dataclass(frozen=True)
+class StageOrder:
+    """An answer: what each arm does in every stage."""
+
+    slots: IntArray
+    """Stops, IDLE where an arm has none, shape (n, arms)."""
+    angles: IntArray
+    """Number of the platform angle of each stage, shape (n,)."""
+    total: float
+    """When all is done [s], with LATE times what is late; infinite where it cannot be."""

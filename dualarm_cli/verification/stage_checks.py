@@ -1,0 +1,157 @@
+"""Checks of stages: that they fill the motion, what is done in them, that paired arms start them together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.as_done import contains, events_by_stage, stages_of_arm
+from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.tool_checks import Worst
+
+
+def check_stages(schedule: Schedule, job: Job | None = None) -> Check:
+    """Checks that stages follow one another from the start of the motion to its end.
+
+    Where each arm goes by its own clock, those of one arm, and both arms', follow one another with waits between them;
+    each has the event of its task.
+
+    Args:
+        schedule: what is judged.
+        job: says whether arms are paired; without it the stages do.
+    """
+    if not schedule.stages:
+        return not_checked("stages", "the schedule lists none")
+    free = any(stage.arm for stage in schedule.stages) if job is None else job.mode == "free"
+    return _by_own_clocks(schedule) if free else _one_after_the_other(schedule)
+
+
+def _one_after_the_other(schedule: Schedule) -> Check:
+    worst, where = 0.0, "one after the other"
+    clock = 0.0
+    for number, stage in enumerate(schedule.stages, start=1):
+        if abs(stage.start - clock) > worst:
+            worst = abs(stage.start - clock)
+            where = f"stage {number} does not start where the one before ends"
+        if stage.start - stage.end > worst:
+            worst, where = stage.start - stage.end, f"stage {number} ends before it starts"
+        clock = stage.end
+    if abs(clock - schedule.duration) > worst:
+        worst, where = abs(clock - schedule.duration), "the last stage does not end the motion"
+    return judge("stages", worst, tol.SAME_TIME, "s", where)
+
+
+def _by_own_clocks(schedule: Schedule) -> Check:
+    worst = Worst(where="each arm's one after the other")
+    for number, stage in enumerate(schedule.stages, start=1):
+        worst.add(stage.start - stage.end, f"stage {number} ends before it starts")
+        worst.add(-stage.start, f"stage {number} starts before the motion")
+        worst.add(stage.end - schedule.duration, f"stage {number} ends after the motion")
+    for arm in schedule.robot.arms:
+        clock, before = 0.0, 0
+        for k in stages_of_arm(schedule, arm):
+            start, end = schedule.stages[k].start, schedule.stages[k].end
+            where = f"stage {k + 1} starts before the {arm} arm is done with stage {before}"
+            worst.add(clock - start, where)
+            if end >= clock:
+                clock, before = end, k + 1
+    misplaced = _misplaced(schedule)
+    if misplaced and worst.value <= tol.SAME_TIME:
+        worst.add(np.inf, misplaced)
+    return worst.judge("stages", tol.SAME_TIME, "s", "")
+
+
+def _misplaced(schedule: Schedule) -> str:
+    """Returns which event is in no stage, or which stage has no event of its tasks, or an empty string."""
+    if not schedule.events:
+        return ""
+    found = events_by_stage(schedule)
+    placed = {id(event) for events in found for event in events}
+    for event in schedule.events:
+        if id(event) not in placed:
+            return _unplaced(schedule, event)
+    for number, (stage, events) in enumerate(zip(schedule.stages, found, strict=True), start=1):
+        idle = [name for name in stage.tasks if all(event.task != name for event in events)]
+        if idle:
+            return f"stage {number} names {idle[0]}, of which nothing is done in it"
+    return ""
+
+
+def _unplaced(schedule: Schedule, event: Event) -> str:
+    """Returns why an event belongs to no stage."""
+    for number, stage in enumerate(schedule.stages, start=1):
+        if stage.arm in ("", event.arm) and contains(stage, event):
+            return f"{event.task} ({event.action}) is more than one stop of the {event.arm} arm in stage {number}"
+    whose = f"the {event.arm} arm's stages"
+    return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {whose} that name it"
+
+
+def check_pairing(schedule: Schedule, job: Job) -> Check:
+    """Checks that paired targets fall into one stage, which both arms start together.
+
+    Args:
+        schedule: what is judged.
+        job: as it was done, where its file leaves arms or order open.
+    """
+    if job.mode == "free":
+        return not_checked("pairing", "each arm goes by its own clock")
+    if wrong := _unpaired(schedule, job):
+        return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
+    worst, where = 0.0, "both arms start every stage together"
+    times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
+    starts: dict[StopKey, float] = {}
+    for segment in schedule.segments:
+        key = (segment.arm, segment.task, segment.action)
+        starts[key] = min(segment.start, starts.get(key, np.inf))
+    asked = job.stages()
+    for number, work in enumerate(asked, start=1):
+        if number > len(schedule.stages):
+            return judge("pairing", np.inf, tol.SAME_TIME, "s", f"stage {number} is missing")
+        stage = schedule.stages[number - 1]
+        keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
+        for key in keys:
+            time = times.get(key, np.inf)
+            outside = max(stage.start - time, time - stage.end)
+            if outside > worst:
+                worst, where = outside, f"{key[1]} ({key[2]}) is outside stage {number}"
+        begun = [starts[key] for key in keys if key in starts]
+        apart = max(begun, default=0.0) - min(begun, default=0.0)
+        if apart > worst:
+            worst, where = apart, f"the arms do not start stage {number} together"
+    wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
+    if wrong and worst <= tol.SAME_TIME:
+        return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
+    return judge("pairing", worst, tol.SAME_TIME, "s", where)
+
+
+def _unpaired(schedule: Schedule, job: Job) -> str:
+    """Returns which stage is one arm's alone, or which target that is asked for is in no stage, or an empty string."""
+    for number, stage in enumerate(schedule.stages, start=1):
+        if stage.arm:
+            return f"stage {number} is the {stage.arm} arm's by its own clock; paired arms start every stage together"
+    if job.pairing is None:
+        return ""
+    asked = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}
+    paired = {key for stage in job.pairing for key in stage}
+    for event in schedule.events:
+        key = (event.arm, event.task, event.action)
+        if key in asked and key not in paired:
+            return _unplaced(schedule, event)
+    return ""
+
+
+def _wrong_tasks(schedule: Schedule, asked: list[list[str]]) -> str:
+    """Returns which stage names other tasks than the job has there, or an empty string.
+
+    A stage beyond the job's, the return to the start, works on none.
+    """
+    for number, stage in enumerate(schedule.stages, start=1):
+        due = asked[number - 1] if number <= len(asked) else []
+        # Both arms may follow one path: it is one task.
+        if sorted(stage.tasks) != sorted(due) and set(stage.tasks) != set(due):
+            said, wanted = (", ".join(names) or "no task" for names in (stage.tasks, due))
+            return f"stage {number} names {said}; the tasks are {wanted}"
+    return ""

@@ -1,0 +1,222 @@
+"""A search for orders that is watched: its time limit, Ctrl-C, what a terminal shows."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dualarm_cli.cli.interrupts import STOPPING
+from dualarm_cli.cli.run import run
+from dualarm_cli.cli.status_line import StatusLine
+from dualarm_cli.planning.planner import UNLIMITED
+from dualarm_cli.planning.watch import Watch
+
+LONG = ("--effort", "thorough", "--platform", "linearised")
+"""Searches for some twenty seconds, and then plans soon; `fixed` would not keep every order clear."""
+
+
+@pytest.fixture(scope="module")
+def open_order(tasks_folder, tmp_path_factory):
+    """Eight picks of the packing cell, in any order: more than are timed one and all."""
+    folder = tmp_path_factory.mktemp("open")
+    (folder / ".git").mkdir()
+    source = tasks_folder / "04_packing"
+    (folder / "cell.yaml").write_text((source / "cell.yaml").read_text())
+    text = (source / "tasks.yaml").read_text().replace("order: given", "order: optimise")
+    kept = text.split("  - id: left-05")[0]
+    assert kept.count("- id:") == 8
+    (folder / "tasks.yaml").write_text(kept)
+    return folder / "tasks.yaml"
+
+
+class Watched:
+    """`dualarm plan` in a process of its own whose stderr is a terminal."""
+
+    def __init__(self, task, out, *options):
+        """Starts it."""
+        ours, theirs = pty.openpty()
+        self._terminal, self.seen = ours, ""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "dualarm_cli", "plan", str(task), "--out", str(out), *options],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=theirs,
+            env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
+        )
+        os.close(theirs)
+
+    def read(self, until=None, seconds=120.0):
+        """Reads on until a pattern has been seen; to the end without one."""
+        give_up = time.monotonic() + seconds
+        begin = len(self.seen)
+        while until is None or not re.search(until, self.seen[begin:]):
+            if time.monotonic() > give_up:
+                self.process.kill()
+                pytest.fail(f"{until} was not seen in {self.seen[-2000:]!r}")
+            if not select.select([self._terminal], [], [], 0.5)[0]:
+                continue
+            try:
+                some = os.read(self._terminal, 65536)
+            except OSError:  # so a terminal says that the other side has gone
+                some = b""
+            if not some:
+                assert until is None, f"{until} was not seen in {self.seen[-2000:]!r}"
+                break
+            self.seen += some.decode(errors="replace")
+
+    def end(self):
+        """Returns the exit code."""
+        self.read()
+        os.close(self._terminal)
+        return self.process.wait(timeout=60)
+
+    def interrupt(self):
+        """Presses Ctrl-C."""
+        self.process.send_signal(signal.SIGINT)
+
+
+def notes_of(out):
+    """Notes of a report."""
+    return json.loads((out / "report.json").read_text())["notes"]
+
+
+def test_ctrl_c_ends_the_search_and_the_best_order_so_far_is_planned(open_order, tmp_path):
+    """What happens now is said at once; files are written, verified, and say that it was interrupted."""
+    watched = Watched(open_order, tmp_path / "out", *LONG)
+    watched.read(r"putting tasks in order: best \d+\.\d\d s, \d+ s")
+    watched.interrupt()
+    watched.read(re.escape(STOPPING), seconds=2.0)
+    code = watched.end()
+    assert code in (0, 1), watched.seen
+    assert "bounding all orders" not in watched.seen  # what would have come next
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert code == (0 if report["verification"]["passed"] else 1)
+    assert [note for note in notes_of(tmp_path / "out") if "as it was interrupted" in note]
+
+
+def test_a_second_ctrl_c_gives_up(open_order, tmp_path):
+    """130 within two seconds; no file is written."""
+    watched = Watched(open_order, tmp_path / "out", *LONG)
+    watched.read(r"order: best")
+    watched.interrupt()
+    watched.read(re.escape(STOPPING))
+    watched.interrupt()
+    begin = time.monotonic()
+    assert watched.end() == 130
+    assert time.monotonic() - begin < 2.0
+    assert "interrupted" in watched.seen
+    assert "Traceback" not in watched.seen
+    assert not (tmp_path / "out").exists()
+
+
+def test_sigterm_ends_a_search_at_once(open_order, tmp_path):
+    """143 within two seconds, whatever has been found."""
+    watched = Watched(open_order, tmp_path / "out", *LONG)
+    watched.read(r"order: best")
+    watched.process.send_signal(signal.SIGTERM)
+    begin = time.monotonic()
+    assert watched.end() == 143
+    assert time.monotonic() - begin < 2.0
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_after_the_search_gives_up_and_leaves_old_files_alone(tasks_folder, tmp_path):
+    """An order that is given is not searched for: nothing is known until all is."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "schedule.json").write_text("{}")
+    task = tasks_folder / "04_packing" / "tasks.yaml"
+    watched = Watched(task, out, "--force", "--effort", "thorough")
+    watched.read("deciding platform angles")
+    watched.interrupt()
+    begin = time.monotonic()
+    assert watched.end() == 130
+    assert time.monotonic() - begin < 2.0
+    assert STOPPING not in watched.seen
+    assert [f.name for f in out.iterdir()] == ["schedule.json"]
+    assert (out / "schedule.json").read_text() == "{}"
+
+
+def test_a_time_limit_ends_the_search_and_is_recorded(open_order, tmp_path):
+    """Quiet without a terminal: nothing on stderr; the schedule knows the limit, the report that it was over."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "dualarm_cli", "plan", str(open_order), "--out", str(out)]
+    result = subprocess.run(
+        [*command, *LONG, "--time-limit", "1.5 s"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode in (0, 1), result.stderr
+    assert result.stderr == ""
+    settings = json.loads((out / "schedule.json").read_text())["provenance"]["settings"]
+    assert settings["time_limit"] == 1.5
+    assert [note for note in notes_of(out) if "as its time limit is 1.5 s" in note]
+
+
+def test_a_time_limit_is_said_to_have_had_nothing_to_limit(tasks_folder, tmp_path, capsys):
+    """A note, no error, where the task file gives the order."""
+    task = tasks_folder / "03_bottin_planar" / "tasks.yaml"
+    out = tmp_path / "out"
+    assert run(["plan", str(task), "--out", str(out), "-q", "--time-limit", "2 min"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert UNLIMITED in notes_of(out)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("0", "--time-limit 0: must be above 0 s"),
+        ("-3 s", "--time-limit -3 s: must be above 0 s"),
+        ("inf", "--time-limit: 'inf' is not a number"),
+        ("nan", "--time-limit: 'nan' is not a number"),
+        ("2 m", "allowed: s, ms, min"),
+        ("", "--time-limit: '' is not a number"),
+        ("1e9", "outside the range of time"),
+    ],
+)
+def test_a_time_limit_that_is_none_is_refused(limit, words, capsys):
+    """Exit 2 before anything is read, with what is allowed."""
+    assert run(["plan", "x.yaml", f"--time-limit={limit}"]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_the_status_line_says_what_a_search_has_and_for_how_long():
+    """Best and bound as soon as there are any; after the search only what is being done."""
+    watch = Watch(limit=30.0)
+    line = StatusLine(watch, "planning")
+    assert line.words() == "planning"
+    watch.begin()
+    watch.tell("putting tasks in order")
+    assert line.words() == "putting tasks in order: 0 s of 30 s"
+    for total, bound in ((38.0, 30.0), (37.6, 33.1), (39.0, 32.0)):
+        watch.found(total)
+        watch.bounded(bound)
+    assert line.words() == "putting tasks in order: best 37.60 s, bound 33.10 s, 0 s of 30 s"
+    watch.end()
+    watch.tell("verifying")
+    assert line.words() == "verifying"
+
+
+def test_a_limit_that_is_not_reached_changes_nothing_but_its_record(open_order, tmp_path):
+    """The same joints and times, to the last bit; only the settings differ."""
+    written = []
+    for name, options in (("without", ()), ("with", ("--time-limit", "1000 min"))):
+        quick = ("--effort", "quick", "--platform", "fixed", "-q")
+        run(["plan", str(open_order), "--out", str(tmp_path / name), *quick, *options])
+        schedule = json.loads((tmp_path / name / "schedule.json").read_text())
+        del schedule["files"]["report.json"]  # its hash: the settings stand there as well
+        written.append((schedule, (tmp_path / name / "schedule.csv").read_bytes()))
+    assert written[0][0]["provenance"]["settings"].pop("time_limit") is None
+    assert written[1][0]["provenance"]["settings"].pop("time_limit") == 60_000.0
+    assert written[0] == written[1]
