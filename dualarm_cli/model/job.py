@@ -22,6 +22,12 @@ StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 ANY = "any"
 """What stands for an arm where the planner chooses it."""
+TAKES: frozenset[str] = frozenset({"pick"})
+"""Actions after which an arm holds its task's part: from the event on."""
+GIVES: frozenset[str] = frozenset({"place"})
+"""Actions after which it no longer does: from the end of the dwell on."""
+CHANGES = TAKES | GIVES
+"""Actions that change what an arm holds."""
 SAME_SHARE = 1e-9
 """Difference of two shares of a way that count as one."""
 
@@ -165,6 +171,14 @@ class Task:
     place: Place = NOWHERE
     """Where it is written."""
 
+    def held_before(self, action: str) -> str:
+        """Returns the part that its arm holds when it comes to the stop of an action; empty for none."""
+        return self.part if action in GIVES else ""
+
+    def held_after(self, action: str) -> str:
+        """Returns the part that its arm holds when it leaves the stop of an action; empty for none."""
+        return self.part if action in TAKES else ""
+
     def allows(self, arm: str) -> bool:
         """Returns whether an arm may do it."""
         return self.arm in (arm, ANY)
@@ -227,6 +241,19 @@ class Job:
     def in_sections(self) -> bool:
         """Whether it is planned section after section: paths and seams are done alone."""
         return any(task.alone for task in self.tasks)
+
+    def carried(self) -> list[tuple[str, str]]:
+        """Returns arm and part for every part that an arm may ever hold, each once."""
+        arms = [arm.name for arm in self.cell.robot.arms]
+        return list(
+            dict.fromkeys(
+                (arm, task.part)
+                for task in self.tasks
+                if task.part
+                for arm in arms
+                if task.allows(arm)
+            )
+        )
 
     def stops_of(self, arm: str) -> list[tuple[Task, Stop]]:
         """Returns the targets of one arm in file order, each with its task."""

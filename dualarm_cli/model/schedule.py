@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.job import Dwell, Job
+from dualarm_cli.model.job import GIVES, Dwell, Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
@@ -136,6 +136,11 @@ class Event:
     """Commanded pose of that frame in the world."""
     dwell: float = 0.0
     """How long it stands there [s]."""
+
+    @property
+    def changes_held(self) -> float:
+        """When what its arm holds changes, if it does [s]: what it takes from now on, what it gives after the dwell."""
+        return self.time + (self.dwell if self.action in GIVES else 0.0)
 
 
 @dataclass(frozen=True)

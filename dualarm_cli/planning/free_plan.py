@@ -15,7 +15,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.clear_plan import quickest_clear
-from dualarm_cli.planning.meeting_arms import Meeting, parts_of
+from dualarm_cli.planning.meeting_arms import Meeting
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.motion_words import at_knot
@@ -69,8 +69,7 @@ class FreePlanner:
         turn = self._turn(begin, work)
         cell = None
         if self.clear:
-            carried = {(task.arm, task.part): None for task in job.tasks if task.part}
-            cell = CellClearance.of(job.cell, list(carried))
+            cell = CellClearance.of(job.cell, job.carried())
         if len(clocks) == 1:
             return self._joined(model, work, (clocks[0],), turn, ((),), apart=False)
         self.tell("making the arms wait for each other")
@@ -197,7 +196,7 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)
     time = np.minimum(step * np.arange(count), duration)
-    parts = parts_of(job)
+    tasks = {task.id: task for task in job.tasks}
     held = np.empty((count, len(cell.arms)), dtype=np.int64)
     for a, name in enumerate(cell.arms):
         own = OwnClock(
@@ -207,7 +206,7 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
             tuple(part for part in motion.segments if part.arm == name),
             tuple(event for event in motion.events if event.arm == name),
         )
-        held[:, a] = own.held(time, cell, parts)
+        held[:, a] = own.held(time, cell, tasks)
     position = motion.trajectory.at(time)[0]
     stretches = [
         StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)

@@ -11,7 +11,7 @@ import pinocchio as pin
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import Job, PoseTarget, Stop
+from dualarm_cli.model.job import CHANGES, TAKES, Job, PoseTarget, Stop
 from dualarm_cli.planning.yaws import stop_yaws
 
 
@@ -44,17 +44,14 @@ class Holding:
         Raises:
             InputError: a mesh of the cell that cannot be used.
         """
-        carried = dict.fromkeys((task.arm, task.part) for task in job.tasks if task.part)
-        cell = replace(CellClearance.of(job.cell, list(carried)), crossing=crossing)
+        cell = replace(CellClearance.of(job.cell, job.carried()), crossing=crossing)
         holds = dict.fromkeys(cell.arms, "")
         rows = []
         for work in job.stages():
             now = dict(holds)
             for arm, (task, stop) in work.items():
-                if stop.action == "pick":
-                    now[arm] = task.part
-                elif stop.action == "place":
-                    now[arm] = ""
+                if stop.action in CHANGES:
+                    now[arm] = task.held_after(stop.action)
             rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
             holds = now
         fitting, misfits = {}, {}
@@ -78,7 +75,7 @@ def _fitting(job: Job, stop: Stop, part: str) -> tuple[FloatArray, tuple[float, 
     yaws = stop_yaws(stop)
     if not part or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
-    line = stop.retract if stop.action == "pick" else stop.approach
+    line = stop.retract if stop.action in TAKES else stop.approach
     reaches = [
         part_reaches(
             job.cell,

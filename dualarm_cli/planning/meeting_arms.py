@@ -114,12 +114,12 @@ class Meeting:
         blocked = np.zeros(shape, dtype=np.bool_)
         if self.cell is None:
             return blocked
-        parts = {task.id: task.part for task in self.job.tasks}
+        tasks = {task.id: task for task in self.job.tasks}
         joints, held = [], []
         for clock, count in zip(self.clocks, steps, strict=True):
             time = np.minimum(step * np.arange(count + 1), clock.duration)
             joints.append(clock.trajectory.at(time)[0])
-            held.append(clock.held(time, self.cell, parts))
+            held.append(clock.held(time, self.cell, tasks))
         near = np.zeros(shape, dtype=np.bool_)
         i, c = (
             x.ravel() for x in np.meshgrid(np.arange(n + 1), np.arange(2 * band + 1), indexing="ij")
@@ -234,8 +234,3 @@ def _grown(blocked: BoolArray) -> BoolArray:
     found[1:, :-1] |= blocked[:-1, 1:]
     found[:-1, 1:] |= blocked[1:, :-1]
     return found
-
-
-def parts_of(job: Job) -> Mapping[str, str]:
-    """Returns the kind of part that each task carries, by its id."""
-    return {task.id: task.part for task in job.tasks}

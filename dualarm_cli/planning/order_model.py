@@ -58,20 +58,13 @@ class OrderModel:
             clear: whether anything has to keep clear.
         """
         angles = platform_angles(model, job)
-        carried = dict.fromkeys(
-            (name, task.part)
-            for task in job.tasks
-            if task.part
-            for name in model.arms
-            if task.allows(name)
-        )
         nodes, clock = stop_nodes(model, job, angles), Clock.of(model, job)
         return cls(
             model,
             job,
             angles,
             nodes,
-            CellClearance.of(job.cell, list(carried)) if clear else None,
+            CellClearance.of(job.cell, job.carried()) if clear else None,
             clock,
             {name: _hub(model, job, name, nodes, clock) for name in model.arms},
         )
@@ -226,8 +219,8 @@ class OrderModel:
         """Returns what an arm holds where an approach begins, at the target, and where the retract ends."""
         assert self.clearance is not None  # callers have looked
         held, task = self.clearance.held, self.job.tasks[t]
-        came = task.part if task.stops[s].action == "place" else ""
-        goes = task.part if task.stops[s].action == "pick" else ""
+        action = task.stops[s].action
+        came, goes = task.held_before(action), task.held_after(action)
         return held(came), held(came, True), held(goes)
 
     def keeps_clear(

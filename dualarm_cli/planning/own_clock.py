@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.job import CHANGES, Task
 from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.motion import Motion
@@ -110,22 +111,19 @@ class OwnClock:
         """Returns when its last line or dwell is over, by its own clock [s]."""
         return max(self.task_ends().values(), default=0.0)
 
-    def held(self, time: FloatArray, cell: CellClearance, parts: Mapping[str, str]) -> IntArray:
+    def held(self, time: FloatArray, cell: CellClearance, tasks: Mapping[str, Task]) -> IntArray:
         """Returns what it holds at some instants, as numbers of the cell's test, shape (t,).
 
         Args:
             time: instants by its own clock [s], shape (t,).
             cell: the test.
-            parts: by task the kind of part that it carries.
+            tasks: by their ids.
         """
         found = np.zeros(len(time), dtype=np.int64)
         for event in self.events:
-            part = parts.get(event.task, "")
-            # A part is released when its place is over.
-            changed = event.time + (event.dwell if event.action == "place" else 0.0)
-            if event.action in ("pick", "place"):
-                now = cell.held(part if event.action == "pick" else "")
-                found[time >= changed - SAME_TIME] = now
+            if event.action in CHANGES and event.task in tasks:
+                now = cell.held(tasks[event.task].held_after(event.action))
+                found[time >= event.changes_held - SAME_TIME] = now
         for start, end in self._lines():
             found[(time >= start - SAME_TIME) & (time <= end + SAME_TIME)] |= 1
         return found

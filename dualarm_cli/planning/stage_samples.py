@@ -89,9 +89,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         event = _event_of(motion, number, arm)
         if event is None:
             continue
-        # A part is released when its place is over.
-        changed = event.time + (event.dwell if event.action == "place" else 0.0)
-        held[time >= changed - SAME_TIME, a] = holding.after[stage, a]
+        held[time >= event.changes_held - SAME_TIME, a] = holding.after[stage, a]
         start, end = _on_lines(motion, arm, this.start, this.end)
         # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
         first = start - SAME_TIME if start == event.time else start + SAME_TIME

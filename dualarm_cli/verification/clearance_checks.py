@@ -13,7 +13,7 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import GIVES, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
@@ -199,12 +199,12 @@ def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[fl
     tasks = {task.id for task in job.tasks if task.arm == arm and task.part == part}
     spans = []
     for event in schedule.events:
-        if event.arm != arm or event.task not in tasks or event.action != "pick":
+        if event.arm != arm or event.task not in tasks or event.action not in TAKES:
             continue
         ends = [
-            e.time + e.dwell
+            e.changes_held
             for e in schedule.events
-            if (e.arm, e.task, e.action) == (arm, event.task, "place") and e.time >= event.time
+            if (e.arm, e.task) == (arm, event.task) and e.action in GIVES and e.time >= event.time
         ]
         spans.append((event.time, min(ends, default=float(schedule.trajectory.time[-1]))))
     return spans
