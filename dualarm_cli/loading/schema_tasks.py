@@ -24,6 +24,8 @@ CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
     "type": "array",
 }
+MOST_PARTS = 1_000_000
+"""Most parts of a buffer."""
 _KINDS = ("pick", "place", "move", "coordinate", "path")
 
 
@@ -60,6 +62,10 @@ class TargetSection(FramedPose):
         default=None,
         description="Joint configurations instead of a pose.",
         json_schema_extra=CONFIGURATIONS,
+    )
+    buffer: Name | None = Field(
+        default=None,
+        description="Buffer that a place puts its part into, or a pick takes one out of.",
     )
 
     @model_validator(mode="after")
@@ -134,6 +140,24 @@ class TaskSection(Section):
         return self
 
 
+class BufferSection(Section):
+    """Room for parts that are all alike, on the way from one task to another."""
+
+    capacity: Annotated[int, Field(ge=1, le=MOST_PARTS)] = Field(
+        description="How many parts it has room for."
+    )
+    initial: Annotated[int, Field(ge=0, le=MOST_PARTS)] = Field(
+        default=0, description="How many parts are in it at the start."
+    )
+
+    @model_validator(mode="after")
+    def _room_for_all(self) -> BufferSection:
+        if self.initial > self.capacity:
+            text = f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
+            raise refuse(text, "initial")
+        return self
+
+
 class DefaultsSection(Section):
     """What holds for every pick and place that does not say otherwise."""
 
@@ -184,6 +208,10 @@ class TasksFile(Section):
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,
         description="Lists of tasks that one arm does one right after the other, for order: optimise.",
+    )
+    buffers: dict[Name, BufferSection] = Field(
+        default_factory=dict,
+        description="Room for parts on the way from one task to another, by name.",
     )
     tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
         description="The tasks, in order."

@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.loading.buffers import check_buffers, read_buffers
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
@@ -64,6 +65,7 @@ def load_job(path: str | Path) -> Job:
     model = validate(document, TasksFile, findings)
     sections = _good_tasks(document, model)
     check_tasks(document, sections, findings)
+    check_buffers(document, sections, model, findings)
     if model is not None:
         check_settings(document, model, findings)
     loaded = _load_cell(project, document, Path(path), findings)
@@ -80,6 +82,7 @@ def load_job(path: str | Path) -> Job:
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
     cell, notes = loaded
+    buffers, buffer_notes = read_buffers(document, model)
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
     return Job(
         cell,
@@ -89,10 +92,11 @@ def load_job(path: str | Path) -> Job:
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        (*notes, *permission_notes(model), *order_notes),
+        (*notes, *permission_notes(model), *order_notes, *buffer_notes),
         model.mode,
         model.order,
         tuple(tuple(names) for names in model.sequences),
+        buffers=buffers,
     )
 
 
@@ -282,7 +286,13 @@ class _TaskReader:
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
             stops.append(
-                Stop(action, target, *self._surroundings(section, action == "move"), place)
+                Stop(
+                    action,
+                    target,
+                    *self._surroundings(section, action == "move"),
+                    place,
+                    target_section.buffer or "",
+                )
             )
         return tuple(stops)
 

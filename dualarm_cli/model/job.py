@@ -10,6 +10,7 @@ from typing import Literal
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
@@ -100,6 +101,13 @@ class Stop:
     """Time at the target."""
     place: Place
     """Where it is written."""
+    buffer: str = ""
+    """Name of the buffer that a part is put into or taken out of; empty for none."""
+
+    @property
+    def stored(self) -> int:
+        """By how much it changes the number of parts in its buffer: 1 for a place, -1 for a pick, 0 without."""
+        return (self.action in GIVES) - (self.action in TAKES) if self.buffer else 0
 
 
 @dataclass(frozen=True)
@@ -221,6 +229,8 @@ class Job:
     """Tasks that one arm does one right after the other, by their ids."""
     pairing: tuple[tuple[StopKey, ...], ...] | None = None
     """What is done in each stage; None for the k-th target of each arm in stage k."""
+    buffers: Mapping[str, Buffer] = field(default_factory=dict)
+    """Places for parts between tasks, by name."""
 
     @property
     def is_decided(self) -> bool:
