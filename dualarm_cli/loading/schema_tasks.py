@@ -153,7 +153,9 @@ class BufferSection(Section):
     @model_validator(mode="after")
     def _room_for_all(self) -> BufferSection:
         if self.initial > self.capacity:
-            text = f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
+            text = (
+                f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
+            )
             raise refuse(text, "initial")
         return self
 

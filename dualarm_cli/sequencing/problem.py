@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.sequencing.stores import Stores
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CHUNK = 2_000_000
@@ -74,6 +75,11 @@ class SequencingProblem:
     """Whether each arm does its tasks in the order of their numbers."""
     turn: tuple[float, float] = (0.0, 0.0)
     """How long the platform turns before the first stop and after the last one [s]."""
+    stores: Stores | None = None
+    """Buffers for parts between stops; None without any. Stops are those of all tasks, one after the other."""
+    lasts: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    """How long before a stop is over its tool is at the target, and its dwell is over [s], shape (s, 2); empty without
+    buffers."""
 
     @property
     def tasks(self) -> int:
@@ -98,7 +104,7 @@ class SequencingProblem:
     @cached_property
     def coupled(self) -> bool:
         """Whether arms depend on one another or on the time."""
-        return bool(self.before) or self.windows
+        return bool(self.before) or self.windows or self.stores is not None
 
     @cached_property
     def between(self) -> tuple[FloatArray, ...]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice, permutations, product
+from math import prod
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
+from dualarm_cli.sequencing.stage_alignment import Alignments, any_alignment
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals, with_angles
@@ -15,8 +17,12 @@ from dualarm_cli.sequencing.stage_units import Unit
 
 FEW = 7
 """So many tasks, or sequences of tasks, are few."""
+FEW_WITH_BUFFERS = 5
+"""The same where buffers make arms wait for each other: all stops that may come side by side are timed as well."""
 AT_ONCE = 2000
 """Orders that are timed at once."""
+NUMBERS = 1_000_000
+"""Numbers that are worked on at once where buffers make arms wait."""
 
 
 def best_of_all(
@@ -26,13 +32,15 @@ def best_of_all(
 ) -> StageOrder | None:
     """Returns the best order of all in which each arm makes its next stop as soon as what comes before it is over.
 
-    None where no order keeps all rules.
+    None where no order keeps all rules. With buffers it is the best of all, whoever waits for whom.
 
     Args:
         problem: what is asked.
         better: is told every new least total [s].
         stop: whether to stop early, once there is one.
     """
+    if problem.stores is not None:
+        return _best_with_buffers(problem, better, stop)
     every = _orders(problem)
     best: tuple[float, IntArray] | None = None
     while some := list(islice(every, AT_ONCE)):
@@ -50,15 +58,60 @@ def best_of_all(
     return None if best is None else with_angles(problem, best[1])
 
 
-def _orders(problem: StageProblem) -> Iterator[IntArray]:
-    """Yields the stages of every order."""
+def _best_with_buffers(
+    problem: StageProblem, better: Callable[[float], None], stop: Callable[[], bool]
+) -> StageOrder | None:
+    """Returns the best order of all, see `best_of_all`."""
+    best: tuple[float, list[IntArray]] | None = None
+    for some in _queues(problem):
+        if best is not None and stop():
+            break
+        size = max(1, NUMBERS // len(problem.turn) ** 2)
+        for k in range(0, len(some[0]), size):
+            queues = [own[k : k + size] for own in some]
+            found = Alignments(problem, queues).totals()
+            row = int(found.argmin())
+            if np.isfinite(found[row]) and (best is None or found[row] < best[0]):
+                best = float(found[row]), [own[row : row + 1] for own in queues]
+                better(best[0])
+    if best is None:
+        return None
+    one = Alignments(problem, best[1])
+    one.totals()
+    return with_angles(problem, one.best())
+
+
+def _queues(problem: StageProblem) -> Iterator[list[IntArray]]:
+    """Yields, for each way to give tasks to arms, every order of all arms: by arm their stops, shape (b, n)."""
     units = StageSearch(problem, 0).units
+    for ways in _own_orders(problem, units):
+        count = prod(len(own) for own in ways)
+        rows = np.indices([len(own) for own in ways]).reshape(len(ways), count)
+        yield [
+            np.array([[s for u in row for s in units[u].stops] for row in own], dtype=np.int64)[
+                rows[a]
+            ].reshape(count, -1)
+            for a, own in enumerate(ways)
+        ]
+
+
+def _own_orders(
+    problem: StageProblem, units: Sequence[Unit]
+) -> Iterator[list[list[tuple[int, ...]]]]:
+    """Yields, for each way to give units to arms, every order of each arm's own."""
     for arms in product(*(unit.arms for unit in units)):
         own = [[u for u, arm in enumerate(arms) if arm == a] for a in range(len(problem.length))]
         if problem.in_file_order:
             ways = [[tuple(sorted(some, key=lambda u: units[u].tasks[0]))] for some in own]
         else:
             ways = [list(permutations(some)) for some in own]
+        yield ways
+
+
+def _orders(problem: StageProblem) -> Iterator[IntArray]:
+    """Yields the stages of every order."""
+    units = StageSearch(problem, 0).units
+    for ways in _own_orders(problem, units):
         for rows in product(*ways):
             slots = side_by_side(problem, [[units[u] for u in row] for row in rows])
             if slots is not None:
@@ -68,8 +121,12 @@ def _orders(problem: StageProblem) -> Iterator[IntArray]:
 def side_by_side(problem: StageProblem, rows: Sequence[Sequence[Unit]]) -> IntArray | None:
     """Returns stages in which each arm makes its next stop as soon as what comes before it is over.
 
-    None where arms wait for one another for ever, or a rule is broken.
+    None where arms wait for one another for ever, or a rule is broken. With buffers an arm waits as well where both
+    would not get to the end otherwise.
     """
+    if problem.stores is not None:
+        own = [[stop for unit in row for stop in unit.stops] for row in rows]
+        return any_alignment(problem, own)
     queues = [
         [(t, stop) for unit in row for t in unit.tasks for stop in problem.tasks[t]] for row in rows
     ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
-from dualarm_cli.sequencing.stage_times import Ends, closing, previous, totals
+from dualarm_cli.sequencing.stage_times import Ends, closing, missing_parts, previous, totals
 
 
 @dataclass(frozen=True)
@@ -117,13 +117,7 @@ class Insertions:
     def totals(self, tries: list[Place]) -> FloatArray:
         """Returns when all is done with stops at each of some places [s], shape (b,)."""
         if not self._plain:
-            orders = [place.done(self._slots) for place in tries]
-            batch = np.full(
-                (len(orders), max(len(one) for one in orders), self._slots.shape[1]), IDLE
-            )
-            for k, one in enumerate(orders):
-                batch[k, : len(one)] = one
-            return totals(self._problem, batch, self._ends)
+            return totals(self._problem, self._orders(tries, self._slots), self._ends)
         n, rows = len(self._whole), [tuple(row) for row in self._whole.tolist()]
         following = self._next_active()
         first = np.array([place.first for place in tries])
@@ -142,7 +136,19 @@ class Insertions:
             after = previous(batch[last], self._problem.stops, came[last])[:, -1]
             rest[last] = closing(self._problem, after)
         none = np.zeros((0, arms), dtype=np.int64)
-        return totals(self._problem, batch, Ends(came, self._values[first], none, rest))
+        found = totals(self._problem, batch, Ends(came, self._values[first], none, rest))
+        if self._problem.stores is None:
+            return found
+        whole = self._orders(tries, self._whole)
+        return found + missing_parts(self._problem, whole, self._ends)
+
+    def _orders(self, tries: list[Place], slots: IntArray) -> IntArray:
+        """Returns an order with stops at each of some places, shape (b, stages, arms); IDLE stages at shorter ends."""
+        orders = [place.done(slots) for place in tries]
+        batch = np.full((len(orders), max(len(one) for one in orders), slots.shape[1]), IDLE)
+        for k, one in enumerate(orders):
+            batch[k, : len(one)] = one
+        return batch
 
     def _next_active(self) -> list[list[int]]:
         """Returns, by arm and stage, the stage after the arm's next stop from there on, or the number of stages."""

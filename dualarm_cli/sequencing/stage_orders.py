@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
-from dualarm_cli.sequencing.stage_exact import FEW, best_of_all, side_by_side
+from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import with_angles
@@ -36,7 +36,7 @@ class StageEffort:
 
 def is_few(problem: StageProblem) -> bool:
     """Returns whether all orders are timed."""
-    return len(problem.tasks) <= FEW
+    return len(problem.tasks) <= (FEW if problem.stores is None else FEW_WITH_BUFFERS)
 
 
 def good_orders(
@@ -65,7 +65,8 @@ def good_orders(
     found: list[StageOrder] = []
 
     def told(one: StageOrder) -> None:
-        better(one.total)
+        if _has_all_parts(problem, one):
+            better(one.total)
 
     for k in range(effort.starts):
         if found and stop():
@@ -88,11 +89,17 @@ def good_orders(
         # What the file says is an answer as well, and may turn out to be the quickest one.
         plain = with_angles(problem, given)
         found += [plain] if np.isfinite(plain.total) else []
+    found = [one for one in found if _has_all_parts(problem, one)]
     found.sort(key=lambda one: one.total)
     kept: dict[bytes, StageOrder] = {}
     for one in found:
         kept.setdefault(one.slots.tobytes(), one)
     return list(kept.values())
+
+
+def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:
+    """Returns whether buffers have every part that is taken, and room for every one that is put."""
+    return problem.stores is None or problem.stores.missing(order.slots[None])[0] == 0.0
 
 
 def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> StageOrder | None:

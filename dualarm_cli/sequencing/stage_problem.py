@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.sequencing.stores import Stores
 
 IDLE = -1
 """Stands for an arm without a stop in a stage."""
@@ -48,6 +49,8 @@ class StageProblem:
     apart: FloatArray | None = None
     """What it costs that the first arm makes a stop while the second one makes another, infinite where they would
     touch, by angle [s], shape (s + 2, s + 2, f); 0 in the last row and column, which IDLE points at."""
+    stores: Stores | None = None
+    """Buffers for parts between stops; None without any."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
@@ -74,4 +77,5 @@ class StageOrder:
     angles: IntArray
     """Number of the platform angle of each stage, shape (n,)."""
     total: float
-    """When all is done [s], with LATE times what is late; infinite where it cannot be."""
+    """When all is done [s], with LATE times what is late and what parts count that are not there or have no room;
+    infinite where it cannot be."""

@@ -27,13 +27,15 @@ class Ends:
     """The stages right after them, until each arm has had a stop, shape (m, arms)."""
     rest: FloatArray | None
     """How long all takes after those, from each angle [s], shape (f,) or (b, f); None for the way back alone."""
+    parts: IntArray | None = None
+    """How many parts are in each buffer before them, shape (K,); None where that does not count."""
 
     def take(self, rows: slice) -> Ends:
         """Returns those of some orders, where they are different ones."""
         if self.came.ndim == 1:
             return self
         rest = None if self.rest is None else self.rest[rows]
-        return Ends(self.came[rows], self.values[rows], self.then, rest)
+        return Ends(self.came[rows], self.values[rows], self.then, rest, self.parts)
 
 
 def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> FloatArray:
@@ -59,13 +61,22 @@ def totals(problem: StageProblem, slots: IntArray, ends: Ends | None = None) -> 
         )[0]
         for k in range(0, len(slots), size)
     ]
-    return np.concatenate(found) if found else np.zeros(0)
+    plain = np.concatenate(found) if found else np.zeros(0)
+    return plain + missing_parts(problem, slots, ends)
+
+
+def missing_parts(problem: StageProblem, slots: IntArray, ends: Ends | None) -> FloatArray:
+    """Returns what b orders count for parts that are not there or have no room [s], shape (b,); as of `totals`."""
+    if problem.stores is None or (ends is not None and ends.parts is None):
+        return np.zeros(len(slots))
+    return problem.stores.missing(slots, None if ends is None else ends.parts)
 
 
 def with_angles(problem: StageProblem, slots: IntArray) -> StageOrder:
     """Returns one order (n, arms) with the best platform angles for it."""
     total, angles = _swept(problem, slots[None], None, trace=True)
-    return StageOrder(slots, angles, float(total[0]))
+    missing = missing_parts(problem, slots[None], None)
+    return StageOrder(slots, angles, float(total[0] + missing[0]))
 
 
 def previous(slots: IntArray, start: int, came: IntArray | None = None) -> IntArray:
@@ -92,7 +103,7 @@ class Stretches:
 
     def __init__(self, problem: StageProblem, slots: IntArray) -> None:
         """Computes both."""
-        self._slots = slots
+        self._slots, self._stores = slots, problem.stores
         self._came = previous(slots[None], problem.stops)
         with np.errstate(invalid="ignore"):
             self._values = _forward(problem, slots[None], self._came, None, trace=False)[0][:, 0]
@@ -111,7 +122,8 @@ class Stretches:
             seen |= self._slots[stop] != IDLE
             stop += 1
         rest = self._rest[stop] if stop < len(self._slots) else None
-        return Ends(self._came[0, first], self._values[first], self._slots[last:stop], rest)
+        parts = None if self._stores is None else self._stores.after(self._slots[:first])
+        return Ends(self._came[0, first], self._values[first], self._slots[last:stop], rest, parts)
 
 
 def _swept(
@@ -182,6 +194,22 @@ def _ends(
         whole += problem.apart[slots[:, k, 0], slots[:, k, 1]][:, None]
     whole += value[:, :, None]
     return whole
+
+
+def stage_values(
+    problem: StageProblem, stops: IntArray, came: IntArray, value: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Returns when a stage of b orders is over by its own angle [s], and from which angle it is best begun, (b, f) each.
+
+    Args:
+        problem: what is asked.
+        stops: of the stage, shape (b, arms); not all IDLE.
+        came: what each arm made before, shape (b, arms).
+        value: when the stage before is over at each angle [s], shape (b, f).
+    """
+    with np.errstate(invalid="ignore"):
+        over = _ends(problem, stops[:, None], came[:, None], value, 0)
+        return _in_windows(problem, stops, over.min(axis=1)), over.argmin(axis=1)
 
 
 def _in_windows(problem: StageProblem, stops: IntArray, over: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise, permutations, product
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from dualarm_cli.sequencing.problem import ArmTasks, SequencingProblem
 from dualarm_cli.sequencing.stage_problem import StageProblem
+from dualarm_cli.sequencing.stores import Stores
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 Rows = tuple[tuple[int, ...], ...]
@@ -171,3 +173,36 @@ def kept() -> Callable[..., bool]:
         return True
 
     return keeps
+
+
+@pytest.fixture(scope="session")
+def with_stores() -> Callable[..., SequencingProblem | StageProblem]:
+    """Adds buffers to a problem: random stops put parts in (last ones of tasks) or take them out (first ones)."""
+
+    def made(
+        problem: SequencingProblem | StageProblem, seed: int, count: int = 2
+    ) -> SequencingProblem | StageProblem:
+        rng = np.random.default_rng(seed)
+        in_stages = isinstance(problem, StageProblem)
+        sizes = [len(own) for own in problem.tasks] if in_stages else list(problem.stops)
+        s = sum(sizes)
+        change = np.zeros((s + 1, count), dtype=np.int64)
+        at = 0
+        for size in sizes:
+            for k in range(size):
+                # A pick comes before its place; a task of one stop is either.
+                sign = (-1 if k == 0 else 1) if size == 2 else rng.choice((-1, 1))
+                if rng.random() < 0.75:
+                    change[at + k, rng.integers(count)] = sign
+            at += size
+        # By the numbers alone there may be an order.
+        net = change.sum(axis=0)
+        capacity = np.maximum(rng.integers(1, 3, count), np.abs(net))
+        initial = rng.integers(np.maximum(0, -net), np.minimum(capacity, capacity - net) + 1)
+        stores = Stores(change, capacity, initial)
+        if in_stages:
+            return replace(problem, stores=stores)
+        lasts = np.sort(rng.uniform(0.0, 0.15, (s, 2)), axis=1)[:, ::-1]
+        return replace(problem, stores=stores, lasts=lasts)
+
+    return made
