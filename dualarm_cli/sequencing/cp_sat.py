@@ -179,6 +179,46 @@ class _Model:
         if problem.not_after is not None:
             for t in np.flatnonzero(np.isfinite(problem.not_after)).tolist():
                 model.add(over[t] <= int(np.ceil(MILLISECONDS * problem.not_after[t])))
+        self._stores(over)
+
+    def _stores(self, over: list[Any]) -> None:
+        """Parts and room at every instant, as far as events alone tell: they come one after the other.
+
+        Each millisecond has as many ranks as there may be events in it, so that none are at once.
+        """
+        stores, model = self.problem.stores, self.model
+        if stores is None:
+            return
+        rows = np.flatnonzero(stores.change.any(axis=1)).tolist()
+        ranks = len(rows) + 1
+        event = {r: model.new_int_var(0, (self.horizon + 1) * ranks, f"event_{r}") for r in rows}
+        own = [[r for r in (2 * t, 2 * t + 1) if r in event] for t in range(self.problem.tasks)]
+        for t, mine in enumerate(own):
+            for row in mine:
+                model.add(event[row] < (over[t] + 1) * ranks)
+            if len(mine) > 1:
+                model.add(event[mine[0]] < event[mine[1]])
+        for one, other in self.problem.before:
+            for row in own[other]:
+                model.add(event[row] >= over[one] * ranks)
+                for last in own[one]:
+                    model.add(event[row] > event[last])
+        for arcs in self.arcs:
+            for (i, j), literal in arcs.items():
+                if i == self.problem.tasks or j == self.problem.tasks:
+                    continue
+                for row in own[j]:
+                    model.add(event[row] >= over[i] * ranks).only_enforce_if(literal)
+                    for last in own[i]:
+                        model.add(event[row] > event[last]).only_enforce_if(literal)
+        model.add_all_different(event.values())
+        for k, capacity in enumerate(stores.capacity.tolist()):
+            # What is there at the start comes before all; events begin at 1.
+            times, changes = list[Any]([0]), [int(stores.initial[k])]
+            for row in np.flatnonzero(stores.change[:, k]).tolist():
+                times.append(event[row] + 1)
+                changes.append(int(stores.change[row, k]))
+            model.add_reservoir_constraint(times, changes, 0, capacity)
 
     def hint(self, start: Sequence[Sequence[int]]) -> None:
         """Tells the solver an order."""

@@ -8,12 +8,14 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.problem import Order, SequencingProblem
-from dualarm_cli.sequencing.times import Timed, best_ways, keeps_rules, timed
+from dualarm_cli.sequencing.times import Timed, best_ways, keeps_rules, own_times, timed
 
 MOST_STATES = 700_000_000
 """Subsets times nodes times nodes, beyond which dynamic programming takes too long."""
 FEW = 7
 """So many tasks are enumerated where arms depend on each other."""
+FEW_WITH_BUFFERS = 5
+"""The same where buffers make them wait."""
 MOST_TASKS = 13
 """Largest number of tasks of the dynamic programme."""
 
@@ -21,7 +23,7 @@ MOST_TASKS = 13
 def is_small(problem: SequencingProblem) -> bool:
     """Returns whether `exact_order` serves a problem."""
     if problem.coupled:
-        return problem.tasks <= FEW
+        return problem.tasks <= (FEW if problem.stores is None else FEW_WITH_BUFFERS)
     nodes = problem.tasks * problem.ways
     return problem.tasks <= MOST_TASKS and nodes * nodes * 2**problem.tasks // 2 <= MOST_STATES
 
@@ -84,7 +86,7 @@ def _orders(
         every: list[tuple[int, ...]] = [()] * arms
         every[a] = own
         if keeps_rules(problem, [own]):
-            found.append((own, timed(problem, best_ways(problem, every)).own[a]))
+            found.append((own, own_times(problem, best_ways(problem, every))[a]))
     return sorted(found, key=lambda one: (one[1], one[0]))
 
 

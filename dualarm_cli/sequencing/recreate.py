@@ -9,6 +9,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.sequencing.problem import Order, SequencingProblem
 from dualarm_cli.sequencing.route_units import UnitNodes, neighbours, ranks, route_units
+from dualarm_cli.sequencing.served_first import order_that_is_served
 from dualarm_cli.sequencing.times import Timed, best_ways, timed
 
 REMOVED = 8.0
@@ -46,13 +47,19 @@ class Recreator:
         self._rank = ranks(self._before)
 
     def first(self) -> Timed | None:
-        """Returns an order by insertion of the longest tasks first, None where none was found."""
+        """Returns an order by insertion of the longest tasks first, None where none was found.
+
+        Where an arm would wait for a buffer for ever, one that is put together task after task.
+        """
         routes = [np.zeros((0, 2), dtype=np.int64) for _ in self.problem.arms]
         dear = [-min(float(np.min(one)) for one in unit.inside) for unit in self._units]
         order = sorted(range(len(self._units)), key=lambda u: (self._rank[u], dear[u]))
-        if not self._insert(routes, order, WEIGHTS[0], 0.0):
-            return None
-        return self._polished(routes)
+        found = None
+        if self._insert(routes, order, WEIGHTS[0], 0.0):
+            found = self._polished(routes)
+        if self.problem.stores is not None and (found is None or found.left):
+            found = order_that_is_served(self.problem, self._units, self._random) or found
+        return found
 
     def improve(
         self,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.sequencing.problem import SequencingProblem
 from dualarm_cli.sequencing.stage_problem import StageProblem
+from dualarm_cli.sequencing.stores import Stores
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class Relaxation:
     """Latest instant at which a task may be over [s], shape (n,)."""
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
+    stores: Stores | None = None
+    """Buffers; row 2 t of what is changed is the first stop of task t, row 2 t + 1 its last one, 0 for the same."""
 
     @property
     def tasks(self) -> int:
@@ -40,7 +44,8 @@ class Relaxation:
     @property
     def timed(self) -> bool:
         """Whether it matters when a task is done."""
-        return bool(self.before) or self.not_before is not None or self.not_after is not None
+        windows = self.not_before is not None or self.not_after is not None
+        return bool(self.before) or windows or self.stores is not None
 
     def kept(self, arm: int) -> FloatArray:
         """Returns an arm's costs, infinite too where rules forbid that one task comes right after another."""
@@ -82,7 +87,21 @@ def of_ways(problem: SequencingProblem) -> Relaxation:
         problem.not_before if problem.windows else None,
         problem.not_after if problem.windows else None,
         problem.in_file_order,
+        _by_task(problem.stores, problem.stops),
     )
+
+
+def _by_task(stores: Stores | None, stops: Sequence[int]) -> Stores | None:
+    """Returns buffers with two rows for each task, its first stop's and its last one's, 0 where it is the same."""
+    if stores is None:
+        return None
+    change = np.zeros((2 * len(stops) + 1, len(stores.initial)), dtype=np.int64)
+    first = np.concatenate([[0], np.cumsum(stops)])
+    for t, count in enumerate(stops):
+        change[2 * t] = stores.change[first[t]]
+        if count > 1:
+            change[2 * t + 1] = stores.change[first[t + 1] - 1]
+    return replace(stores, change=change)
 
 
 def of_stages(problem: StageProblem) -> Relaxation:
@@ -112,4 +131,5 @@ def of_stages(problem: StageProblem) -> Relaxation:
         None if early is None else early[first],
         None if late is None else late[last[:n]],
         problem.in_file_order,
+        _by_task(problem.stores, [len(own) for own in problem.tasks]),
     )

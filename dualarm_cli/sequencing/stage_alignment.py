@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def any_alignment(problem: StageProblem, queues: Sequence[Queue]) -> IntArray | 
             tries.append(rules.moves(to))
     stages = [
         [queue[k] if k < m else IDLE for queue, k, m in zip(queues, one, other, strict=True)]
-        for one, other in zip(path[:-1], path[1:], strict=True)
+        for one, other in pairwise(path)
     ]
     return np.array(stages, dtype=np.int64).reshape(-1, len(queues))
 

@@ -199,7 +199,7 @@ def _ends(
 def stage_values(
     problem: StageProblem, stops: IntArray, came: IntArray, value: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Returns when a stage of b orders is over by its own angle [s], and from which angle it is best begun, (b, f) each.
+    """Returns when a stage of b orders is over by its own angle [s], and the angle it is best begun at, (b, f) each.
 
     Args:
         problem: what is asked.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 
 MISSING = 1000.0
 """What a part counts in the total that is taken and not there, or put where there is no room [s]."""
@@ -27,7 +27,9 @@ class Stores:
     def __post_init__(self) -> None:
         """Freezes the arrays."""
         for name in ("change", "capacity", "initial"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            numbers = np.array(getattr(self, name), dtype=np.int64)
+            numbers.setflags(write=False)
+            object.__setattr__(self, name, numbers)
 
     def after(self, slots: IntArray) -> IntArray:
         """Returns how many parts there are after the stages of an order (n, arms), shape (K,)."""

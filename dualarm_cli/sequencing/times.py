@@ -9,9 +9,12 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.sequencing.problem import Order, SequencingProblem
+from dualarm_cli.sequencing.stored_times import StoredOrder
 
 LATE = 1000.0
 """What an instant of a window that is missed counts, in instants of the total."""
+STUCK = 1e6
+"""What a stop counts that is never made, as it waits for a part or for room for ever [s]."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class Timed:
     """By arm, when each task's first approach begins [s]."""
     ends: tuple[tuple[float, ...], ...] = ()
     """By arm, when each task is over [s]."""
+    left: int = 0
+    """Stops that are never made, as they wait for parts or for room for ever."""
 
     @property
     def is_possible(self) -> bool:
@@ -39,14 +44,18 @@ class Timed:
     @property
     def worth(self) -> float:
         """What is minimised [s]: the total, what is late many times, and a little of the arms' own times."""
+        if self.left:
+            return STUCK * self.left + sum(self.own)
         return self.total + LATE * self.late + 1e-3 * sum(self.own)
 
 
 def timed(problem: SequencingProblem, order: Order) -> Timed:
-    """Returns the times of an order, with waits for tasks that come before and for windows to open."""
-    own = _own(problem, order)
+    """Returns the times of an order, with waits for tasks that come before, for windows to open, and for buffers."""
+    own = own_times(problem, order)
     if not problem.coupled:
         return Timed(order, max(own), own)
+    if problem.stores is not None:
+        return _stored(problem, order, own)
     ways, first = problem.ways, _predecessors(problem)
     clock = [0.0] * len(order.nodes)
     place = [0] * len(order.nodes)
@@ -85,7 +94,17 @@ def timed(problem: SequencingProblem, order: Order) -> Timed:
     )
 
 
-def _own(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
+def _stored(problem: SequencingProblem, order: Order, own: tuple[float, ...]) -> Timed:
+    """Returns the times of an order with buffers."""
+    stored = StoredOrder(problem, order)
+    last = stored.played()
+    if left := stored.left(last):
+        return Timed(order, np.inf, own, left=left)
+    return Timed(order, stored.done(last), own, last.late, *stored.times(last))
+
+
+def own_times(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
+    """Returns, by arm, the time of its own transfers and tasks, without waiting [s]."""
     found = []
     for a, nodes in enumerate(order.nodes):
         if not nodes:

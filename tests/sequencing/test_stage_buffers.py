@@ -161,7 +161,7 @@ def test_every_place_is_priced_with_its_parts(in_stages, with_stores):
         whole = search.first().slots
         for u in range(len(search.units)):
             left = search.without(whole, {u})
-            tries = search._places(left, u, None)  # noqa: SLF001
+            tries = search._places(left, u, None)
             found = Insertions(problem, left, None).totals(tries)
             for place, total in zip(tries, found.tolist(), strict=True):
                 assert total == pytest.approx(with_angles(problem, place.done(left)).total)
