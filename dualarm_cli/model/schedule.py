@@ -16,9 +16,10 @@ from dualarm_cli.model.verification import Verification
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
-WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "end"]
+WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "buffer", "end"]
 """Why an arm waits: for the platform to be there; for the other arm to finish the stage; for it to be out of the way;
-for a task that has to be done before; for the time before which a task must not begin; because its work is done."""
+for a task that has to be done before; for the time before which a task must not begin; for a part in a buffer or room
+in it; because its work is done."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
 from dualarm_cli.planning.free_orders import FreeOrder, FreeOrders, free_orders
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.motion import Motion
@@ -104,6 +105,8 @@ def stage_by_stage(job: Job) -> Job:
     Raises:
         InfeasibleError: in the order that is given arms wait for one another for ever.
     """
+    if job.is_decided and used_buffers(job):
+        return replace(job, mode="paired", pairing=served_pairing(job))
     if not job.is_decided or not any(task.after for task in job.tasks):
         return replace(job, mode="paired")
     queues = [

@@ -12,6 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WaitReason
+from dualarm_cli.planning.buffer_meeting import MeetingBuffers, first_missed
 from dualarm_cli.planning.own_clock import OwnClock, Wait
 from dualarm_cli.sequencing.coordination import Diagram, quickest_together
 
@@ -76,6 +77,8 @@ class Meeting:
         blocked = self._blocked((steps[0], steps[1]), step, band, spread)
         reasons: tuple[dict[int, WaitReason], ...] = ({}, {})
         self._precedence(blocked, (steps[0], steps[1]), step, reasons)
+        buffers = MeetingBuffers(self.job, self.clocks, (steps[0], steps[1]), step).blocked(band)
+        blocked |= buffers
         opens = self._opens((steps[0], steps[1]), step, reasons)
         found = quickest_together(
             Diagram(
@@ -87,13 +90,20 @@ class Meeting:
         )
         if found is None:
             return None
+
+        def missed(a: int, place: int) -> bool:
+            now = place + sum(wait for at, wait in found.waits[a] if at < place)
+            there = found.place(1 - a, now)
+            at = (place, there) if a == 0 else (there, place)
+            return first_missed(blocked, buffers, (steps[0], steps[1]), at)
+
         one, other = (
             [
-                Wait(own[place], wait * step, _reason(place, why))
-                for place, wait in waits
+                Wait(own[place], wait * step, "buffer" if missed(a, place) else _reason(place, why))
+                for place, wait in found.waits[a]
                 if place in own
             ]
-            for own, waits, why in zip(rests, found.waits, reasons, strict=True)
+            for a, (own, why) in enumerate(zip(rests, reasons, strict=True))
         )
         return one, other
 

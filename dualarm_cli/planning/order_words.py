@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.job import Task
+from dualarm_cli.model.buffer import Buffer
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.planning.buffer_numbers import used_buffers
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.reach import explain_reach
 from dualarm_cli.planning.stage_problems import stop_problems
@@ -51,8 +53,9 @@ def _why(order: OrderModel, t: int, name: str) -> str:
 
 
 NOT_FOUND = (
-    "no order was found that keeps all rules (windows, after, sequences), though none is proven to be impossible; "
-    "allow more time (--effort thorough), widen the windows, or let more tasks be done by any arm"
+    "no order was found that keeps all rules (windows, after, sequences, buffers), though none is proven to be "
+    "impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let more tasks be "
+    "done by any arm"
 )
 """What is said where rules may be kept, but nothing was found that does."""
 
@@ -64,7 +67,7 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
         order: the job's tasks.
         problem: the same with least times; what is impossible for it is impossible.
     """
-    rules = _rules(problem, order.job.tasks)
+    rules = _rules(problem, order.job.tasks) | _buffer_rules(problem, order.job)
     if not _is_impossible(problem):
         return None
     kept = list(rules)
@@ -75,6 +78,7 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
     places = {
         f"{task.place}" for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)
     }
+    places |= {f"{b.place}" for name, b in order.job.buffers.items() if _of_buffer(name, b) in kept}
     where = f"{min(places)}: " if places else ""
     if not kept:
         return InfeasibleError(
@@ -131,8 +135,28 @@ def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
     return found
 
 
+def _buffer_rules(problem: Relaxation, job: Job) -> dict[str, Rule]:
+    """Returns the buffers, each with what puts it into a problem beside those that are there."""
+    found: dict[str, Rule] = {}
+    every = problem.stores
+    if every is None:
+        return found
+    for k, name in enumerate(used_buffers(job)):
+
+        def holds(p: Relaxation, k: int = k) -> Relaxation:
+            return replace(p, stores=every.only(k).beside(p.stores))
+
+        found[_of_buffer(name, job.buffers[name])] = holds
+    return found
+
+
+def _of_buffer(name: str, buffer: Buffer) -> str:
+    """Returns a buffer as a rule that contradicts others."""
+    return f"buffer {name} (room for {buffer.capacity}, {buffer.initial} at the start)"
+
+
 def _only(problem: Relaxation, rules: list[Rule]) -> Relaxation:
-    found = replace(problem, before=(), sequences=(), not_before=None, not_after=None)
+    found = replace(problem, before=(), sequences=(), not_before=None, not_after=None, stores=None)
     for rule in rules:
         found = rule(found)
     return found

@@ -137,6 +137,8 @@ class PairedSearch:
         bound, how = None, SEARCHED
         if few:
             how = f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks were timed, k-th stops side by side"
+            if self.problem.stores is not None:
+                how = how.replace("k-th stops side by side", "whoever waits for whom")
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
         if tasks <= MOST_PROVEN and not watch.stop():
             watch.tell("bounding all orders")

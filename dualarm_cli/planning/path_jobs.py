@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Task
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.path_following import PATH_SOLVERS
+from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels
 from dualarm_cli.planning.clear_checks import check_start
 from dualarm_cli.planning.clear_plan import Found, quickest_clear
 from dualarm_cli.planning.holding import Holding
@@ -94,13 +95,15 @@ class SectionPlanner:
             # What no plan can mend is told before one is looked for.
             check_start(self.problem, Holding.of(self._problem((), here).job))
         sections = job.sections()
+        done: list[Task] = []
         for section, after in zip(sections, [*sections[1:], ()], strict=True):
             if section[0].seam is not None:
                 self._add_seam(record, section, here, after[0].seam if after else None)
             elif section[0].path is None:
-                self._add_stops(record, section, here)
+                self._add_stops(record, section, here, done)
             else:
                 self._add_path(record, section, here)
+            done += section
             here = record.pieces[-1].position[-1]
         first = record.pieces[0].position[0]
         assert here is not None  # a job has at least one task
@@ -121,10 +124,15 @@ class SectionPlanner:
         return PlannedSections(motion, tuple(record.notes), cost, record.stage_plans)
 
     def _add_stops(
-        self, record: Record, section: tuple[Task, ...], here: FloatArray | None
+        self,
+        record: Record,
+        section: tuple[Task, ...],
+        here: FloatArray | None,
+        done: Sequence[Task],
     ) -> None:
-        """Appends a section of stops by the job's method."""
-        problem = self._ordered(self._problem(section, here))
+        """Appends a section of stops by the job's method; buffers hold what they do after the tasks that are done."""
+        problem = self._problem(section, here)
+        problem = self._ordered(replace(problem, job=begun(problem.job, done)))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
         record.add(found.cleared.motion)
@@ -134,6 +142,7 @@ class SectionPlanner:
     def _ordered(self, problem: MethodProblem) -> MethodProblem:
         """Returns the same section with arms and order, the best ones found, where the file leaves them open."""
         if problem.job.is_decided:
+            check_stage_levels(problem.job)
             return problem
         job = own_rules(problem.job)
         watch = Watch(tell=self.progress)

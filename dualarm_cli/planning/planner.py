@@ -12,6 +12,7 @@ from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.buffer_numbers import check_stage_levels
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.free_plan import FreePlanner
@@ -205,6 +206,7 @@ def _decided_plan(
 ) -> Schedule:
     """Returns the schedule of a job whose arms and order are given."""
     job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    check_stage_levels(job)
     progress = watch.tell
     progress(f"deciding platform angles and postures ({method.name})")
     found = quickest_clear(problem, method.solve, timing, progress, clear=clear)

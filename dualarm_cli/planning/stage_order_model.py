@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.planning.buffer_numbers import job_stores
 from dualarm_cli.planning.cheapest_postures import cheapest_postures
 from dualarm_cli.planning.meeting import meeting_costs
 from dualarm_cli.planning.order_model import OrderModel
@@ -67,6 +68,7 @@ def stage_problem(order: OrderModel) -> StageProblem:
         *_windows(order, numbers, works),
         job.order == "given",
         meeting_costs(order, stops, chosen),
+        job_stores(job),
     )
 
 

@@ -47,6 +47,17 @@ class Together:
     waits: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]
     """By arm, pairs of a place to rest and how many steps the arm waits there."""
 
+    def place(self, a: int, time: int) -> int:
+        """Returns where an arm is after so many steps of time, as if it never came to its end."""
+        gone = 0
+        for at, wait in self.waits[a]:
+            if time <= at + gone:
+                break
+            if time <= at + gone + wait:
+                return at
+            gone += wait
+        return time - gone
+
 
 def quickest_together(diagram: Diagram) -> Together | None:
     """Returns the quickest way through the plane, None where there is none within the band."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
 from dualarm_cli.sequencing.stage_times import closing, stage_values
+from dualarm_cli.sequencing.stores import Stores
 
 Queue = Sequence[int]
 """Stops of one arm in their order."""
@@ -17,27 +19,46 @@ Moves = tuple[int, ...]
 """By arm, whether it makes its next stop in a stage."""
 
 
-def any_alignment(problem: StageProblem, queues: Sequence[Queue]) -> IntArray | None:
-    """Returns stages (n, arms) that keep buffers and precedence, None where there are none.
+@dataclass(frozen=True)
+class Aligned:
+    """How stops of arms fall into stages."""
+
+    slots: IntArray
+    """Stops by stage and arm, IDLE for none, shape (n, arms), up to where arms wait for one another for ever."""
+    at: tuple[int, ...]
+    """By arm, so many stops are made by then, all of them where there is a way."""
+    is_whole: bool
+    """Whether all stops are made."""
+
+
+def any_alignment(
+    stores: Stores,
+    tasks: Sequence[Sequence[int]],
+    before: Sequence[tuple[int, int]],
+    queues: Sequence[Queue],
+) -> Aligned:
+    """Returns stages that keep buffers and precedence, or the most stops that can be made where not all can.
 
     Arms go side by side where that leads to the end, and one waits where not: depth first over how far each has got.
 
     Args:
-        problem: with buffers.
+        stores: the buffers.
+        tasks: stops of each task.
+        before: pairs of tasks of which the first is over before the second begins.
         queues: stops by arm.
     """
-    rules = _Rules(problem, queues)
+    rules = _Rules(stores, tasks, before, queues)
     end = tuple(len(queue) for queue in queues)
     start = tuple(0 for _ in queues)
     path, tries = [start], [rules.moves(start)]
-    seen = {start}
+    farthest, seen = [start], {start}
     while path[-1] != end:
         move = next(tries[-1], None)
         if move is None:
             path.pop()
             tries.pop()
             if not path:
-                return None
+                return Aligned(_stages(farthest, queues), farthest[-1], is_whole=False)
             continue
         to = tuple(k + one for k, one in zip(path[-1], move, strict=True))
         if to not in seen:
@@ -45,6 +66,13 @@ def any_alignment(problem: StageProblem, queues: Sequence[Queue]) -> IntArray | 
             seen.add(to)
             path.append(to)
             tries.append(rules.moves(to))
+            if sum(to) > sum(farthest[-1]):
+                farthest = list(path)
+    return Aligned(_stages(path, queues), end, is_whole=True)
+
+
+def _stages(path: Sequence[tuple[int, ...]], queues: Sequence[Queue]) -> IntArray:
+    """Returns what is done between the places of a path, shape (n, arms)."""
     stages = [
         [queue[k] if k < m else IDLE for queue, k, m in zip(queues, one, other, strict=True)]
         for one, other in pairwise(path)
@@ -55,14 +83,19 @@ def any_alignment(problem: StageProblem, queues: Sequence[Queue]) -> IntArray | 
 class _Rules:
     """What may be done next from where both arms are."""
 
-    def __init__(self, problem: StageProblem, queues: Sequence[Queue]) -> None:
-        assert problem.stores is not None  # callers have looked
-        self._stores, self._queues = problem.stores, queues
+    def __init__(
+        self,
+        stores: Stores,
+        tasks: Sequence[Sequence[int]],
+        before: Sequence[tuple[int, int]],
+        queues: Sequence[Queue],
+    ) -> None:
+        self._stores, self._queues = stores, queues
         self._levels = [
-            np.concatenate([[0 * problem.stores.initial], np.cumsum(change, axis=0)])
-            for change in (problem.stores.change[list(queue)] for queue in queues)
+            np.concatenate([[0 * stores.initial], np.cumsum(change, axis=0)])
+            for change in (stores.change[list(queue)] for queue in queues)
         ]
-        ends = {problem.tasks[t][-1]: t for t in range(len(problem.tasks))}
+        ends = {own[-1]: t for t, own in enumerate(tasks)}
         over = {
             ends[stop]: (a, k + 1)
             for a, queue in enumerate(queues)
@@ -71,9 +104,8 @@ class _Rules:
         }
         # Where the tasks are over that have to be before a stop is made.
         self._first: dict[int, list[tuple[int, int]]] = {}
-        for one, other in problem.before:
-            if one in over:
-                self._first.setdefault(problem.tasks[other][0], []).append(over[one])
+        for one, other in before:
+            self._first.setdefault(tasks[other][0], []).append(over[one])
 
     def moves(self, at: tuple[int, ...]) -> Iterator[Moves]:
         """Yields who may make the next stop, all together first, then one alone, who has got less far first."""

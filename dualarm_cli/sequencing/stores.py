@@ -31,6 +31,20 @@ class Stores:
             numbers.setflags(write=False)
             object.__setattr__(self, name, numbers)
 
+    def only(self, k: int) -> Stores:
+        """Returns one of the buffers by itself."""
+        return Stores(self.change[:, [k]], self.capacity[[k]], self.initial[[k]])
+
+    def beside(self, other: Stores | None) -> Stores:
+        """Returns these and other buffers of the same stops."""
+        if other is None:
+            return self
+        return Stores(
+            np.concatenate([other.change, self.change], axis=1),
+            np.append(other.capacity, self.capacity),
+            np.append(other.initial, self.initial),
+        )
+
     def after(self, slots: IntArray) -> IntArray:
         """Returns how many parts there are after the stages of an order (n, arms), shape (K,)."""
         found: IntArray = self.initial + self.change[slots].sum(axis=(0, 1))

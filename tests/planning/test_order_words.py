@@ -22,7 +22,7 @@ def job(count):
         SimpleNamespace(id=NAMES[k], place=f"job.yaml:{k + 1}", not_before=1.0, not_after=2.0)
         for k in range(count)
     ]
-    return SimpleNamespace(job=SimpleNamespace(tasks=tasks))
+    return SimpleNamespace(job=SimpleNamespace(tasks=tasks, buffers={}))
 
 
 def tasks_of(count, arms=1, **rules):

@@ -48,6 +48,11 @@ def pairings(queues: tuple[tuple[int, ...], ...]) -> Iterator[list[tuple[int, ..
             yield [row, *more]
 
 
+def aligned(problem: StageProblem, queues):
+    """Returns any stages of some rows of stops."""
+    return any_alignment(problem.stores, problem.tasks, problem.before, queues)
+
+
 def in_order(problem: StageProblem, stages: list[tuple[int, ...]]) -> bool:
     """Says whether tasks that come before others are over in a stage before."""
     at = {stop: k for k, row in enumerate(stages) for stop in row if stop != IDLE}
@@ -186,15 +191,16 @@ def test_arms_wait_where_going_on_would_lead_nowhere(in_stages):
     change[[0, 2, 3], 0] = 1
     change[1, 1], change[4, 1] = -1, 1
     problem = replace(made, stores=Stores(change, np.array([2, 1]), np.array([0, 0])))
-    assert any_alignment(problem, [[0, 1], [2, 3, 4]]) is None
+    assert not aligned(problem, [[0, 1], [2, 3, 4]]).is_whole
+    assert sum(aligned(problem, [[0, 1], [2, 3, 4]]).at) == 2
     roomy = replace(problem, stores=replace(problem.stores, capacity=np.array([3, 1])))
-    slots = any_alignment(roomy, [[0, 1], [2, 3, 4]])
+    slots = aligned(roomy, [[0, 1], [2, 3, 4]]).slots
     assert counts(roomy, [tuple(row) for row in slots.tolist()]) == 0
     # With a take of A by the right arm after its two puts there is one way: the left arm's put comes last.
     change = np.zeros((6, 2), dtype=np.int64)
     change[[0, 2, 3], 0], change[4, 0] = 1, -1
     tight = replace(made, stores=Stores(change, np.array([2, 1]), np.array([0, 0])))
-    slots = any_alignment(tight, [[0, 1], [2, 3, 4]])
+    slots = aligned(tight, [[0, 1], [2, 3, 4]]).slots
     order = [stop for row in slots.tolist() for stop in row if stop != IDLE]
     assert order.index(4) < order.index(0)
     assert counts(tight, [tuple(row) for row in slots.tolist()]) == 0
@@ -209,11 +215,11 @@ def test_any_alignment_is_found_where_there_is_one(in_stages, with_stores, every
         for rows in every_row(3, 2):
             queues = tuple(tuple(s for t in row for s in problem.tasks[t]) for row in rows)
             some = [p for p in pairings(queues) if counts(problem, p) == 0 and in_order(problem, p)]
-            found = any_alignment(problem, queues)
-            assert (found is not None) == bool(some)
-            if found is not None:
-                assert [tuple(row) for row in found.tolist()] in some
-            seen.add(found is not None)
+            found = aligned(problem, queues)
+            assert found.is_whole == bool(some)
+            if found.is_whole:
+                assert [tuple(row) for row in found.slots.tolist()] in some
+            seen.add(found.is_whole)
     assert seen == {True, False}
 
 
