@@ -11,6 +11,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
+from dualarm_cli.verification.buffer_checks import check_buffers
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
@@ -46,6 +47,7 @@ OF_JOBS = (
     "order",
     "precedence",
     "windows",
+    "buffers",
     "pairing",
     "dwells",
     "start_posture",
@@ -149,6 +151,7 @@ def _job_checks(schedule: Schedule, job: Job | None, done: Job | None) -> list[C
         check_order(schedule, job),
         check_precedence(schedule, job),
         check_windows(schedule, job),
+        check_buffers(schedule, job),
         check_pairing(schedule, done),
         check_dwells(schedule, done),
         *check_ends(schedule, job),
