@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,19 @@ class Stores:
             np.append(other.capacity, self.capacity),
             np.append(other.initial, self.initial),
         )
+
+    @property
+    def is_possible(self) -> bool:
+        """Returns whether what there is at the start, and after all stops, is no less than nothing and has room."""
+        end = self.initial + self.change.sum(axis=0)
+        levels = np.stack([self.initial, end])
+        return bool(((levels >= 0) & (levels <= self.capacity)).all())
+
+    def of(self, stops: Sequence[int], before: Sequence[int]) -> Stores:
+        """Returns the buffers of some stops alone, numbered anew, with what there is after others."""
+        change = np.concatenate([self.change[list(stops)], self.change[-1:]])
+        initial = self.initial + self.change[list(before)].sum(axis=0)
+        return Stores(change, self.capacity, initial)
 
     def after(self, slots: IntArray) -> IntArray:
         """Returns how many parts there are after the stages of an order (n, arms), shape (K,)."""
