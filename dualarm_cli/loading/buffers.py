@@ -31,6 +31,7 @@ def check_buffers(
     """
     raw = document.data.get("buffers")
     known = [name for name in raw if isinstance(name, str)] if isinstance(raw, dict) else []
+    all_known = True
     for index, task in tasks.items():
         if task.move is not None and task.move.buffer is not None:
             message = "'buffer' goes with picks and places only; remove it"
@@ -40,7 +41,9 @@ def check_buffers(
             if name is not None and name not in known:
                 message = f"there is no buffer {quote(name)}{suggest(name, known, 'buffers')}"
                 findings.add(document, ("tasks", index, action, "buffer"), message)
-    if model is not None:
+                all_known = False
+    # What a misspelt name puts or takes would be missing in the numbers.
+    if model is not None and all_known:
         _check_numbers(document, model, findings)
 
 

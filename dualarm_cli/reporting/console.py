@@ -8,6 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+from dualarm_cli.reporting.buffer_use import buffer_lines
 from dualarm_cli.reporting.path_table import path_lines
 from dualarm_cli.reporting.seam_table import seam_lines
 
@@ -72,6 +73,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             + f"waits {use['waiting']:.2f} s"
         )
     lines += wait_lines(report)
+    lines += buffer_lines(report)
     lines += path_lines(report)
     lines += seam_lines(report)
     if report["bottlenecks"]:

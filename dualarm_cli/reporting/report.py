@@ -11,6 +11,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
+from dualarm_cli.reporting.buffer_use import buffer_rows
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.reporting.seam_measures import seam_measures
@@ -57,6 +58,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
             for name in schedule.robot.arms
         },
         "waits": wait_rows(schedule, job),
+        "buffers": buffer_rows(schedule, job),
         "limits_used": _limits_used(schedule),
         "platform_travel": platform_travel(schedule) or 0.0,
         "elbow_imbalance": elbow_imbalance(schedule),

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Schedule, Segment, WaitReason
+from dualarm_cli.model.schedule import Event, Schedule, Segment, WaitReason
 from dualarm_cli.planning.stage_parts import stage_parts
 from dualarm_cli.planning.waiting import MOVES, SAME_TIME
+from dualarm_cli.reporting.buffer_use import served_by
 
 REASONS: tuple[str, ...] = get_args(WaitReason)[1:]
 UNSTATED = "unstated"
@@ -38,11 +39,13 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
     )
     rows = []
     for wait in waits:
-        found = None
+        found: Segment | Event | None = None
         if wait.reason in FOR_THE_OTHER:
             found = _meanwhile(wait, work)
         elif wait.reason == "after":
             found = _before(wait, after.get(wait.task, ()), work)
+        elif wait.reason == "buffer":
+            found = served_by(wait, schedule, job)
         rows.append(
             {
                 "arm": wait.arm,

@@ -1,0 +1,83 @@
+"""How full buffers are over a schedule."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dualarm_cli.model.job import GIVES, Job
+from dualarm_cli.model.schedule import Event, Schedule, Segment
+
+SAME_LENGTH = 1e-6
+"""Instants that differ by less are one [s]."""
+
+
+def buffer_rows(schedule: Schedule, job: Job) -> dict[str, dict[str, Any]]:
+    """Returns, by buffer, how many places are taken at most, at the start and at the end, and for how long none or all.
+
+    A place is taken from when a part is put there until the dwell is over in which it is picked; times in s.
+
+    Args:
+        schedule: with events.
+        job: what it was planned for.
+    """
+    found = {}
+    for name, buffer in job.buffers.items():
+        changes = sorted(
+            (event.time, 1) if event.action in GIVES else (event.time + event.dwell, -1)
+            for event in _at(schedule, job, name)
+        )
+        level, clock = buffer.initial, 0.0
+        most, empty, full = level, 0.0, 0.0
+        for time, change in [*changes, (schedule.duration, 0)]:
+            empty += (time - clock) * (level == 0)
+            full += (time - clock) * (level == buffer.capacity)
+            level, clock = level + change, time
+            most = max(most, level)
+        found[name] = {
+            "capacity": buffer.capacity,
+            "initial": buffer.initial,
+            "final": level,
+            "most": most,
+            "empty": empty,
+            "full": full,
+        }
+    return found
+
+
+def buffer_lines(report: dict[str, Any]) -> list[str]:
+    """Returns how full each buffer is, in words."""
+    return [
+        f"buffer {name}: at most {use['most']} of {use['capacity']}, empty {use['empty']:.2f} s, "
+        f"full {use['full']:.2f} s, {use['initial']} at the start, {use['final']} at the end"
+        for name, use in report["buffers"].items()
+    ]
+
+
+def served_by(wait: Segment, schedule: Schedule, job: Job) -> Event | None:
+    """Returns the event after which there was a part, or room, for what an arm waited to do; None if not known.
+
+    Of those that give what it needs the last one whose dwell was over by then.
+    """
+    stops = job.stops_by_key()
+    own = [
+        event
+        for event in schedule.events
+        if (event.arm, event.task, event.action) == (wait.arm, wait.task, wait.action)
+    ]
+    stop = stops.get((wait.arm, wait.task, wait.action))
+    if not own or stop is None or not stop.buffer:
+        return None
+    due = own[0].time + SAME_LENGTH
+    giving = [
+        event
+        for event in _at(schedule, job, stop.buffer)
+        if event.action != wait.action and event.arm != wait.arm and event.time + event.dwell <= due
+    ]
+    return max(giving, key=lambda event: event.time + event.dwell, default=None)
+
+
+def _at(schedule: Schedule, job: Job, name: str) -> list[Event]:
+    """Returns the events at a buffer."""
+    stops = job.stops_by_key()
+    keys = {key for key, stop in stops.items() if stop.buffer == name}
+    return [e for e in schedule.events if (e.arm, e.task, e.action) in keys]
