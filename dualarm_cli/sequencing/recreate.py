@@ -22,6 +22,8 @@ HOT, COLD = 0.3, 0.001
 """First and last temperature of the annealing, in shares of a task's mean share of the first order's total."""
 WEIGHTS = (0.02, 0.3, 1.0)
 """What the sum of the arms' times counts against the slower arm's, one of these at a time."""
+VARIED = 0.3
+"""Where buffers make arms wait: by what share of a task's mean time what a place costs is varied, on average."""
 OVERLOOKED = 1e6
 """What makes a place as good as none [s]."""
 
@@ -45,6 +47,8 @@ class Recreator:
                 self._before[v].add(u)
                 self._after[u].add(v)
         self._rank = ranks(self._before)
+        least = [min(float(i.min()) for i in unit.inside) for unit in self._units]
+        self._spread = VARIED * float(np.mean(least)) if least else 0.0
 
     def first(self) -> Timed | None:
         """Returns an order by insertion of the longest tasks first, None where none was found.
@@ -189,6 +193,9 @@ class Recreator:
                 if low > high:
                     continue
                 delta, way = self._deltas(a, route, u, low, high)
+                if blink and self.problem.stores is not None:
+                    # What is waited for is not priced here: places that look dearer are tried as well.
+                    delta += self._random.exponential(self._spread, len(delta))
                 if blink and len(delta) > 1:
                     delta[self._random.random(len(delta)) < blink] += OVERLOOKED
                 k = int(delta.argmin())
