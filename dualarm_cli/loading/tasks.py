@@ -135,10 +135,8 @@ def _check_start(document: Document, cell: Cell, findings: Findings) -> None:
     known = [*cell.robot.postures, FREE_START]
     start = document.data.get("start", "home")
     if isinstance(start, str) and start not in known:
-        message = (
-            f"{cell.robot.name} has no posture {quote(start)}"
-            f"{suggest(start, known, 'choose one of')}"
-        )
+        choices = suggest(start, known, "choose one of")
+        message = f"{cell.robot.name} has no posture {quote(start)}{choices}"
         findings.add(document, ("start",), message)
 
 
@@ -285,15 +283,8 @@ class _TaskReader:
                 continue
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
-            stops.append(
-                Stop(
-                    action,
-                    target,
-                    *self._surroundings(section, action == "move"),
-                    place,
-                    target_section.buffer or "",
-                )
-            )
+            around = self._surroundings(section, action == "move")
+            stops.append(Stop(action, target, *around, place, target_section.buffer or ""))
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Stop, StopKey, Task
+from dualarm_cli.planning.stop_nodes import StopNodes
 from dualarm_cli.sequencing.stage_alignment import any_alignment
 from dualarm_cli.sequencing.stage_problem import IDLE
 from dualarm_cli.sequencing.stores import Stores
@@ -49,20 +50,29 @@ def job_stores(job: Job) -> Stores | None:
     )
 
 
-def stop_lasts(tasks: Sequence[Task], work: Sequence[Sequence[float]]) -> FloatArray:
+def stop_lasts(
+    tasks: Sequence[Task],
+    arms: Sequence[str],
+    nodes: Mapping[tuple[str, int, int], StopNodes],
+    f: int,
+) -> FloatArray:
     """Returns how long before a stop is over its tool is there, and its dwell is over [s], shape (s, 2).
 
-    Lines are taken to last half of what is not dwell each.
+    Lines are taken to last half of what is not dwell each, at the least of all postures seen from an angle.
 
     Args:
         tasks: whose stops.
-        work: how long each of a task's stops takes with its lines [s], infinite for one that is out of reach.
+        arms: names of the arms.
+        nodes: postures by arm, task and number of the stop.
+        f: number of the platform angle.
     """
     rows = []
-    for task, own in zip(tasks, work, strict=True):
-        for stop, whole in zip(task.stops, own, strict=True):
+    for t, task in enumerate(tasks):
+        for s, stop in enumerate(task.stops):
+            own = [nodes[arm, t, s] for arm in arms if task.allows(arm)]
+            work = min(float(one.work[one.angle == f].min(initial=np.inf)) for one in own)
             dwell = stop.dwell.total
-            line = 0.5 * max(0.0, whole - dwell) if np.isfinite(whole) else 0.0
+            line = 0.5 * max(0.0, work - dwell) if np.isfinite(work) else 0.0
             rows.append((line + dwell, line))
     return np.array(rows).reshape(-1, 2)
 

@@ -116,20 +116,8 @@ class OrderModel:
             job.order == "given",
             (0.0 if job.start == "free" else turn, turn if job.returns else 0.0),
             job_stores(job),
-            stop_lasts(job.tasks, self._least_work(f)),
+            stop_lasts(job.tasks, list(self.model.arms), self.nodes, f),
         )
-
-    def _least_work(self, f: int) -> list[list[float]]:
-        """Returns how long each task's stops take at least at an angle, lines and dwell [s], infinite out of reach."""
-        found = []
-        for t, task in enumerate(self.job.tasks):
-            own = []
-            for s in range(len(task.stops)):
-                nodes = [self.nodes[name, t, s] for name in self.model.arms if task.allows(name)]
-                works = [one.work[one.angle == f].min(initial=np.inf) for one in nodes]
-                own.append(float(min(works)))
-            found.append(own)
-        return found
 
     def _arm(self, name: str, ways: list[_Ways]) -> ArmTasks:
         width = max(1, *(len(one.first) for one in ways))
