@@ -90,6 +90,8 @@ class SectionPlanner:
         """
         job, record = self.problem.job, Record()
         robot = job.cell.robot
+        if job.is_decided:
+            check_stage_levels(job)
         here = None if job.start == "free" else np.array(robot.postures[job.start])
         if self.clear and here is not None:
             # What no plan can mend is told before one is looked for.
@@ -142,7 +144,6 @@ class SectionPlanner:
     def _ordered(self, problem: MethodProblem) -> MethodProblem:
         """Returns the same section with arms and order, the best ones found, where the file leaves them open."""
         if problem.job.is_decided:
-            check_stage_levels(problem.job)
             return problem
         job = own_rules(problem.job)
         watch = Watch(tell=self.progress)

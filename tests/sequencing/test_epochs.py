@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.sequencing.epoch_search import EpochEffort, EpochSearch
 from dualarm_cli.sequencing.epochs import Epoch, EpochProblem
+from dualarm_cli.sequencing.stores import Stores
 
 EFFORT = EpochEffort(sets=12, moves=80, glance=20, close=50)
 ANGLES = (0, 1, 2)
@@ -162,3 +163,36 @@ def test_rules_hold_across_epochs(by_clocks, kind):
             if sample.in_file_order:
                 assert all(rank == sorted(rank) for rank in flat)
     assert seen >= 5
+
+
+def test_what_an_epoch_leaves_in_a_buffer_is_there_in_the_next(by_clocks):
+    """Tasks 0 and 2 put a part in at their ends, 1 and 3 take one out first; room for two, and for one."""
+    made = by_clocks(3, "", 4, 1, restricted=False)
+    first = np.concatenate([[0], np.cumsum(made.stops)])
+    change = np.zeros((first[-1] + 1, 1), dtype=np.int64)
+    for t in range(4):
+        change[first[t + 1] - 1 if t % 2 == 0 else first[t]] = 1 if t % 2 == 0 else -1
+    lasts = np.tile([0.1, 0.05], (first[-1], 1))
+
+    def total(room, *epochs):
+        stores = Stores(change, np.array([room]), np.array([0]))
+        base = replace(made, stores=stores, lasts=lasts, turn=(0.0, 0.0))
+        problem = EpochProblem({0: base, 1: base}, np.array([[0.0, 0.5], [0.5, 0.0]]), 0)
+        rows = tuple(Epoch(angle, tasks) for angle, tasks in epochs)
+        return problem.evaluated(rows, 10).total
+
+    assert np.isfinite(total(2, (0, (0, 2)), (1, (1, 3))))
+    assert np.isinf(total(1, (0, (0, 2)), (1, (1, 3))))
+    assert np.isinf(total(2, (0, (1, 3)), (1, (0, 2))))
+    assert np.isinf(total(2, (0, (0, 1, 3)), (1, (2,))))
+    assert np.isfinite(total(1, (0, (0, 1)), (1, (2, 3))))
+    # Within an epoch as well as between: both puts, with one take by then, have room for one part.
+    assert np.isfinite(total(1, (0, (0, 1, 2)), (1, (3,))))
+    base = replace(made, stores=Stores(change, np.array([2]), np.array([0])), lasts=lasts)
+    problem = EpochProblem({0: base}, np.zeros((1, 1)), 0)
+    starts = [arm.start for arm in base.arms]
+    own = problem.restricted(Epoch(0, (1, 2)), starts, 0, 0.0, (0,), last=False)
+    assert own.stores.initial.tolist() == [1]
+    assert len(own.lasts) == made.stops[1] + made.stops[2]
+    rows = [*range(first[1], first[3])]
+    assert own.stores.change[:-1].tolist() == change[rows].tolist()
