@@ -182,9 +182,10 @@ class _Model:
         self._stores(over)
 
     def _stores(self, over: list[Any]) -> None:
-        """Parts and room at every instant, as far as events alone tell: they come one after the other.
+        """Parts and room at every instant, as far as events alone tell.
 
-        Each millisecond has as many ranks as there may be events in it, so that none are at once.
+        Each millisecond has as many ranks as there may be events in it, so that those of one arm come one after the
+        other; of two arms' events at once one or the other could be the first.
         """
         stores, model = self.problem.stores, self.model
         if stores is None:
@@ -211,7 +212,6 @@ class _Model:
                     model.add(event[row] >= over[i] * ranks).only_enforce_if(literal)
                     for last in own[i]:
                         model.add(event[row] > event[last]).only_enforce_if(literal)
-        model.add_all_different(event.values())
         for k, capacity in enumerate(stores.capacity.tolist()):
             # What is there at the start comes before all; events begin at 1.
             times, changes = list[Any]([0]), [int(stores.initial[k])]

@@ -235,6 +235,7 @@ class StoredOrder:
                 pending.append(state.ends[b] - self._legs[b][n - 1].lasts[1])
         if there > 0:
             return 0.0
+        # Some of these are used already.
         pending.sort()
         return pending[-there] if -there < len(pending) else None
 
