@@ -177,8 +177,20 @@ def begun(job: Job, done: Sequence[Task]) -> Job:
         if not 0 <= level <= buffer.capacity:
             raise InfeasibleError(
                 f"{stops[-1].place}: buffer '{name}' holds {level} parts after '{done[-1].id}', where it has to hold 0 "
-                f"to {buffer.capacity}: a path or coordinate task is done in the file's order, when all before it is "
-                "over; what helps is another order in the file"
+                f"to {buffer.capacity}: what comes before a path or coordinate task is over when that begins; what "
+                "helps is another order of the tasks, or other numbers (capacity, initial)"
             )
         changed[name] = replace(buffer, initial=level)
     return replace(job, buffers=changed)
+
+
+def keeps_borders(job: Job) -> bool:
+    """Returns whether every buffer holds no less than nothing, and no more than it has room for, after each section."""
+    done: list[Task] = []
+    for section in job.sections():
+        done += section
+        try:
+            begun(job, done)
+        except InfeasibleError:
+            return False
+    return True

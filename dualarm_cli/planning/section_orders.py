@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, PoseTarget, Task
+from dualarm_cli.planning.buffer_numbers import keeps_borders
 
 MOST_PERMUTATIONS = 5040
 """So many orders of paths and seams are looked at at most."""
@@ -33,6 +34,7 @@ def section_orders(model: CellModel, job: Job, most: int) -> list[Job]:
 
     Paths and seams in every order that keeps precedence; all other tasks in as few runs between them as precedence
     allows (each run is ordered by itself when it is planned), because every break makes both arms wait for each other.
+    Orders in which a buffer cannot hold what is left in it by a break are left out, but for the file's.
     Ranked by the number of runs and by how far the tools travel between sections.
 
     Args:
@@ -47,6 +49,8 @@ def section_orders(model: CellModel, job: Job, most: int) -> list[Job]:
             if order not in orders:
                 changed = replace(job, tasks=tuple(job.tasks[t] for t in order))
                 sections = changed.sections()
+                if not keeps_borders(changed):
+                    continue
                 orders[order] = (len(sections), _travel(model, job, sections))
     given = tuple(range(len(job.tasks)))
     ranked = sorted((rank, order) for order, rank in orders.items() if order != given)

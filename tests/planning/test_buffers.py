@@ -18,10 +18,12 @@ from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_meeting import MeetingBuffers, first_missed
-from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels
+from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels, keeps_borders
 from dualarm_cli.planning.free_ordered_plan import stage_by_stage
 from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.section_orders import section_orders
+from dualarm_cli.planning.serving import cell_model
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.buffer_checks import check_buffers
 
@@ -239,3 +241,35 @@ def test_what_is_missed_first_is_what_an_arm_waits_for():
     # The second arm is at its end already: the first one goes on alone.
     buffers[8, 10 - 8 + band] = True
     assert first_missed(buffers | touching, buffers, steps, (6, 10))
+
+
+def test_sections_in_orders_that_leave_buffers_impossible_are_left_out(tasks_folder):
+    """A load and an unload round a path: one that both are on one side of, or that the load is before, keeps levels."""
+    job = load_job(tasks_folder / "09_yumi" / "tasks.yaml")
+    load, unload, *path = job.tasks
+
+    def with_buffer(task, action):
+        stops = (dataclasses.replace(s, buffer="tray" * (s.action == action)) for s in task.stops)
+        return dataclasses.replace(task, stops=tuple(stops))
+
+    load, unload = with_buffer(load, "place"), with_buffer(unload, "pick")
+    for tasks, initial, kept in (
+        ((load, *path, unload), 0, True),
+        ((unload, *path, load), 0, False),
+        ((unload, *path, load), 1, True),
+        ((load, *path, unload), 1, False),
+        ((*path, unload, load), 0, True),
+    ):
+        asked = dataclasses.replace(job, tasks=tasks, buffers={"tray": Buffer(1, initial)})
+        assert keeps_borders(asked) == kept
+    bad = dataclasses.replace(
+        job, tasks=(unload, *path, load), buffers={"tray": Buffer(1)}, order="optimise"
+    )
+    orders = section_orders(cell_model(job.cell, "arm_angle"), bad, 24)
+    assert orders[0].tasks == bad.tasks
+    assert len(orders) > 1
+    assert all(keeps_borders(one) for one in orders[1:])
+    with pytest.raises(
+        InfeasibleError, match="buffer 'tray' holds 0 of at most 1 parts before stage 1"
+    ):
+        plan_without_bound(dataclasses.replace(bad, order="given"), QUICK, clear=False)
