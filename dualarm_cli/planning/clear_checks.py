@@ -20,7 +20,7 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
     if job.start == "free":
         return
     position = np.array(job.cell.robot.postures[job.start])
-    held = np.zeros(len(cell.arms), dtype=np.int64)
+    held = holding.before[0]
     one, other, margin = cell.nearest(position, held)
     if margin < 0.0:
         raise InfeasibleError(

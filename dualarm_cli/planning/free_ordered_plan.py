@@ -16,6 +16,7 @@ from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import check_reach
 from dualarm_cli.planning.ordered_plan import early_notes
+from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.planning.watch import Watch
 
 LONG = 40
@@ -63,8 +64,9 @@ def plan_by_own_clocks(
         if best is not None and (watch.stop() or number >= ANGLES or len(one.job.tasks) > LONG):
             break
         try:
-            own = replace(planner, problem=replace(problem, job=one.job))
-            found = schedule(own.plan(one.angle), one.job)
+            decided = with_changes(one.job)
+            own = replace(planner, problem=replace(problem, job=decided))
+            found = schedule(own.plan(one.angle), decided)
         except InfeasibleError:
             continue
         if best is None or found.duration < best.duration:
@@ -74,7 +76,7 @@ def plan_by_own_clocks(
     if best is None or _may_be_quicker(problem.model, best):
         watch.tell("planning both arms stage by stage together")
         try:
-            together = paired(stage_by_stage(problem.job))
+            together = paired(stage_by_stage(with_changes(problem.job)))
         except InfeasibleError:
             if best is None:
                 raise

@@ -196,7 +196,6 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)
     time = np.minimum(step * np.arange(count), duration)
-    tasks = {task.id: task for task in job.tasks}
     held = np.empty((count, len(cell.arms)), dtype=np.int64)
     for a, name in enumerate(cell.arms):
         own = OwnClock(
@@ -206,7 +205,7 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
             tuple(part for part in motion.segments if part.arm == name),
             tuple(event for event in motion.events if event.arm == name),
         )
-        held[:, a] = own.held(time, cell, tasks)
+        held[:, a] = own.held(time, cell, job)
     position = motion.trajectory.at(time)[0]
     stretches = [
         StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)

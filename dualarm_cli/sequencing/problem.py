@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.sequencing.tool_stands import ToolStands, between_with_changes
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CHUNK = 2_000_000
@@ -74,6 +75,8 @@ class SequencingProblem:
     """Whether each arm does its tasks in the order of their numbers."""
     turn: tuple[float, float] = (0.0, 0.0)
     """How long the platform turns before the first stop and after the last one [s]."""
+    stands: tuple[ToolStands | None, ...] = ()
+    """By arm, the tools that it changes between its tasks, None for an arm that changes none; empty for no arm."""
 
     @property
     def tasks(self) -> int:
@@ -104,9 +107,11 @@ class SequencingProblem:
     def between(self) -> tuple[FloatArray, ...]:
         """Times of transfers by arm [s], from where a node is left to where another is begun, shape (n w + 1, n w + 1).
 
-        From the start no sooner than the platform is there; to the start 0 where there is no return.
+        From the start no sooner than the platform is there; to the start 0 where there is no return. Where another tool
+        is asked for, the whole change is part of it.
         """
-        return tuple(self._between(arm) for arm in self.arms)
+        stands = self.stands or (None,) * len(self.arms)
+        return tuple(self._between(*both) for both in zip(self.arms, stands, strict=True))
 
     @cached_property
     def length(self) -> tuple[FloatArray, ...]:
@@ -115,7 +120,7 @@ class SequencingProblem:
             np.append((arm.first + arm.second).ravel(), 0.0).astype(np.float64) for arm in self.arms
         )
 
-    def _between(self, arm: ArmTasks) -> FloatArray:
+    def _between(self, arm: ArmTasks, stands: ToolStands | None) -> FloatArray:
         joints = len(arm.start)
         leaving = np.concatenate([arm.leaving.reshape(-1, joints), arm.start[None]])
         entry = np.concatenate([arm.entry.reshape(-1, joints), arm.start[None]])
@@ -128,7 +133,11 @@ class SequencingProblem:
         found[-1, :-1] = np.maximum(found[-1, :-1], self.turn[0])
         found[:-1, -1] = np.maximum(found[:-1, -1], self.turn[1]) if self.returns else 0.0
         found[-1, -1] = 0.0
-        return found
+        if stands is None:
+            return found
+        return between_with_changes(
+            found, entry, leaving, stands, arm.law.duration, self.turn, returns=self.returns
+        )
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,12 @@ def with_cell(job, **changes):
 
 
 def test_a_schedule_without_fault_passes_every_check(clean):
-    """Made by hand, without the planner; collisions, cap, bound, precedence, windows, paths, seams are not checked."""
+    """Made by hand, without the planner; collisions, cap, bound, rules, tools, paths, seams are not checked."""
     verification = verify(clean.schedule, clean.job)
     assert verification.passed
     verdicts = {check.name: check.verdict for check in verification.checks}
     unchecked = {name for name, verdict in verdicts.items() if verdict != "passed"}
-    open_orders = {"precedence", "windows"}
+    open_orders = {"precedence", "windows", "tool_changes"}
     assert unchecked == {"collisions", "tool_speed", "lower_bound", *open_orders, *NAMES, NAME}
     assert len(verdicts) == len(verification.checks)
     assert all(check.detail for check in verification.checks)
@@ -46,14 +46,14 @@ def test_measurements_of_a_clean_schedule_are_rounding(clean):
             assert check.measured < 1e-13, check
 
 
-def test_without_a_job_eight_checks_are_not_made_and_say_why(clean):
+def test_without_a_job_nine_checks_are_not_made_and_say_why(clean):
     """What only a task file can tell."""
     verification = verify(clean.schedule)
     assert verification.passed
     reasons = {
         check.name: check.detail for check in verification.checks if check.verdict == "not checked"
     }
-    order = ("order", "precedence", "windows", "pairing")
+    order = ("order", "tool_changes", "precedence", "windows", "pairing")
     tasks = ("events_at_targets", *order, "dwells", "start_posture", "return", *NAMES)
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
     assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", NAME}
