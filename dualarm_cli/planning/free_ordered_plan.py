@@ -197,9 +197,10 @@ def _free_gap(orders: FreeOrders) -> float | None:
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
     """Returns what a reader should know of a plan in which the platform stands at several angles."""
+    counts = [sum(not task.is_change for task in tasks) for _, tasks in found.epochs]
     stands = ", then ".join(
-        f"at {np.degrees(angle[0]):.0f} deg for {len(tasks)} {'task' if len(tasks) == 1 else 'tasks'}"
-        for angle, tasks in found.epochs
+        f"at {np.degrees(angle[0]):.0f} deg for {count} {'task' if count == 1 else 'tasks'}"
+        for (angle, _), count in zip(found.epochs, counts, strict=True)
     )
     notes = [
         f"mode: free: the platform stands {stands}; meanwhile each arm goes by its own clock; {found.total:.2f} s by "

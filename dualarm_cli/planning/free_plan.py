@@ -23,6 +23,7 @@ from dualarm_cli.planning.own_clock import OwnClock, Wait
 from dualarm_cli.planning.path_record import Record
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import STEP, StageSamples, which_keep_clear
+from dualarm_cli.planning.tool_changes import cell_after
 from dualarm_cli.planning.transfers import PLATFORM, transfers_within_tool_speed
 from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.timing import TimingSolver
@@ -134,7 +135,8 @@ class FreePlanner:
         if np.array_equal(here, there):
             return motion
         postures = {**problem.job.cell.robot.postures, problem.job.start: here}
-        cell = replace(problem.job.cell, robot=replace(problem.job.cell.robot, postures=postures))
+        cell = cell_after(problem.job.cell, problem.job.tasks)
+        cell = replace(cell, robot=replace(cell.robot, postures=postures))
         alone = replace(problem.job, cell=cell, tasks=(), returns=False)
         limits = cell.robot.limits.scaled(alone.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)

@@ -139,8 +139,9 @@ class OrderModel:
                 entry[action, k, :m], leaving[action, k, :m] = one.entry, one.leaving
                 work[action, k, :m] = one.first
         # Of what an arm does not do the tool does not matter.
-        tool = np.array([number.get(task.tool, NO_TOOL) for task in self.job.tasks])
-        return ToolStands(tool, number[cell.start_tool(name)], entry, leaving, work)
+        tool = [number.get(task.tool, NO_TOOL) for task in self.job.tasks]
+        start = number[cell.start_tool(name)]
+        return ToolStands(np.array(tool), start, start, entry, leaving, work)
 
     def stand(self, arm: str, tool: str, action: str) -> int:
         """Returns the number of the task that is to leave or to take an arm's tool at its stand."""

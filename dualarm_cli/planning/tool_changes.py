@@ -23,12 +23,20 @@ def with_changes(job: Job) -> Job:
     """
     if not job.cell.tool_changes or not job.is_decided or any(t.is_change for t in job.tasks):
         return job
+    before, end = changes_of(job)
+    tasks = [one for task in job.tasks for one in (*before[task.id], task)]
+    if len(tasks) + len(end) == len(job.tasks):
+        return job
+    pairing = None if job.pairing is None else _with_stages(job, job.pairing, before, end)
+    return replace(job, tasks=(*tasks, *end), pairing=pairing)
+
+
+def changes_of(job: Job) -> tuple[dict[str, tuple[Task, ...]], tuple[Task, ...]]:
+    """Returns what a decided job's arms do at stands before each task, by its id, and at the end."""
     on = {arm.name: job.cell.start_tool(arm.name) for arm in job.cell.robot.arms}
     before: dict[str, tuple[Task, ...]] = {}
-    tasks: list[Task] = []
     for task in job.tasks:
         before[task.id] = change_tasks(job.cell, task.arm, on[task.arm], task.tool, task.id)
-        tasks += [*before[task.id], task]
         on[task.arm] = task.tool
     end = tuple(
         change
@@ -36,10 +44,17 @@ def with_changes(job: Job) -> Job:
         if job.returns
         for change in change_tasks(job.cell, arm, tool, job.cell.start_tool(arm), "")
     )
-    if len(tasks) + len(end) == len(job.tasks):
-        return job
-    pairing = None if job.pairing is None else _with_stages(job, job.pairing, before, end)
-    return replace(job, tasks=(*tasks, *end), pairing=pairing)
+    return before, end
+
+
+def cell_after(cell: Cell, tasks: Sequence[Task]) -> Cell:
+    """Returns a cell in which those tools are on from the start that are after some tasks, changes among them."""
+    changes = dict(cell.tool_changes)
+    for task in tasks:
+        if task.arm in changes:
+            on = "" if task.stops[-1].action == "leave_tool" else task.tool
+            changes[task.arm] = replace(changes[task.arm], start=on)
+    return replace(cell, tool_changes=changes)
 
 
 def change_tasks(cell: Cell, arm: str, on: str, wanted: str, task: str) -> tuple[Task, ...]:

@@ -20,7 +20,9 @@ class ToolStands:
     tool: IntArray
     """Number of each task's tool, NO_TOOL for none, shape (n,)."""
     start: int
-    """The tool that is on before the first task, and after the last one where the arm goes back to its start."""
+    """The tool that is on before the first task."""
+    home: int
+    """The tool that is on in the end, where the arm goes back."""
     entry: FloatArray
     """Joints where the approach to a stand begins, to leave a tool and to take it [rad], shape (2, m, w, joints)."""
     leaving: FloatArray
@@ -58,7 +60,7 @@ def between_with_changes(
 
     Args:
         plain: the times without changes; the last row is from the start, the last column the way back.
-        entry: joints where every node begins, the start last, shape (N + 1, joints).
+        entry: joints where every node begins, where the arm goes back to last, shape (N + 1, joints).
         leaving: joints where every node ends, the start last, shape (N + 1, joints).
         stands: tools and stands.
         duration: rest-to-rest times of moves (..., joints) [s].
@@ -66,12 +68,13 @@ def between_with_changes(
         returns: whether the arm goes back to its start.
     """
     found = plain.copy()
-    nodes, last = len(plain) - 1, len(plain) - 1
-    tool = np.append(np.repeat(stands.tool, nodes // len(stands.tool)), stands.start)
-    for old in np.unique(tool).tolist():
-        rows = np.flatnonzero(tool == old)
-        for new in np.unique(tool).tolist():
-            columns = np.flatnonzero(tool == new)
+    last = len(plain) - 1
+    tool = np.repeat(stands.tool, last // len(stands.tool))
+    came, goes = np.append(tool, stands.start), np.append(tool, stands.home)
+    for old in np.unique(came).tolist():
+        rows = np.flatnonzero(came == old)
+        for new in np.unique(goes).tolist():
+            columns = np.flatnonzero(goes == new)
             if not returns:
                 columns = columns[columns != last]
             if old == new or not len(columns):
