@@ -99,15 +99,22 @@ def test_a_length_has_the_whole_change_in_it_at_the_best_angles(in_stages, retur
     assert found.tasks == whole.tasks[:3]
     assert [x.shape for x in found.length] == [(4, 5, f, f)] * 2
     np.testing.assert_array_equal(found.length[0][0, 2], L[0, 2])
-    np.testing.assert_array_equal(found.length[1], whole.length[1][np.ix_([0, 1, 2, 7], [0, 1, 2, 7, 8])])
+    np.testing.assert_array_equal(
+        found.length[1], whole.length[1][np.ix_([0, 1, 2, 7], [0, 1, 2, 7, 8])]
+    )
     for g, h in product(range(f), repeat=2):
         through = [
-            (L[0, 3, g, a] + L[3, 6, a, b] + L[6, 1, b, h], L[7, 3, g, a] + L[3, 6, a, b] + L[6, 1, b, h])
+            (
+                L[0, 3, g, a] + L[3, 6, a, b] + L[6, 1, b, h],
+                L[7, 3, g, a] + L[3, 6, a, b] + L[6, 1, b, h],
+            )
             for a, b in product(range(f), repeat=2)
         ]
         assert found.length[0][0, 1, g, h] == pytest.approx(min(one for one, _ in through))
         assert found.length[0][3, 1, g, h] == pytest.approx(min(other for _, other in through))
-        home = [L[1, 5, g, a] + L[5, 4, a, b] + L[4, 7, b, h] for a, b in product(range(f), repeat=2)]
+        home = [
+            L[1, 5, g, a] + L[5, 4, a, b] + L[4, 7, b, h] for a, b in product(range(f), repeat=2)
+        ]
         assert found.length[0][1, 3, g, h] == pytest.approx(min(home) if returns else 0.0)
 
 

@@ -127,9 +127,7 @@ def test_an_arm_that_waits_counts_its_changes_too(by_clocks):
     rank = {t: k for k, t in enumerate(row)}
     assert all(rank[a] < rank[b] for a, b in problem.before)
     allowed = [
-        p
-        for p in permutations(range(4))
-        if all(p.index(a) < p.index(b) for a, b in problem.before)
+        p for p in permutations(range(4)) if all(p.index(a) < p.index(b) for a, b in problem.before)
     ]
     assert found.total == pytest.approx(min(least_time(problem, 0, p) for p in allowed), abs=1e-9)
     assert timed(problem, found.order).total == found.total
