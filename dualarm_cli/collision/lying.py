@@ -25,7 +25,7 @@ def part_reaches(
 
     Args:
         cell: with parts and obstacles.
-        part: name of the part.
+        part: name of the part, or of a tool's body.
         shapes: its solids in the frame of the arm's own tool centre point.
         T_world_tool: that at the target.
         line: length of the line, which runs against the tool's z axis [m].

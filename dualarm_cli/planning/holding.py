@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision.solids import tool_body
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import TAKES, Job, PoseTarget, Stop, Task
@@ -76,15 +77,18 @@ def _fitting(
 
     Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
     """
-    yaws, part = stop_yaws(stop), task.part
-    if not part or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
+    yaws = stop_yaws(stop)
+    of_tool, of_part = job.cell.held_shapes(arm, Held(task.tool, task.part))
+    # At its stand a tool is to what stands there as a part is to what it lies on.
+    shapes = of_tool if task.is_change else of_part
+    body = tool_body(arm, task.tool) if task.is_change else task.part
+    if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
     line = stop.retract if stop.action in TAKES else stop.approach
-    _, shapes = job.cell.held_shapes(arm, Held(task.tool, part))
     reaches = [
         part_reaches(
             job.cell,
-            part,
+            body,
             shapes,
             stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.array([0.0, 0.0, 0.0])),
             line,

@@ -15,8 +15,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Held, Shape
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning import free_ordered_plan
+from dualarm_cli.planning.clear_checks import check_start
 from dualarm_cli.planning.free_epochs import FreeEpochs, plan_epochs
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.holding import Holding
@@ -25,6 +28,7 @@ from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.order_bound import least_visits, shared_bound
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import check_reach
+from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.planner import _schedule, plan_without_bound
 from dualarm_cli.planning.tool_changes import changes_of, with_changes
 from dualarm_cli.reporting.console import summary_lines
@@ -296,3 +300,73 @@ def test_the_bound_over_all_orders_has_the_fewest_visits_in_it(kit):
     )
     without = shared_bound(model, screws, "quick").value
     assert without + 4 * 0.8 <= bound < 20.5
+
+
+def test_a_tool_that_reaches_into_its_stand_is_told_before_any_search(kit):
+    """Its end is 95 mm under the changer's face at 0.95 m; the rack ends at 0.857 m: 2 mm into it."""
+    pose = pin.SE3(np.eye(3), np.array([0.175, 0.61, 0.847]))
+    [table, rack] = kit.cell.obstacles
+    rack = dataclasses.replace(rack, shape=dataclasses.replace(rack.shape, pose=pose))
+    cell = dataclasses.replace(kit.cell, obstacles=(table, rack))
+    job = some(kit, "plate-1", order="given", cell=cell)
+    with pytest.raises(InfeasibleError) as caught:
+        plan_without_bound(job, QUICK)
+    assert (
+        "where left has to leave it or on the line there, tool 'fingers' reaches 2.0 mm into 'rack'"
+        in str(caught.value)
+    )
+    allowed = dataclasses.replace(cell, allowed_contacts=(("left_fingers", "rack"),))
+    assert Holding.of(with_changes(dataclasses.replace(job, cell=allowed))).misfits == {}
+
+
+def test_the_tool_of_the_start_is_there_from_the_start(kit):
+    """Huge fingers touch at home; a huge suction cup does not until it is taken."""
+    for tool, touches in (("fingers", True), ("suction", False)):
+        changes = kit.cell.tool_changes["left"]
+        huge = (Shape("sphere", (0.5,), pin.SE3.Identity()),)
+        one = changes.tools[tool]
+        one = dataclasses.replace(one, tool=dataclasses.replace(one.tool, shapes=huge))
+        job = in_cell(some(kit, "screw-1", order="given"), tools={**changes.tools, tool: one})
+        problem = MethodProblem(CellModel.from_cell(job.cell), job, "arm_angle", "quick", 0)
+        holding = Holding.of(job)
+        if touches:
+            with pytest.raises(InfeasibleError, match=r"start: in posture 'home' .*left_fingers"):
+                check_start(problem, holding)
+        else:
+            check_start(problem, holding)
+
+
+def test_an_arm_by_its_own_clock_holds_what_its_stops_say(kit):
+    """Fingers until they have been left, suction from its stand on, on lines what may lie there; by hand, second by second."""
+    job = with_changes(some(kit, "plate-1", order="given", returns=False))
+    leave, take, _ = job.tasks
+    parts, events = [], []
+    for k, task in enumerate((leave, take)):
+        action = task.stops[0].action
+        for kind, start, end in (
+            ("transfer", 0, 1),
+            ("approach", 1, 2),
+            ("dwell", 2, 3),
+            ("retract", 3, 4),
+        ):
+            parts.append(Segment("left", kind, task.id, action, 4.0 * k + start, 4.0 * k + end))
+        events.append(
+            Event(4.0 * k + 2.0, "left", task.id, action, "left_tcp", pin.SE3.Identity(), 1.0)
+        )
+    still = Trajectory(("a",), np.array([0.0, 9.0]), *np.zeros((3, 2, 1)))
+    clock = OwnClock("left", still, (), tuple(parts), tuple(events))
+    cell = Holding.of(job).cell
+    found = clock.held(np.arange(0.5, 9.0), cell, job).tolist()
+    at = " at its stand"
+    expected = [
+        ("fingers", False),  # on the way
+        (f"fingers{at}", True),  # approach
+        (f"fingers{at}", True),  # it is given at the end of the dwell
+        ("", True),
+        ("", False),
+        ("", True),
+        (f"suction{at}", True),  # it is taken from the event on
+        (f"suction{at}", True),
+        (f"suction{at}", False),  # on the way that is a tool like any other
+    ]
+    assert found == [cell.held(*one) for one in expected]
