@@ -117,6 +117,7 @@ def _describe(noun: Noun) -> tuple[str, str]:
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.touches import Touches
+    from dualarm_cli.planning.tool_changes import with_changes
 
     if isinstance(noun, Touches):
         return "points", _count(len(noun.names), "point")
@@ -130,7 +131,7 @@ def _describe(noun: Noun) -> tuple[str, str]:
             (targets, "target"),
         ]
         if noun.is_decided:
-            counts.append((len(noun.stages()), "stage"))
+            counts.append((len(with_changes(noun).stages()), "stage"))
         words = [_count(*count) for count in counts]
         if not noun.is_decided:
             words.append("order open" if noun.order == "optimise" else "arms open")

@@ -19,8 +19,8 @@ SLACK = 0.002
 class CellClearance:
     """The quick test of a cell.
 
-    What an arm holds is a number: twice the part's place in `parts`, and one more on a stop's lines, where a part need
-    not keep clear of what stands still.
+    What an arm holds is a number: twice the place of its name in `parts`, and one more on a stop's lines, where a part
+    need not keep clear of what stands still.
     """
 
     test: QuickTest
@@ -30,7 +30,7 @@ class CellClearance:
     columns: tuple[tuple[int, ...], ...]
     """Columns of each arm's joints among the robot's."""
     parts: tuple[str, ...]
-    """Kinds of parts; the first one is none."""
+    """Names of all that is ever held, see `Held.name`; the first one is nothing."""
     crossing: bool = True
     """Whether arms have to keep clear of one another; else each is looked at by itself."""
 
@@ -40,7 +40,7 @@ class CellClearance:
 
         Args:
             cell: the noun.
-            carried: arm and part for every part that an arm ever carries.
+            carried: arm and name of everything that an arm ever holds.
 
         Raises:
             InputError: a mesh that cannot be used.

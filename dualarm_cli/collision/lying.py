@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import coal
 import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.solids import WORLD, shape_solid
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Shape
 
 STEPS = 9
 """Places along a line that are looked at, its end included."""
 
 
-def part_reaches(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> tuple[float, str]:
+def part_reaches(
+    cell: Cell, part: str, shapes: Sequence[Shape], T_world_tool: pin.SE3, line: float
+) -> tuple[float, str]:
     """Returns how far a part reaches into an obstacle at most [m], and which one; none where it is at most OVERLAP.
 
     At a target and along the line on which it is carried there.
 
     Args:
         cell: with parts and obstacles.
-        part: name of the part.
-        T_world_tool: the tool centre point at the target.
+        part: name of the part, or of a tool's body.
+        shapes: its solids in the frame of the arm's own tool centre point.
+        T_world_tool: that at the target.
         line: length of the line, which runs against the tool's z axis [m].
 
     Raises:
@@ -37,7 +42,7 @@ def part_reaches(cell: Cell, part: str, T_world_tool: pin.SE3, line: float) -> t
     deepest, into = OVERLAP, ""
     places = [coal.Transform3s(x.pose.rotation, x.pose.translation) for x in things]
     asked, result = coal.CollisionRequest(), coal.CollisionResult()
-    solids = [shape_solid(part, WORLD, pin.SE3.Identity(), shape) for shape in cell.parts[part]]
+    solids = [shape_solid(part, WORLD, pin.SE3.Identity(), shape) for shape in shapes]
     for back in np.linspace(0.0, line, STEPS if line > 0.0 else 1):
         T = T_world_tool * pin.SE3(np.eye(3), np.array([0.0, 0.0, -back]))
         for solid in solids:

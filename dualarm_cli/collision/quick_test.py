@@ -29,7 +29,7 @@ from dualarm_cli.collision.solids import (
 )
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Held
 
 BLOCK = 100_000
 """Pairs in postures that are tested at a time: their arrays stay in the cache."""
@@ -53,7 +53,7 @@ class QuickTest:
 
         Args:
             cell: the noun.
-            carried: arm and part for every part that an arm ever carries.
+            carried: arm and name of everything that an arm ever holds, see `Held.name`.
 
         Raises:
             InputError: a mesh that cannot be used.
@@ -70,6 +70,7 @@ class QuickTest:
         self._single = self._tree.single()
         self._hulls = Hulls.of(self._solids, self._tree)
         self._capsules = Capsules.of(self._solids, self._hulls)
+        self._held = {arm.name: cell.all_held(arm.name) for arm in robot.arms}
         members = {arm.name: set(arm.joints) for arm in robot.arms}
         self.arms = tuple(members)
         """Names of the arms."""
@@ -81,8 +82,9 @@ class QuickTest:
 
         Args:
             arm: its name.
-            part: what it carries, if anything.
-            on_line: whether it is on one of a stop's lines: there a part may touch what stands still.
+            part: name of what it holds, if anything.
+            on_line: whether it is on one of a stop's lines: there a part may touch what stands still, and a tool that
+                is being taken or left.
         """
         key = ("own", arm, part, "line" if on_line else "")
         if key not in self._groups:
@@ -90,10 +92,10 @@ class QuickTest:
         return self._groups[key]
 
     def ground(self, arm: str, part: str) -> PairGroup:
-        """Returns the pairs of a carried part with what stands still, which on lines may touch, not overlap.
+        """Returns the pairs of what an arm holds with what stands still that on lines may touch, not overlap.
 
         Args:
-            arm: what carries it.
+            arm: what holds it.
             part: its name.
         """
         key = ("ground", arm, part)
@@ -102,9 +104,9 @@ class QuickTest:
                 [
                     replace(pair, required=-OVERLAP)
                     for pair in self._pairs
-                    if self._part_on_ground(pair)
-                    and self._movers_of(pair) == {arm}
+                    if self._movers_of(pair) == {arm}
                     and self._carries(pair, {arm: part})
+                    and self._may_lie(pair, self._held[arm][part])
                 ]
             )
         return self._groups[key]
@@ -115,14 +117,14 @@ class QuickTest:
             for pair in self._pairs
             if self._movers_of(pair) <= {arm}
             and self._carries(pair, {arm: part})
-            and not (on_line and self._part_on_ground(pair))
+            and not (on_line and self._may_lie(pair, self._held[arm][part]))
         ]
 
     def cross(self, parts: Mapping[str, str] | None = None) -> PairGroup:
         """Returns the pairs of one arm with the other.
 
         Args:
-            parts: what each arm carries, if anything, by arm.
+            parts: name of what each arm holds, if anything, by arm.
         """
         carried = parts or {}
         key = ("cross", *(carried.get(arm, "") for arm in self.arms))
@@ -179,14 +181,17 @@ class QuickTest:
         return self._moved_by[pair.first] | self._moved_by[pair.second]
 
     def _carries(self, pair: Pair, parts: Mapping[str, str]) -> bool:
-        """Returns whether all parts of a pair are carried."""
+        """Returns whether all parts and changed tools of a pair are held."""
         solids = (self._solids[pair.first], self._solids[pair.second])
-        return all(parts.get(s.carrier, "") == s.body for s in solids if s.carrier)
+        return all(
+            s.is_held(self._held[s.carrier][parts.get(s.carrier, "")]) for s in solids if s.carrier
+        )
 
-    def _part_on_ground(self, pair: Pair) -> bool:
-        """Returns whether a pair is a part and something that stands still."""
+    def _may_lie(self, pair: Pair, held: Held) -> bool:
+        """Returns whether a pair is something held that may lie on things, and something that stands still."""
         solids = (self._solids[pair.first], self._solids[pair.second])
-        return any(s.carrier for s in solids) and any(s.joint == WORLD for s in solids)
+        lies = any(s.carrier and (held.docking or not s.bolted) for s in solids)
+        return lies and any(s.joint == WORLD for s in solids)
 
     def _block(self, groups: Sequence[PairGroup], position: FloatArray, least: FloatArray) -> None:
         """Puts margins of g groups at n postures into `least`, shape (g, n)."""

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.model.cell import Cell, Shape
+from dualarm_cli.model.cell import Cell, Held, Shape
 
 WORLD = 0
 """Number of the joint that never moves."""
@@ -36,12 +36,20 @@ class Solid:
     extent: float
     """Greatest distance of its points from the joint's origin [m]; infinite for a half-space."""
     carrier: str = ""
-    """The arm that carries it, of a part."""
+    """The arm that carries it, of a part or a changed tool."""
+    tool: str = ""
+    """The changed tool that it is, or, of a part, that grips it; empty for none."""
+    bolted: bool = False
+    """Whether it is a changed tool: it may touch its arm's last links, and parts may lie on things, tools not."""
 
     @property
     def label(self) -> str:
         """What a person calls it: both arms may carry the same kind of part."""
-        return f"{self.carrier} {self.body}" if self.carrier else self.body
+        return f"{self.carrier} {self.body}" if self.carrier and not self.bolted else self.body
+
+    def is_held(self, held: Held) -> bool:
+        """Returns whether it is there while its carrier holds something."""
+        return self.tool == held.tool and (self.bolted or self.body == held.part)
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,11 @@ class Pair:
     """Number of the other."""
     required: float
     """Least distance between them [m]."""
+
+
+def tool_body(arm: str, tool: str) -> str:
+    """Returns what the body of a changed tool is called."""
+    return f"{arm}_{tool}"
 
 
 def link_solids(model: pin.Model, urdf: str) -> list[Solid]:
@@ -161,7 +174,7 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     Args:
         cell: the noun.
         model: of its robot's URDF.
-        carried: arm and part for every part that an arm ever carries.
+        carried: arm and name of everything that an arm ever holds, see `Held.name`.
 
     Raises:
         InputError: a mesh that cannot be used.
@@ -174,11 +187,20 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     for arm, tool in cell.tools.items():
         joint, pose = flanges[arm].parentJoint, flanges[arm].placement
         solids += [shape_solid(f"{arm}_tool", joint, pose, shape) for shape in tool.shapes]
-    for arm, part in carried:
+    names = {arm.name: cell.all_held(arm.name) for arm in cell.robot.arms}
+    things = dict.fromkeys((arm, replace(names[arm][name], docking=False)) for arm, name in carried)
+    tools = set[tuple[str, str]]()
+    for arm, held in things:
         joint, pose = flanges[arm].parentJoint, flanges[arm].placement * cell.tools[arm].tcp
+        of_tool, of_part = cell.held_shapes(arm, held)
+        # A tool is there once, whatever is in it.
+        for shape in of_tool if (arm, held.tool) not in tools else ():
+            solid = shape_solid(tool_body(arm, held.tool), joint, pose, shape)
+            solids.append(replace(solid, carrier=arm, tool=held.tool, bolted=True))
+        tools.add((arm, held.tool))
         solids += [
-            replace(shape_solid(part, joint, pose, shape), carrier=arm)
-            for shape in cell.parts[part]
+            replace(shape_solid(held.part, joint, pose, shape), carrier=arm, tool=held.tool)
+            for shape in of_part
         ]
     T_root_world = cell.base.inverse()
     for obstacle in cell.obstacles:
@@ -213,6 +235,8 @@ def check_meshes(cell: Cell) -> None:
         InputError: a mesh that cannot be used.
     """
     tools = [shape for tool in cell.tools.values() for shape in tool.shapes]
+    changed = [one.tool for own in cell.tool_changes.values() for one in own.tools.values()]
+    tools += [shape for tool in changed for shape in tool.shapes]
     parts = [shape for shapes in cell.parts.values() for shape in shapes]
     for shape in (*tools, *parts, *(thing.shape for thing in cell.obstacles)):
         _geometry(shape)
@@ -222,8 +246,8 @@ def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: 
     """Returns every pair of solids that must keep apart.
 
     Left out are solids that never move against each other, those of neighbouring links (joined by one joint; a tool
-    counts as the link that carries it, a part does not), and the pairs of bodies that the robot's or the cell's file
-    names as allowed contacts.
+    counts as the link that carries it, changed or not, a part does not), and the pairs of bodies that the robot's or
+    the cell's file names as allowed contacts.
 
     Args:
         model: of the robot's URDF.
@@ -239,7 +263,7 @@ def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: 
             other = solids[j]
             bodies = frozenset((one.body, other.body))
             neighbours = one.body in before[other.joint] or other.body in before[one.joint]
-            if one.carrier or other.carrier:
+            if any(solid.carrier and not solid.bolted for solid in (one, other)):
                 neighbours = False
             if one.joint == other.joint or neighbours or bodies in allowed:
                 continue

@@ -21,8 +21,9 @@ from dualarm_cli.loading.robot_pair import compose_pair, why_not_a_pair_member
 from dualarm_cli.loading.robots import build_robot, find_robot
 from dualarm_cli.loading.schema_cell import CellFile, PairMemberSection, PairSection, ShapeSection
 from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.tool_changes import read_tool_changes
 from dualarm_cli.loading.yaml_source import Document, Loc
-from dualarm_cli.model.cell import Cell, Obstacle, Shape, Tool
+from dualarm_cli.model.cell import Cell, Obstacle, Shape, Tool, ToolChanges
 from dualarm_cli.model.robot import Robot
 
 
@@ -75,11 +76,12 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     frames = world_frames(document, dict(model.frames), findings)
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
+    changes = read_tool_changes(document, model, tools, frames, reader.shape, findings)
     parts = reader.parts(model)
     if robot is None:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
-    bodies = reader.bodies(robot, model)
+    bodies = reader.bodies(robot, model, changes)
     contacts = checked_pairs(
         document, ("allowed_contacts",), model.allowed_contacts, bodies, findings
     )
@@ -97,6 +99,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
         contacts,
         parts,
+        changes,
     )
     return cell, tuple(reader.notes)
 
@@ -183,15 +186,24 @@ class _CellReader:
             found[name] = tuple(s for s in shapes if s)
         return found
 
-    def bodies(self, robot: Robot, model: CellFile) -> list[str]:
+    def bodies(
+        self, robot: Robot, model: CellFile, changes: Mapping[str, ToolChanges]
+    ) -> list[str]:
         """Returns the names of all bodies, after noting those that two of them share."""
         known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
-        named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
+        named: list[tuple[Loc, str]] = [
+            (("tool_changes", arm, "tools", name), f"{arm}_{name}")
+            for arm, own in changes.items()
+            for name in own.tools
+        ]
+        changed = [name for _, name in named]
+        named += [(("parts", name), name) for name in model.parts]
         named += [(("obstacles", k, "name"), o.name) for k, o in enumerate(model.obstacles)]
         for loc, name in named:
-            if name in known or (loc[0] == "obstacles" and name in model.parts):
+            taken = loc[0] != "tool_changes" and name in changed
+            if name in known or taken or (loc[0] == "obstacles" and name in model.parts):
                 message = f"{quote(name)} is already the name of a link, tool or part"
-                self.findings.add(self.document, loc, message, key=loc[0] == "parts")
+                self.findings.add(self.document, loc, message, key=loc[0] != "obstacles")
         return list(dict.fromkeys([*known, *(name for _, name in named)]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:

@@ -10,6 +10,7 @@ from pydantic_core import core_schema
 from dualarm_cli.loading.fields import (
     BodyPair,
     Distance,
+    Duration,
     FramedPose,
     Mass,
     Name,
@@ -144,6 +145,49 @@ class ToolsSection(Section):
     right: ToolSection | None = Field(default=None, description="Tool of the right arm.")
 
 
+class ChangedToolSection(ToolSection):
+    """A tool that an arm takes from its stand and leaves there."""
+
+    stand: FramedPose = Field(
+        description="Where the arm's own tool frame (tools: tcp) is while it takes or leaves it; xyz must be given."
+    )
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> ChangedToolSection:
+        if self.stand.xyz is None:
+            raise refuse("the stand has no place; give its xyz", "stand", "E202")
+        return self
+
+
+class ArmChangesSection(Section):
+    """The tools that one arm changes by itself."""
+
+    start: Name = Field(
+        description="The tool that is on at the start, and with return: true at the end; none for no tool."
+    )
+    time: Duration = Field(
+        default=0.0,
+        description="How long the arm stands still at a stand [s], each time it takes a tool and each time it leaves "
+        "one: a change from one tool to another is two of these.",
+    )
+    approach: Distance = Field(
+        default=0.0, description="Straight approach to a stand along the own tool's z axis [m]."
+    )
+    retract: Distance = Field(
+        default=0.0, description="Straight retract from a stand along the own tool's z axis [m]."
+    )
+    tools: Annotated[dict[Name, ChangedToolSection], Field(min_length=1)] = Field(
+        description="The tools, by name."
+    )
+
+
+class ToolChangesSection(Section):
+    """The tools that each arm changes."""
+
+    left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
+    right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
+
+
 class LimitsSection(Section):
     """Caps on motion, besides those of the joints."""
 
@@ -199,6 +243,9 @@ class CellFile(Section):
     )
     base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
     tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")
+    tool_changes: ToolChangesSection = Field(
+        default=ToolChangesSection(), description="Tools that arms change by themselves, by arm."
+    )
     frames: dict[Name, FramedPose] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )

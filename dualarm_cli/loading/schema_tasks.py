@@ -121,6 +121,10 @@ class TaskSection(Section):
     dwell: Dwell | None = Field(
         default=None, description="Time at each target [s], one number or its shares."
     )
+    tool: Name | None = Field(
+        default=None,
+        description="The tool that it is done with, of those that the cell's tool_changes name; none for no tool.",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskSection:
@@ -172,6 +176,9 @@ class DefaultsSection(Section):
     dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
+    )
+    tool: Name | None = Field(
+        default=None, description="The tool that tasks are done with; none for no tool."
     )
     straight: Distance | None = Field(
         default=None, description="How much of a line must be straight [m]."

@@ -8,11 +8,14 @@ from itertools import pairwise
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.schema_tasks import TaskSection, TasksFile
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document
+from dualarm_cli.model.cell import Cell
 
 NOT_AVAILABLE = "E310"
 """Code of what the format has and this version has not."""
+FREE_START = "free"
+"""What a file says where the planner shall choose the start posture."""
 
 
 def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
@@ -68,6 +71,18 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
     if model.sequences and model.order == "given":
         message = "order: given does all tasks in the file's order already; say order: optimise, or remove 'sequences'"
         findings.add(document, ("sequences",), message)
+
+
+def check_start(document: Document, cell: Cell, findings: Findings) -> None:
+    """Notes a start posture that the robot does not have."""
+    known = [*cell.robot.postures, FREE_START]
+    start = document.data.get("start", "home")
+    if isinstance(start, str) and start not in known:
+        message = (
+            f"{cell.robot.name} has no posture {quote(start)}"
+            f"{suggest(start, known, 'choose one of')}"
+        )
+        findings.add(document, ("start",), message)
 
 
 def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:

@@ -20,7 +20,13 @@ from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, Task
 from dualarm_cli.loading.seams import SeamReader
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_order import check_order
-from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
+from dualarm_cli.loading.task_rules import (
+    check_settings,
+    check_start,
+    check_tasks,
+    permission_notes,
+)
+from dualarm_cli.loading.task_tools import ToolChoice, check_tool_changes
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
@@ -36,8 +42,6 @@ from dualarm_cli.model.job import (
 )
 from dualarm_cli.model.place import Place
 
-FREE_START = "free"
-"""What a file says where the planner shall choose the start posture."""
 SEAM_KEYS = {
     "arm": "it names master and slave itself",
     "approach": "write it into its entry",
@@ -72,7 +76,9 @@ def load_job(path: str | Path) -> Job:
     tasks: tuple[Task, ...] = ()
     order_notes: list[str] = []
     if loaded is not None:
-        _check_start(document, loaded[0], findings)
+        check_start(document, loaded[0], findings)
+        if model is not None:
+            check_tool_changes(document, model, loaded[0], findings)
         defaults = model.defaults if model is not None else DefaultsSection()
         paths = PathReader(project, Path(path), document, loaded[0], findings)
         tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
@@ -131,15 +137,6 @@ def _load_cell(
     return None
 
 
-def _check_start(document: Document, cell: Cell, findings: Findings) -> None:
-    known = [*cell.robot.postures, FREE_START]
-    start = document.data.get("start", "home")
-    if isinstance(start, str) and start not in known:
-        choices = suggest(start, known, "choose one of")
-        message = f"{cell.robot.name} has no posture {quote(start)}{choices}"
-        findings.add(document, ("start",), message)
-
-
 class _TaskReader:
     """Turns the tasks of one file into nouns."""
 
@@ -157,6 +154,7 @@ class _TaskReader:
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
         self._seams = SeamReader(document, cell, paths)
+        self._tools = ToolChoice(document, cell, defaults.tool, findings)
 
     def tasks(self, sections: dict[int, TaskSection]) -> tuple[Task, ...]:
         """Returns the tasks in file order."""
@@ -179,7 +177,8 @@ class _TaskReader:
                 continue
             # What only one arm can do is that arm's.
             arm = self._arms[0] if section.arm == ANY and len(self._arms) == 1 else section.arm
-            stops = self._stops(section, loc, arm)
+            arm, tool = self._tools.choose(section, loc, arm)
+            stops = self._stops(section, loc, arm, tool)
             part = self._part(section, loc)
             line, column = self._document.place(loc)
             task = Task(
@@ -191,6 +190,7 @@ class _TaskReader:
                 not_before=section.not_before or 0.0,
                 not_after=math.inf if section.not_after is None else section.not_after,
                 place=Place(self._document.source.name, line, column),
+                tool=tool,
             )
             found.append(task)
         return tuple(found)
@@ -204,7 +204,7 @@ class _TaskReader:
         if wrong:
             self._findings.add(self._document, place, wrong)
             return []
-        for key in ("approach", "retract", "dwell", "part"):
+        for key in ("approach", "retract", "dwell", "part", "tool"):
             if getattr(section, key) is not None:
                 message = f"'{key}' does not go with a path; remove it"
                 self._findings.add(self._document, (*loc, key), message)
@@ -222,7 +222,7 @@ class _TaskReader:
         self, section: TaskSection, coordinate: CoordinateSection, loc: Loc
     ) -> list[Task]:
         """Returns each arm's share of a coordinate task."""
-        for key in ("arm", "approach", "retract", "dwell", "part"):
+        for key in ("arm", "approach", "retract", "dwell", "part", "tool"):
             if getattr(section, key) is not None:
                 instead = SEAM_KEYS.get(key, "remove it")
                 message = f"'{key}' does not go with a coordinate task; {instead}"
@@ -270,7 +270,7 @@ class _TaskReader:
             self._findings.add(self._document, place, message)
         return part
 
-    def _stops(self, section: TaskSection, loc: Loc, arm: str) -> tuple[Stop, ...]:
+    def _stops(self, section: TaskSection, loc: Loc, arm: str, tool: str) -> tuple[Stop, ...]:
         stops = []
         for action in _ACTIONS:
             target_section = getattr(section, action)
@@ -281,6 +281,7 @@ class _TaskReader:
             target = self._targets.target(target_section, (*loc, action), arm)
             if target is None:
                 continue
+            target = self._tools.seen(target, (*loc, action), arm, tool)
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
             around = self._surroundings(section, action == "move")

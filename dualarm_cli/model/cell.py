@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import pinocchio as pin
 
+from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 
 ShapeKind = Literal["box", "sphere", "cylinder", "capsule", "mesh", "half_space"]
@@ -38,6 +39,52 @@ class Tool:
     """Mass [kg]."""
     shapes: tuple[Shape, ...] = ()
     """Solids in the flange frame."""
+
+
+@dataclass(frozen=True)
+class ChangedTool:
+    """A tool that an arm takes from a stand and leaves there."""
+
+    tool: Tool
+    """What it is; its tool centre point and solids are in the flange frame, as those of what is always on the arm."""
+    stand: pin.SE3
+    """Where the arm's own tool frame is in the world while it takes it or leaves it."""
+
+
+@dataclass(frozen=True)
+class ToolChanges:
+    """The tools that one arm changes by itself."""
+
+    tools: Mapping[str, ChangedTool]
+    """By their names."""
+    start: str = ""
+    """The one that is on when the motion starts, and at the end of a cycle; empty for none."""
+    time: float = 0.0
+    """How long the arm stands still at a stand to take a tool or to leave it [s]."""
+    approach: float = 0.0
+    """Length of the straight approach to a stand along the own tool's +z axis [m]."""
+    retract: float = 0.0
+    """Length of the straight retract from it along the own tool's -z axis [m]."""
+    place: Place = NOWHERE
+    """Where it is written."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """What an arm holds besides the tool that is always on it."""
+
+    tool: str = ""
+    """The changed tool that is on; empty for none."""
+    part: str = ""
+    """The part in it; empty for none."""
+    docking: bool = False
+    """Whether the tool is being taken or left: on the lines at its stand it may touch what stands still."""
+
+    @property
+    def name(self) -> str:
+        """What it is called; empty for nothing."""
+        whole = " with ".join(name for name in (self.tool, self.part) if name)
+        return f"{whole} at its stand" if self.docking else whole
 
 
 @dataclass(frozen=True)
@@ -74,3 +121,39 @@ class Cell:
     """Pairs of bodies that may touch, besides those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
     """Solids of each kind of part in the frame of the tool centre point that carries it."""
+    tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
+    """By arm, the tools that it changes by itself; arms that change none are missing."""
+
+    def tool_names(self, arm: str) -> tuple[str, ...]:
+        """Returns the tools that an arm may have on, the empty name of none among them."""
+        changes = self.tool_changes.get(arm)
+        return ("", *changes.tools) if changes is not None else ("",)
+
+    def start_tool(self, arm: str) -> str:
+        """Returns the changed tool that an arm has on when the motion starts; empty for none."""
+        changes = self.tool_changes.get(arm)
+        return changes.start if changes is not None else ""
+
+    def all_held(self, arm: str) -> dict[str, Held]:
+        """Returns everything that an arm may ever hold, by its name."""
+        found = [Held(tool, part) for tool in self.tool_names(arm) for part in ("", *self.parts)]
+        found += [Held(tool, docking=True) for tool in self.tool_names(arm) if tool]
+        return {one.name: one for one in found}
+
+    def T_own_tool(self, arm: str, tool: str) -> pin.SE3:
+        """Returns a changed tool's centre point in the frame of the arm's own; the identity for no tool."""
+        if not tool:
+            return pin.SE3.Identity()
+        return self.tools[arm].tcp.actInv(self.tool_changes[arm].tools[tool].tool.tcp)
+
+    def held_shapes(self, arm: str, held: Held) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """Returns the solids of a held tool and of a held part, in the frame of the arm's own tool centre point."""
+        T_flange_own, of_tool = self.tools[arm].tcp, tuple[Shape, ...]()
+        if held.tool:
+            of_tool = tuple(
+                replace(shape, pose=T_flange_own.actInv(shape.pose))
+                for shape in self.tool_changes[arm].tools[held.tool].tool.shapes
+            )
+        T_own_tool = self.T_own_tool(arm, held.tool)
+        part = self.parts[held.part] if held.part else ()
+        return of_tool, tuple(replace(shape, pose=T_own_tool * shape.pose) for shape in part)

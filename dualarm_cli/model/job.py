@@ -11,26 +11,28 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.buffer import Buffer
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.model.tool_path import ToolPath
 
-Action = Literal["pick", "place", "move", "path", "seam_start", "seam_end"]
+Action = Literal[
+    "pick", "place", "move", "path", "seam_start", "seam_end", "take_tool", "leave_tool"
+]
 Mode = Literal["paired", "free"]
 Order = Literal["given", "optimise"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 ANY = "any"
 """What stands for an arm where the planner chooses it."""
-TAKES: frozenset[str] = frozenset({"pick"})
-"""Actions after which an arm holds its task's part: from the event on."""
-GIVES: frozenset[str] = frozenset({"place"})
+TAKES: frozenset[str] = frozenset({"pick", "take_tool"})
+"""Actions after which an arm holds its task's part, or tool: from the event on."""
+GIVES: frozenset[str] = frozenset({"place", "leave_tool"})
 """Actions after which it no longer does: from the end of the dwell on."""
 CHANGES = TAKES | GIVES
 """Actions that change what an arm holds."""
-SAME_SHARE = 1e-9
-"""Difference of two shares of a way that count as one."""
+AT_STANDS: frozenset[str] = frozenset({"take_tool", "leave_tool"})
+"""Actions of tool changes, which no file asks for."""
 
 
 @dataclass(frozen=True)
@@ -111,50 +113,6 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class PathWork:
-    """Paths that one tool or both follow together, and how."""
-
-    paths: Mapping[str, ToolPath]
-    """By arm. Both tools have gone the same share of their paths at every instant."""
-    speed: float
-    """Largest speed of the tool with the longer path along it [m/s]."""
-    acceleration: float | None = None
-    """Largest acceleration along that path [m/s²]; None leaves the ramps to the planner."""
-    jerk: float | None = None
-    """Largest jerk along that path [m/s³]; None leaves it to the planner."""
-    redundancy: str | None = None
-    """Name of the path follower; None for the default one."""
-    posture: str | None = None
-    """Name of the posture that the motion begins near; None leaves it to the planner."""
-    slower: bool = False
-    """Whether it may be followed slower where the joints' limits ask for it."""
-    tolerance: float = 1e-4
-    """How far the tools may leave their paths [m], and turn away by tolerance over TURN_LENGTH [rad]."""
-    critical_points: Mapping[str, FloatArray] = field(default_factory=dict)
-    """By arm, where a virtual spring pulls the elbow, in the frame of the last platform joint [m], shape (3,)."""
-    stiffness: float = 10.0
-    """Of the virtual springs: K of [Choi2020] Eq. 9."""
-    torque: bool = False
-    """Whether the joints' torques are kept within the limits of the URDF."""
-    place: Place = NOWHERE
-    """Where it is written."""
-
-    @property
-    def length(self) -> float:
-        """Length of the longest path [m]."""
-        return max(path.length for path in self.paths.values())
-
-    def corners(self) -> tuple[float, ...]:
-        """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
-        found: list[float] = []
-        for share in sorted(c / path.length for path in self.paths.values() for c in path.corners):
-            # What both tools' shares differ by rounding is one corner.
-            if not found or share - found[-1] > SAME_SHARE:
-                found.append(share)
-        return tuple(found)
-
-
-@dataclass(frozen=True)
 class Task:
     """One thing to be done by one arm: a pick and a place, a bare move, or its share of a path."""
 
@@ -178,14 +136,26 @@ class Task:
     """Its tool is at the last target no later than this after the start [s]."""
     place: Place = NOWHERE
     """Where it is written."""
+    tool: str = ""
+    """The changed tool that it is done with, or that is taken or left; empty for none."""
 
     def held_before(self, action: str) -> str:
-        """Returns the part that its arm holds when it comes to the stop of an action; empty for none."""
-        return self.part if action in GIVES else ""
+        """Returns the name of what its arm holds when it comes to the stop of an action; empty for nothing."""
+        return self._held(action, action in GIVES)
 
     def held_after(self, action: str) -> str:
-        """Returns the part that its arm holds when it leaves the stop of an action; empty for none."""
-        return self.part if action in TAKES else ""
+        """Returns the name of what its arm holds when it leaves the stop of an action; empty for nothing."""
+        return self._held(action, action in TAKES)
+
+    def _held(self, action: str, holds: bool) -> str:
+        if action in AT_STANDS:
+            return Held(self.tool, docking=True).name if holds else ""
+        return Held(self.tool, self.part if holds else "").name
+
+    @property
+    def is_change(self) -> bool:
+        """Whether it takes a tool or leaves one: no file has such a task, it comes between two."""
+        return any(stop.action in AT_STANDS for stop in self.stops)
 
     def allows(self, arm: str) -> bool:
         """Returns whether an arm may do it."""
@@ -253,17 +223,29 @@ class Job:
         return any(task.alone for task in self.tasks)
 
     def carried(self) -> list[tuple[str, str]]:
-        """Returns arm and part for every part that an arm may ever hold, each once."""
+        """Returns arm and name of everything that an arm may ever hold, each once; see `Held.name`.
+
+        Of an arm that changes tools these are among it, whether its tasks say so yet or not.
+        """
         arms = [arm.name for arm in self.cell.robot.arms]
-        return list(
-            dict.fromkeys(
-                (arm, task.part)
-                for task in self.tasks
-                if task.part
-                for arm in arms
-                if task.allows(arm)
-            )
-        )
+        tools = [
+            (arm, held)
+            for arm, changes in self.cell.tool_changes.items()
+            for tool in changes.tools
+            for held in (Held(tool).name, Held(tool, docking=True).name)
+        ]
+        parts = [
+            (arm, Held(task.tool, task.part).name)
+            for task in self.tasks
+            if task.part
+            for arm in arms
+            if task.allows(arm)
+        ]
+        return list(dict.fromkeys([*tools, *parts]))
+
+    def held_at_start(self, arm: str) -> str:
+        """Returns the name of what an arm holds when the motion starts; empty for nothing."""
+        return Held(self.cell.start_tool(arm)).name
 
     def stops_of(self, arm: str) -> list[tuple[Task, Stop]]:
         """Returns the targets of one arm in file order, each with its task."""

@@ -130,9 +130,9 @@ class Event:
     task: str
     """Id of the task."""
     action: str
-    """pick, place or move."""
+    """pick, place, move, take_tool or another one of `Action`."""
     frame: str
-    """Name of the frame that is there, such as left_tcp."""
+    """Name of the frame that is there, such as left_tcp: that of the arm's own tool, whatever tool is on besides."""
     pose: pin.SE3
     """Commanded pose of that frame in the world."""
     dwell: float = 0.0

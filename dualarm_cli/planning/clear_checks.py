@@ -20,7 +20,7 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
     if job.start == "free":
         return
     position = np.array(job.cell.robot.postures[job.start])
-    held = np.zeros(len(cell.arms), dtype=np.int64)
+    held = holding.before[0]
     one, other, margin = cell.nearest(position, held)
     if margin < 0.0:
         raise InfeasibleError(
@@ -31,10 +31,10 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
 
 
 def check_parts(problem: MethodProblem, holding: Holding) -> None:
-    """Refuses parts that reach into something where they are picked or placed: no posture changes that.
+    """Refuses parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
 
     Raises:
-        InfeasibleError: with task, part, obstacle and depth, of all of them.
+        InfeasibleError: with task, part or tool, obstacle and depth, of all of them.
     """
     lines = []
     stages = problem.job.stages()
@@ -42,14 +42,15 @@ def check_parts(problem: MethodProblem, holding: Holding) -> None:
         task, stop = stages[k][arm]
         if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
             continue  # between the turns that were tried there are others
+        what = f"tool '{task.tool}'" if task.is_change else f"part '{task.part}'"
         lines.append(
-            f"{stop.place}: task '{task.id}': where {arm} has to {stop.action} it or on the line there, part "
-            f"'{task.part}' reaches {depth * 1e3:.1f} mm into '{into}', at best"
+            f"{stop.place}: task '{task.id}': where {arm} has to {stop.action.split('_')[0]} it or on the line there, "
+            f"{what} reaches {depth * 1e3:.1f} mm into '{into}', at best"
         )
     if lines:
         raise InfeasibleError(
-            "no posture helps where a part reaches into something:\n  "
+            "no posture helps where a part or a tool reaches into something:\n  "
             + "\n  ".join(lines)
-            + "\nwhat helps: another target, a part or an obstacle of another size, a shorter line, or "
+            + "\nwhat helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
             "`allowed_contacts` for the two"
         )

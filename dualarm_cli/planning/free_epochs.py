@@ -15,6 +15,7 @@ from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.orders import own_rules
 from dualarm_cli.planning.path_record import Record
+from dualarm_cli.planning.tool_changes import cell_after, changes_of, with_changes
 from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.sequencing.epoch_search import EpochEffort, EpochSearch
@@ -82,7 +83,14 @@ def _decided(order: OrderModel, found: EpochOrder) -> FreeEpochs:
         epochs.append((order.angles[epoch.angle], tuple(own)))
     tasks = tuple(task for _, own in epochs for task in own)
     decided = replace(order.job, tasks=tasks, order="given", pairing=None)
-    return FreeEpochs(decided, tuple(epochs), found.total)
+    # Tools are changed while the platform stands where the next task is done, at the end where the last ones are.
+    before, end = changes_of(decided)
+    epochs = [
+        (angle, tuple(one for task in own for one in (*before[task.id], task)))
+        for angle, own in epochs
+    ]
+    epochs[-1] = (epochs[-1][0], (*epochs[-1][1], *end))
+    return FreeEpochs(with_changes(decided), tuple(epochs), found.total)
 
 
 def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
@@ -99,7 +107,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
         own = own_rules(
             replace(job, tasks=_later(tasks, record.clock), returns=False, sequences=())
         )
-        own = begun(own, done)
+        own = begun(replace(own, cell=cell), done)
         done += tasks
         if here is not None:
             robot = replace(cell.robot, postures={**cell.robot.postures, HERE: here})
@@ -113,6 +121,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
         motion = one.plan(angle)
         record.add(motion)
         here = np.asarray(motion.trajectory.position[-1])
+        cell = cell_after(cell, tasks)
     return Motion(
         concatenate(record.pieces),
         tuple(record.stages),

@@ -24,6 +24,7 @@ from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import check_reach
 from dualarm_cli.planning.ordered_plan import early_notes
+from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.planning.watch import Watch
 
 LONG = 40
@@ -73,8 +74,9 @@ def plan_by_own_clocks(
         if best is not None and (watch.stop() or number >= ANGLES or len(one.job.tasks) > LONG):
             break
         try:
-            own = replace(planner, problem=replace(problem, job=one.job))
-            found = schedule(own.plan(one.angle), one.job)
+            decided = with_changes(one.job)
+            own = replace(planner, problem=replace(problem, job=decided))
+            found = schedule(own.plan(one.angle), decided)
         except InfeasibleError:
             continue
         if best is None or found.duration < best.duration:
@@ -97,7 +99,7 @@ def plan_by_own_clocks(
     if best is None or _may_be_quicker(problem.model, best):
         watch.tell("planning both arms stage by stage together")
         try:
-            together = paired(stage_by_stage(problem.job))
+            together = paired(stage_by_stage(with_changes(problem.job)))
         except InfeasibleError:
             if best is None:
                 raise
@@ -198,9 +200,10 @@ def _free_gap(orders: FreeOrders) -> float | None:
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
     """Returns what a reader should know of a plan in which the platform stands at several angles."""
+    counts = [sum(not task.is_change for task in tasks) for _, tasks in found.epochs]
     stands = ", then ".join(
-        f"at {np.degrees(angle[0]):.0f} deg for {len(tasks)} {'task' if len(tasks) == 1 else 'tasks'}"
-        for angle, tasks in found.epochs
+        f"at {np.degrees(angle[0]):.0f} deg for {count} {'task' if count == 1 else 'tasks'}"
+        for (angle, _), count in zip(found.epochs, counts, strict=True)
     )
     notes = [
         f"mode: free: the platform stands {stands}; meanwhile each arm goes by its own clock; {found.total:.2f} s by "

@@ -23,6 +23,7 @@ from dualarm_cli.planning.own_clock import OwnClock, Wait
 from dualarm_cli.planning.path_record import Record
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import STEP, StageSamples, which_keep_clear
+from dualarm_cli.planning.tool_changes import cell_after
 from dualarm_cli.planning.transfers import PLATFORM, transfers_within_tool_speed
 from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.timing import TimingSolver
@@ -134,7 +135,8 @@ class FreePlanner:
         if np.array_equal(here, there):
             return motion
         postures = {**problem.job.cell.robot.postures, problem.job.start: here}
-        cell = replace(problem.job.cell, robot=replace(problem.job.cell.robot, postures=postures))
+        cell = cell_after(problem.job.cell, problem.job.tasks)
+        cell = replace(cell, robot=replace(cell.robot, postures=postures))
         alone = replace(problem.job, cell=cell, tasks=(), returns=False)
         limits = cell.robot.limits.scaled(alone.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
@@ -245,7 +247,6 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)
     time = np.minimum(step * np.arange(count), duration)
-    tasks = {task.id: task for task in job.tasks}
     held = np.empty((count, len(cell.arms)), dtype=np.int64)
     for a, name in enumerate(cell.arms):
         own = OwnClock(
@@ -255,7 +256,7 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
             tuple(part for part in motion.segments if part.arm == name),
             tuple(event for event in motion.events if event.arm == name),
         )
-        held[:, a] = own.held(time, cell, tasks)
+        held[:, a] = own.held(time, cell, job)
     position = motion.trajectory.at(time)[0]
     stretches = [
         StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)

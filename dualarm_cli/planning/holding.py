@@ -1,4 +1,4 @@
-"""What each arm holds, stage by stage: its part from pick to place."""
+"""What each arm holds, stage by stage: its part from pick to place, and the tool that is on."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import pinocchio as pin
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision.solids import tool_body
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import CHANGES, TAKES, Job, PoseTarget, Stop
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.job import TAKES, Job, PoseTarget, Stop, Task
 from dualarm_cli.planning.yaws import stop_yaws
 
 
@@ -45,41 +47,49 @@ class Holding:
             InputError: a mesh of the cell that cannot be used.
         """
         cell = replace(CellClearance.of(job.cell, job.carried()), crossing=crossing)
-        holds = dict.fromkeys(cell.arms, "")
+        holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []
         for work in job.stages():
             now = dict(holds)
             for arm, (task, stop) in work.items():
-                if stop.action in CHANGES:
-                    now[arm] = task.held_after(stop.action)
+                # A tool that comes to its stand may touch it there: what is held has another name then.
+                holds[arm] = task.held_before(stop.action)
+                now[arm] = task.held_after(stop.action)
             rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
             holds = now
         fitting, misfits = {}, {}
         for k, work in enumerate(job.stages()):
             for arm, (task, stop) in work.items():
-                fitting[k, arm], misfit = _fitting(job, stop, task.part)
+                fitting[k, arm], misfit = _fitting(job, arm, task, stop)
                 if misfit is not None:
                     misfits[k, arm] = misfit
         if not rows:
-            # A transfer alone, on which nothing is held.
-            rows.append([[cell.held("")] * len(cell.arms)] * 2)
+            # A transfer alone, on which no part is held.
+            rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
         return cls(cell, numbers[:, 0], numbers[:, 1], fitting, misfits, 1.0 / job.speed)
 
 
-def _fitting(job: Job, stop: Stop, part: str) -> tuple[FloatArray, tuple[float, str] | None]:
+def _fitting(
+    job: Job, arm: str, task: Task, stop: Stop
+) -> tuple[FloatArray, tuple[float, str] | None]:
     """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines.
 
     Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
     """
     yaws = stop_yaws(stop)
-    if not part or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
+    of_tool, of_part = job.cell.held_shapes(arm, Held(task.tool, task.part))
+    # At its stand a tool is to what stands there as a part is to what it lies on.
+    shapes = of_tool if task.is_change else of_part
+    body = tool_body(arm, task.tool) if task.is_change else task.part
+    if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
     line = stop.retract if stop.action in TAKES else stop.approach
     reaches = [
         part_reaches(
             job.cell,
-            part,
+            body,
+            shapes,
             stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.array([0.0, 0.0, 0.0])),
             line,
         )

@@ -10,6 +10,7 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.planning.order_bound import own_clocks_bound, shared_bound
 from dualarm_cli.planning.seam_words import seam_bound
 from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.tool_changes import with_changes
 
 PATH_BOUND = (
     "lower bound: the sections between paths and seams each by itself, from wherever they like; these at full speed; "
@@ -28,6 +29,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         effort: quick, normal or thorough.
     """
     general = bool(job.cell.robot.without_closed_form)
+    job = with_changes(job)
     if general and not job.in_sections:
         return LowerBound(None, (NO_BOUND,))
     if not job.is_decided and not job.in_sections:

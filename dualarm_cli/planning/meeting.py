@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.model.cell import Held
 from dualarm_cli.planning.order_model import OrderModel
 
 MOST_PAIRS = 300_000
@@ -90,7 +91,8 @@ def _held(order: OrderModel, stops: Sequence[tuple[int, int]]) -> IntArray:
     """Returns what an arm holds at each stop, at most, shape (s,)."""
     assert order.clearance is not None  # callers have looked
     cell = order.clearance
-    return np.array([cell.held(order.job.tasks[t].part) for t, _ in stops], dtype=np.int64)
+    held = (Held(order.tasks[t].tool, order.tasks[t].part).name for t, _ in stops)
+    return np.array([cell.held(name) for name in held], dtype=np.int64)
 
 
 def _touch(

@@ -124,12 +124,11 @@ class Meeting:
         blocked = np.zeros(shape, dtype=np.bool_)
         if self.cell is None:
             return blocked
-        tasks = {task.id: task for task in self.job.tasks}
         joints, held = [], []
         for clock, count in zip(self.clocks, steps, strict=True):
             time = np.minimum(step * np.arange(count + 1), clock.duration)
             joints.append(clock.trajectory.at(time)[0])
-            held.append(clock.held(time, self.cell, tasks))
+            held.append(clock.held(time, self.cell, self.job))
         near = np.zeros(shape, dtype=np.bool_)
         i, c = (
             x.ravel() for x in np.meshgrid(np.arange(n + 1), np.arange(2 * band + 1), indexing="ij")

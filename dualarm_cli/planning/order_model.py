@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, JointTarget
+from dualarm_cli.model.job import Job, JointTarget, Task
 from dualarm_cli.planning.buffer_numbers import job_stores, stop_lasts
 from dualarm_cli.planning.stage_problems import Clock
 from dualarm_cli.planning.stop_nodes import StopNodes, platform_angles, stop_nodes
+from dualarm_cli.planning.task_ways import MOST_GIVEN, Ways, hub, spread, stop_costs, widened
+from dualarm_cli.planning.tool_changes import stand_tasks
 from dualarm_cli.sequencing.problem import ArmTasks, SequencingProblem
+from dualarm_cli.sequencing.tool_stands import NO_TOOL, ToolStands
 
 CANDIDATES = 16
 """Postures of a stop at one platform angle that are looked at for whether they keep clear."""
-SIMILAR = 0.08
-"""Postures of a stop that are nearer to one another than this are one [s]."""
-DEARER = 0.6
-"""Postures that cost more than this beyond the best one's are left out [s]."""
-HUB_ROUNDS = 2
-"""So often the middle of an arm's work is looked for from the one before."""
-MOST_GIVEN = 160
-"""Most ways of tasks whose targets are joint configurations."""
 WAYS = ((12, 6), (40, 4), (120, 2))
 """Ways of every task, by up to how many tasks; one beyond."""
 
@@ -48,6 +43,8 @@ class OrderModel:
     """Closed-form times."""
     hubs: Mapping[str, FloatArray]
     """By arm, joints in the middle of its work [rad]: postures near them are near to one another."""
+    tasks: tuple[Task, ...]
+    """The job's, and after them one for every tool that an arm may leave or take at its stand."""
 
     @classmethod
     def of(cls, model: CellModel, job: Job, *, clear: bool = True) -> OrderModel:
@@ -59,7 +56,9 @@ class OrderModel:
             clear: whether anything has to keep clear.
         """
         angles = platform_angles(model, job)
-        nodes, clock = stop_nodes(model, job, angles), Clock.of(model, job)
+        tasks = (*job.tasks, *stand_tasks(job.cell))
+        nodes = stop_nodes(model, replace(job, tasks=tasks), angles)
+        clock = Clock.of(model, job)
         return cls(
             model,
             job,
@@ -67,7 +66,8 @@ class OrderModel:
             nodes,
             CellClearance.of(job.cell, job.carried()) if clear else None,
             clock,
-            {name: _hub(model, job, name, nodes, clock) for name in model.arms},
+            {name: hub(model, job, name, nodes, clock) for name in model.arms},
+            tasks,
         )
 
     def reached(self) -> BoolArray:
@@ -106,7 +106,7 @@ class OrderModel:
         late = np.array([task.not_after for task in job.tasks])
         width = max(arm.ways for arm in arms)
         return SequencingProblem(
-            tuple(_widened(arm, width) for arm in arms),
+            tuple(widened(arm, width) for arm in arms),
             tuple(len(task.stops) for task in job.tasks),
             job.returns,
             tuple((index[name], t) for t, task in enumerate(job.tasks) for name in task.after),
@@ -117,9 +117,45 @@ class OrderModel:
             (0.0 if job.start == "free" else turn, turn if job.returns else 0.0),
             job_stores(job),
             stop_lasts(job.tasks, list(self.model.arms), self.nodes, f),
+            tuple(self._stands(name, f) for name in self.model.arms)
+            if job.cell.tool_changes
+            else (),
         )
 
-    def _arm(self, name: str, ways: list[_Ways]) -> ArmTasks:
+    def _stands(self, name: str, f: int) -> ToolStands | None:
+        """Returns what changing tools is to one arm with the platform at an angle; None where it changes none."""
+        cell = self.job.cell
+        if name not in cell.tool_changes:
+            return None
+        number = {tool: k - 1 for k, tool in enumerate(cell.tool_names(name))}
+        ways = [
+            [self._ways(name, self.stand(name, tool, action), f) for tool in number if tool]
+            for action in ("leave_tool", "take_tool")
+        ]
+        width = max(1, *(len(one.first) for row in ways for one in row))
+        shape = (2, len(number) - 1, width)
+        entry = np.full((*shape, len(self.model.arms[name].columns)), np.nan)
+        leaving, work = entry.copy(), np.full(shape, np.inf)
+        for action, row in enumerate(ways):
+            for k, one in enumerate(row):
+                m = len(one.first)
+                entry[action, k, :m], leaving[action, k, :m] = one.entry, one.leaving
+                work[action, k, :m] = one.first
+        # Of what an arm does not do the tool does not matter.
+        tool = [number.get(task.tool, NO_TOOL) for task in self.job.tasks]
+        start = number[cell.start_tool(name)]
+        return ToolStands(np.array(tool), start, start, entry, leaving, work)
+
+    def stand(self, arm: str, tool: str, action: str) -> int:
+        """Returns the number of the task that is to leave or to take an arm's tool at its stand."""
+        first = len(self.job.tasks)
+        return next(
+            t
+            for t, task in enumerate(self.tasks[first:], start=first)
+            if (task.arm, task.tool, task.stops[0].action) == (arm, tool, action)
+        )
+
+    def _arm(self, name: str, ways: list[Ways]) -> ArmTasks:
         width = max(1, *(len(one.first) for one in ways))
         n, joints = len(ways), len(self.model.arms[name].columns)
         entry = np.full((n, width, joints), np.nan)
@@ -132,17 +168,17 @@ class OrderModel:
         start = self.start[self.model.arms[name].columns]
         return ArmTasks(entry, leaving, first, second, start, self.clock.arms[name].law)
 
-    def _ways(self, name: str, t: int, f: int) -> _Ways:
+    def _ways(self, name: str, t: int, f: int) -> Ways:
         """Returns the ways of one arm to do a task with the platform at an angle."""
-        task = self.job.tasks[t]
+        task = self.tasks[t]
         joints = len(self.model.arms[name].columns)
         if not task.allows(name):
-            return _Ways.none(joints)
+            return Ways.none(joints)
         given = all(isinstance(stop.target, JointTarget) for stop in task.stops)
         few = next((w for most, w in WAYS if len(self.job.tasks) <= most), 1)
         rows = [self.rows(name, t, s, f) for s in range(len(task.stops))]
         if any(len(row) == 0 for row in rows):
-            return _Ways.none(joints)
+            return Ways.none(joints)
         law = self.clock.arms[name].law
         nodes = [self.nodes[name, t, s] for s in range(len(task.stops))]
         start = self.start[self.model.arms[name].columns]
@@ -150,9 +186,9 @@ class OrderModel:
         lead = float(0.5 * (one.work[k].min() - task.stops[0].dwell.total))
         last = nodes[-1].work[rows[-1]].min() - task.stops[-1].dwell.total
         if len(nodes) == 1:
-            cost = _cost(one, k, start, law.duration)
-            kept = k[_spread(one.entry[k], cost, few if not given else MOST_GIVEN, law.duration)]
-            return _Ways(
+            cost = stop_costs(one, k, start, law.duration)
+            kept = k[spread(one.entry[k], cost, few if not given else MOST_GIVEN, law.duration)]
+            return Ways(
                 one.entry[kept],
                 one.leaving[kept],
                 one.work[kept],
@@ -175,8 +211,8 @@ class OrderModel:
             half = moved.shape[-1] // 2
             return np.maximum(law.duration(moved[..., :half]), law.duration(moved[..., half:]))
 
-        kept = _spread(ends, cost, few if not given else MOST_GIVEN, apart)
-        return _Ways(
+        kept = spread(ends, cost, few if not given else MOST_GIVEN, apart)
+        return Ways(
             one.entry[k[i[kept]]],
             other.leaving[m[j[kept]]],
             one.work[k[i[kept]]],
@@ -188,7 +224,7 @@ class OrderModel:
     def costs(self, name: str, nodes: StopNodes) -> FloatArray:
         """Returns what one arm's postures at a stop cost about [s], shape (N,)."""
         law = self.clock.arms[name].law
-        return _cost(nodes, np.arange(len(nodes.angle)), self.hubs[name], law.duration)
+        return stop_costs(nodes, np.arange(len(nodes.angle)), self.hubs[name], law.duration)
 
     def rows(self, name: str, t: int, s: int, f: int) -> IntArray:
         """Returns the postures of one arm at a stop, seen from an angle, that keep clear of all but the other arm.
@@ -199,8 +235,8 @@ class OrderModel:
         rows = np.flatnonzero(nodes.angle == f)
         if len(rows) == 0:
             return rows
-        cost = _cost(nodes, rows, self.hubs[name], self.clock.arms[name].law.duration)
-        given = isinstance(self.job.tasks[t].stops[s].target, JointTarget)
+        cost = stop_costs(nodes, rows, self.hubs[name], self.clock.arms[name].law.duration)
+        given = isinstance(self.tasks[t].stops[s].target, JointTarget)
         rows = rows[np.argsort(cost, kind="stable")]
         few = rows if given else rows[:CANDIDATES]
         clear = few[self._keeps_clear(name, t, s, f, nodes, few)]
@@ -221,7 +257,7 @@ class OrderModel:
     def held(self, t: int, s: int) -> tuple[int, int, int]:
         """Returns what an arm holds where an approach begins, at the target, and where the retract ends."""
         assert self.clearance is not None  # callers have looked
-        held, task = self.clearance.held, self.job.tasks[t]
+        held, task = self.clearance.held, self.tasks[t]
         action = task.stops[s].action
         came, goes = task.held_before(action), task.held_after(action)
         return held(came), held(came, True), held(goes)
@@ -243,82 +279,3 @@ class OrderModel:
         position[:, self.model.arms[name].columns] = places
         margins = self.clearance.own_margins(self.clearance.arms.index(name), position, held)
         return np.asarray((margins >= 0.0).reshape(3, -1).all(axis=0))
-
-
-@dataclass(frozen=True)
-class _Ways:
-    """One arm's ways to do one task."""
-
-    entry: FloatArray
-    leaving: FloatArray
-    first: FloatArray
-    second: FloatArray
-    lead: float
-    tail: float
-
-    @classmethod
-    def none(cls, joints: int) -> _Ways:
-        empty = np.zeros(0)
-        return cls(np.zeros((0, joints)), np.zeros((0, joints)), empty, empty, np.inf, np.inf)
-
-
-def _hub(
-    model: CellModel,
-    job: Job,
-    name: str,
-    nodes: Mapping[tuple[str, int, int], StopNodes],
-    clock: Clock,
-) -> FloatArray:
-    """Returns the joints in the middle of one arm's work [rad]: medians of its stops' postures nearest to them.
-
-    From the start; given configurations have no choice that could gather about it.
-    """
-    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
-    hub: FloatArray = start[model.arms[name].columns]
-    own = [one for (arm, _, _), one in nodes.items() if arm == name and len(one.work)]
-    for _ in range(HUB_ROUNDS if own else 0):
-        nearest = []
-        for one in own:
-            rows = np.arange(len(one.work))
-            nearest.append(
-                one.entry[int(_cost(one, rows, hub, clock.arms[name].law.duration).argmin())]
-            )
-        hub = np.median(nearest, axis=0)
-    return hub
-
-
-def _cost(nodes: StopNodes, rows: IntArray, start: FloatArray, duration: object) -> FloatArray:
-    """Returns what postures cost about: from the start, the work, and back [s]."""
-    assert callable(duration)
-    found: FloatArray = (
-        duration(nodes.entry[rows] - start)
-        + nodes.work[rows]
-        + duration(start - nodes.leaving[rows])
-    )
-    return found
-
-
-def _spread(ends: FloatArray, cost: FloatArray, most: int, duration: object) -> IntArray:
-    """Returns the cheapest postures that are not too near to one another, at most so many."""
-    assert callable(duration)
-    order = np.argsort(cost, kind="stable")
-    kept: list[int] = []
-    for k in order.tolist():
-        if len(kept) == most or (cost[k] > cost[order[0]] + DEARER and most != MOST_GIVEN):
-            break
-        if kept and most != MOST_GIVEN and duration(ends[kept] - ends[k]).min() < SIMILAR:
-            continue
-        kept.append(k)
-    return np.array(kept, dtype=np.int64)
-
-
-def _widened(arm: ArmTasks, width: int) -> ArmTasks:
-    """Returns the same with more ways, which there are not."""
-    more = width - arm.ways
-    if more == 0:
-        return arm
-    pad = ((0, 0), (0, more))
-    entry = np.pad(arm.entry, (*pad, (0, 0)), constant_values=np.nan)
-    leaving = np.pad(arm.leaving, (*pad, (0, 0)), constant_values=np.nan)
-    first = np.pad(arm.first, pad, constant_values=np.inf)
-    return ArmTasks(entry, leaving, first, np.pad(arm.second, pad), arm.start, arm.law)

@@ -26,6 +26,7 @@ def check_reach(order: OrderModel) -> None:
     reached = order.reached().any(axis=2)
     lost = np.flatnonzero(~reached.any(axis=0)).tolist()
     if not lost:
+        _check_stands(order)
         return
     lines = []
     for t in lost:
@@ -37,9 +38,31 @@ def check_reach(order: OrderModel) -> None:
     raise InfeasibleError("\n".join(lines))
 
 
+def _check_stands(order: OrderModel) -> None:
+    """Raises InfeasibleError where an arm needs another tool than that of the start and does not reach a stand."""
+    lines = []
+    for t, stand in enumerate(order.tasks):
+        if not stand.is_change or len(order.nodes[stand.arm, t, 0].angle):
+            continue
+        start = order.job.cell.start_tool(stand.arm)
+        own = {task.tool for task in order.job.tasks if task.arm == stand.arm}
+        if (
+            own <= {start}
+            or stand.tool not in {start, *own}
+            or stand.stops[0].action == "take_tool"
+        ):
+            continue
+        lines.append(
+            f"{stand.place}: the {stand.arm} arm does not get to the stand of tool '{stand.tool}': "
+            f"{_why(order, t, stand.arm)}"
+        )
+    if lines:
+        raise InfeasibleError("\n".join(lines))
+
+
 def _why(order: OrderModel, t: int, name: str) -> str:
     """Returns why one arm cannot do a task."""
-    task = order.job.tasks[t]
+    task = order.tasks[t]
     for stop in task.stops:
         seen = stop_problems(order.model, order.job, order.start, {name: (task, stop)})[name]
         reason = explain_reach(order.model, order.start, seen)

@@ -14,10 +14,16 @@ from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import NOT_FOUND, check_reach, why_impossible
-from dualarm_cli.planning.stage_order_model import stage_problem
+from dualarm_cli.planning.stage_order_model import stage_problem, stage_stands
+from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.sequencing.cp_sat import prove
 from dualarm_cli.sequencing.relaxation import of_stages, of_ways
+from dualarm_cli.sequencing.stage_changes import (
+    StageStands,
+    stages_with_changes,
+    with_whole_changes,
+)
 from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_times import totals
@@ -85,6 +91,8 @@ class PairedSearch:
     """Of all randomness."""
     start: IntArray | None = None
     """An order that is known to be good, shape (n, arms); None where none is."""
+    stands: StageStands | None = None
+    """The same with the stops of tool changes as stops; None where no arm changes tools."""
 
     @classmethod
     def of(
@@ -106,7 +114,10 @@ class PairedSearch:
         watch.tell("timing each task at every platform angle")
         order = OrderModel.of(model, job, clear=clear)
         check_reach(order)
-        return cls(order, stage_problem(order), effort, seed)
+        whole = stage_problem(order)
+        stands = stage_stands(order, whole)
+        problem = whole if stands is None else with_whole_changes(stands, len(job.tasks))
+        return cls(order, problem, effort, seed, stands=stands)
 
     def orders(self, watch: Watch) -> Orders:
         """Returns the best orders found.
@@ -114,7 +125,7 @@ class PairedSearch:
         Raises:
             InfeasibleError: rules that no order keeps.
         """
-        job, model = self.order.job, self.order.model
+        model = self.order.model
         if len(model.arms) == 1 and not model.platform.is_turntable:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
@@ -145,15 +156,25 @@ class PairedSearch:
             proof = PROOFS[self.effort]
             relaxed = of_stages(self.problem)
             bound = prove(relaxed, None, proof, self.seed, watch.stop, watch.bounded).bound or None
-        answers = [DecidedOrder(decided(job, model, one.slots), one.total) for one in found]
-        return Orders(tuple(answers), bound, how)
+        answers = [self._answer(one.slots, one.total) for one in found]
+        return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound, how)
+
+    def _answer(self, slots: IntArray, total: float) -> DecidedOrder:
+        """Returns an order as a job, with its tool changes in stages that suit them best."""
+        job = decided(self.order.job, self.order.model, slots)
+        changed = with_changes(job)
+        if self.stands is None or changed is job:
+            return DecidedOrder(job, total)
+        stages = stages_with_changes(self.stands, slots)
+        own = float(totals(self.stands.whole, stages[None])[0])
+        # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
+        return DecidedOrder(paired_as(changed, stages), own if np.isfinite(own) else total)
 
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""
         assert self.start is not None  # it goes on from one
         total = float(totals(self.problem, self.start[None])[0])
-        job = decided(self.order.job, self.order.model, self.start)
-        return Orders((DecidedOrder(job, total),), None, SEARCHED)
+        return Orders((self._answer(self.start, total),), None, SEARCHED)
 
     def _is_late(self, found: StageOrder) -> bool:
         """Returns whether an order misses a window, by the search's own times."""
@@ -169,33 +190,50 @@ class PairedSearch:
             pairs: stops of the first and of the second arm, each by task and action.
             near: an order to go on from.
         """
-        numbers = _stop_numbers(self.order.job)
+        numbers, stops = self._stop_numbers(near), self.problem.stops
         cuts = {(numbers[one], numbers[other]) for one, other in pairs}
-        size = self.problem.stops + 2
-        table: FloatArray = np.zeros((size, size, len(self.problem.turn)))
-        if self.problem.apart is not None:
-            table = np.array(self.problem.apart)
-        for one, other in cuts:
-            table[one, other] = np.inf
+        stands = self.stands
+        if stands is not None:
+            stands = replace(stands, whole=_kept_apart(stands.whole, cuts))
+        # Stops at stands are none of the search.
+        cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
         slots = np.full((len(near.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
         for k, work in enumerate(near.stages()):
             for a, name in enumerate(self.order.model.arms):
-                if name in work:
+                if name in work and not work[name][0].is_change:
                     slots[k, a] = numbers[work[name][0].id, work[name][1].action]
-        problem = replace(self.problem, apart=table)
+        slots = slots[(slots != IDLE).any(axis=1)]
+        problem = _kept_apart(self.problem, cuts)
         # Most of a long order is as good as it was.
         effort = "quick" if len(slots) > MOST_PROVEN else self.effort
-        return replace(self, problem=problem, effort=effort, start=apart(slots, cuts))
+        start = apart(slots, cuts)
+        return replace(self, problem=problem, effort=effort, start=start, stands=stands)
+
+    def _stop_numbers(self, near: Job) -> dict[tuple[str, str], int]:
+        """Returns the number of every stop, by its task and action; a decided job's changes have those of stands."""
+        keys = [(task.id, stop.action) for task in self.order.job.tasks for stop in task.stops]
+        found: dict[tuple[str, str], int] = {key: k for k, key in enumerate(keys)}
+        for task in near.tasks:
+            if task.is_change and self.stands is not None:
+                action = task.stops[0].action
+                stand = self.order.stand(task.arm, task.tool, action)
+                found[task.id, action] = self.stands.whole.tasks[stand][0]
+        return found
 
 
 StagePair = tuple[tuple[str, str], tuple[str, str]]
 """Task and action of the first arm's stop in a stage and of the second arm's."""
 
 
-def _stop_numbers(job: Job) -> dict[tuple[str, str], int]:
-    """Returns the number of every stop, by its task and action."""
-    keys = [(task.id, stop.action) for task in job.tasks for stop in task.stops]
-    return {key: k for k, key in enumerate(keys)}
+def _kept_apart(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:
+    """Returns stages in which pairs of stops are not made side by side."""
+    size = problem.stops + 2
+    table: FloatArray = np.zeros((size, size, len(problem.turn)))
+    if problem.apart is not None:
+        table = np.array(problem.apart)
+    for one, other in cuts:
+        table[one, other] = np.inf
+    return replace(problem, apart=table)
 
 
 def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:

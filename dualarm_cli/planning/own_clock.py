@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.model.job import CHANGES, Task
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.motion import Motion
@@ -111,21 +111,34 @@ class OwnClock:
         """Returns when its last line or dwell is over, by its own clock [s]."""
         return max(self.task_ends().values(), default=0.0)
 
-    def held(self, time: FloatArray, cell: CellClearance, tasks: Mapping[str, Task]) -> IntArray:
+    def held(self, time: FloatArray, cell: CellClearance, job: Job) -> IntArray:
         """Returns what it holds at some instants, as numbers of the cell's test, shape (t,).
 
         Args:
             time: instants by its own clock [s], shape (t,).
             cell: the test.
-            tasks: by their ids.
+            job: what is to be done, decided.
         """
-        found = np.zeros(len(time), dtype=np.int64)
+        tasks = {task.id: task for task in job.tasks}
+        found = np.full(len(time), cell.held(job.held_at_start(self.arm)))
+        begins = self._begins()
         for event in self.events:
-            if event.action in CHANGES and event.task in tasks:
-                now = cell.held(tasks[event.task].held_after(event.action))
-                found[time >= event.changes_held - SAME_TIME] = now
+            if event.task not in tasks:
+                continue
+            task, began = tasks[event.task], begins[event.task, event.action]
+            found[time >= began - SAME_TIME] = cell.held(task.held_before(event.action))
+            found[time >= event.changes_held - SAME_TIME] = cell.held(task.held_after(event.action))
         for start, end in self._lines():
             found[(time >= start - SAME_TIME) & (time <= end + SAME_TIME)] |= 1
+        return found
+
+    def _begins(self) -> dict[tuple[str, str], float]:
+        """Returns when each stop's first line begins, or its dwell where it has none [s], by task and action."""
+        found = {(event.task, event.action): event.time for event in self.events}
+        for part in self.segments:
+            key = (part.task, part.action)
+            if part.kind in LINES and key in found:
+                found[key] = min(found[key], part.start)
         return found
 
     def _lines(self) -> list[tuple[float, float]]:

@@ -30,6 +30,7 @@ from dualarm_cli.planning.serving import (
     why_redundancy_unserved,
 )
 from dualarm_cli.planning.stages import StagePlan
+from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -62,7 +63,7 @@ def _in_time(schedule: Schedule, job: Job) -> Schedule:
         f"{tasks[e.task].place}: task '{e.task}' is done at {e.time:.3f} s, {e.time - tasks[e.task].not_after:.3f} s "
         f"after its window closes (not_after: {tasks[e.task].not_after:g} s)"
         for e in schedule.events
-        if e.time > tasks[e.task].not_after + 1e-9
+        if e.task in tasks and e.time > tasks[e.task].not_after + 1e-9
     ]
     if late:
         raise InfeasibleError(
@@ -143,7 +144,7 @@ def _planned(
 
     def paired(one: Job) -> Schedule:
         if one.is_decided:
-            own = replace(problem, job=one)
+            own = replace(problem, job=with_changes(one))
             return _decided_plan(own, settings, replaced, watch, clear=clear)
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 

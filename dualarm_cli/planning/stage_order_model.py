@@ -9,7 +9,9 @@ from dualarm_cli.planning.buffer_numbers import job_stores
 from dualarm_cli.planning.cheapest_postures import cheapest_postures
 from dualarm_cli.planning.meeting import meeting_costs
 from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.sequencing.stage_changes import StageStands, StageTools
 from dualarm_cli.sequencing.stage_problem import StageProblem
+from dualarm_cli.sequencing.tool_stands import NO_TOOL
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 MOST_NUMBERS = 24_000_000
@@ -21,13 +23,13 @@ MOST_ANGLES = 12
 
 
 def stage_problem(order: OrderModel) -> StageProblem:
-    """Returns the stages as numbers.
+    """Returns the stages as numbers; behind the job's tasks are those that leave and take tools at their stands.
 
     Args:
         order: the job's tasks as each arm may do them.
     """
     job, model = order.job, order.model
-    stops = [(t, s) for t, task in enumerate(job.tasks) for s in range(len(task.stops))]
+    stops = [(t, s) for t, task in enumerate(order.tasks) for s in range(len(task.stops))]
     angles = _few_angles(order, len(stops))
     f, count = len(angles), len(stops)
     lengths, works, chosen = [], [], []
@@ -53,7 +55,7 @@ def stage_problem(order: OrderModel) -> StageProblem:
         chosen.append(np.stack([entry, target, leaving]))
     index = {task.id: t for t, task in enumerate(job.tasks)}
     numbers, k = [], 0
-    for task in job.tasks:
+    for task in order.tasks:
         numbers.append(tuple(range(k, k + len(task.stops))))
         k += len(task.stops)
     return StageProblem(
@@ -70,6 +72,36 @@ def stage_problem(order: OrderModel) -> StageProblem:
         meeting_costs(order, stops, chosen),
         job_stores(job),
     )
+
+
+def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
+    """Returns which of all stops leave and take which tools; None where no arm changes tools.
+
+    Args:
+        order: the job's tasks as each arm may do them.
+        whole: its stages, see `stage_problem`.
+    """
+    cell = order.job.cell
+    if not cell.tool_changes:
+        return None
+    found: list[StageTools | None] = []
+    for name in order.model.arms:
+        if name not in cell.tool_changes:
+            found.append(None)
+            continue
+        number = {tool: k - 1 for k, tool in enumerate(cell.tool_names(name))}
+        leave, take = (
+            {
+                k: whole.tasks[order.stand(name, tool, action)][0]
+                for tool, k in number.items()
+                if tool
+            }
+            for action in ("leave_tool", "take_tool")
+        )
+        # Of what an arm does not do the tool does not matter.
+        tools = [number.get(task.tool, NO_TOOL) for task in order.job.tasks for _ in task.stops]
+        found.append(StageTools(tuple(tools), number[cell.start_tool(name)], leave, take))
+    return StageStands(whole, tuple(found))
 
 
 def _few_angles(order: OrderModel, stops: int) -> IntArray:
@@ -125,7 +157,7 @@ def _windows(
 
     A window is for the instant at which a tool is there: lines are taken to last half of what is not dwell each.
     """
-    tasks = order.job.tasks
+    tasks = order.tasks
     if all(task.not_before == 0.0 and np.isinf(task.not_after) for task in tasks):
         return None, None
     count = sum(len(own) for own in numbers)

@@ -8,6 +8,7 @@ from typing import Any
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.comparison import Outcome
 from dualarm_cli.planning.stage_parts import PLATFORM
+from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.reporting.measures import (
     DWELLS,
     LINES,
@@ -76,7 +77,7 @@ def job_comparison(
     section = {
         "tasks": name,
         "robot": job.cell.robot.name,
-        "stages": len(job.stages()) + job.returns if job.is_decided else None,
+        "stages": len(with_changes(job).stages()) + job.returns if job.is_decided else None,
         "open": not job.is_decided,
         "parts": count_parts(job),
         "closes": job.returns,

@@ -72,6 +72,11 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )
+    lines += [
+        f"{name} arm: {use['changes']} tool change{'s' if use['changes'] != 1 else ''}: {use['visits']} visits to "
+        f"stands, {use['time']:.2f} s with the ways there"
+        for name, use in report["tool_changes"].items()
+    ]
     lines += wait_lines(report)
     lines += buffer_lines(report)
     lines += path_lines(report)

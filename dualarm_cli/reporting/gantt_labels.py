@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 
+from dualarm_cli.model.job import AT_STANDS
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.planning.waiting import MOVES
 
@@ -78,7 +79,7 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
     for lane, arm in enumerate(arms):
         own = [s for s in schedule.segments if s.arm == arm and s.end > start and s.start < end]
         own.sort(key=lambda part: part.start)
-        for (task, _), run in groupby(own, key=lambda part: (part.task, part.action)):
+        for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
             parts = [part for part in run if part.kind != "wait"]
             bars = tuple(
                 Bar(
@@ -91,7 +92,9 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
             )
             if task and bars:
                 whole = parts[0].start >= start and parts[-1].end <= end
-                words.append(Wanted(task, lane, bars, whole))
+                # What a tool is changed for is seen from what follows.
+                text = task.split(" (")[0] if action in AT_STANDS else task
+                words.append(Wanted(text, lane, bars, whole))
     return words
 
 

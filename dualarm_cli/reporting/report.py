@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import AT_STANDS, Job
 from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
@@ -57,6 +58,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
             name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}
             for name in schedule.robot.arms
         },
+        "tool_changes": _tool_changes(schedule, job),
         "waits": wait_rows(schedule, job),
         "buffers": buffer_rows(schedule, job),
         "limits_used": _limits_used(schedule),
@@ -152,6 +154,25 @@ def _stage_row(stage: Stage) -> dict[str, Any]:
         "joint_times": dict(stage.joint_times),
         "bottleneck": stage.bottleneck,
     }
+
+
+def _tool_changes(schedule: Schedule, job: Job) -> dict[str, dict[str, float]]:
+    """Returns, by arm that may change tools, how often it does, its visits to stands, and how long that takes [s].
+
+    Visits one right after the other are one change. The time is that of transfers to stands, lines and dwells there;
+    what a detour over the stands costs on the way to the next task is not in it.
+    """
+    found = {}
+    for arm in job.cell.tool_changes:
+        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
+        at_stand = [event.action in AT_STANDS for event in events]
+        own = [s for s in schedule.segments if s.arm == arm and s.action in AT_STANDS]
+        found[arm] = {
+            "changes": sum(b and not a for a, b in pairwise([False, *at_stand])),
+            "visits": sum(at_stand),
+            "time": sum(s.end - s.start for s in own if s.kind != "wait"),
+        }
+    return found
 
 
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:

@@ -13,6 +13,7 @@ from dualarm_cli.sequencing.problem import SequencingProblem
 from dualarm_cli.sequencing.recreate import Recreator
 from dualarm_cli.sequencing.stores import Stores
 from dualarm_cli.sequencing.times import Timed
+from dualarm_cli.sequencing.tool_stands import ToolStands
 
 FEW = 5
 """So many tasks of one epoch are ordered exactly."""
@@ -64,6 +65,11 @@ class EpochProblem:
         """The job at one of the angles, for what is the same at all of them."""
         return next(iter(self.problems.values()))
 
+    @property
+    def stands(self) -> tuple[ToolStands | None, ...]:
+        """By arm, the tools that it changes, None for none; empty where no arm changes tools."""
+        return self.sample.stands
+
     def evaluated(self, epochs: tuple[Epoch, ...], iterations: int) -> EpochOrder:
         """Returns epochs with the order of each, from where the one before leaves the arms.
 
@@ -72,12 +78,13 @@ class EpochProblem:
             iterations: how often something is removed and put back in an epoch of many tasks.
         """
         starts = [np.asarray(arm.start) for arm in self.sample.arms]
+        tools = [0 if one is None else one.start for one in self.stands]
         here, clock, late = 0, 0.0, 0.0
         rows: list[tuple[tuple[int, ...], ...]] = []
         for k, one in enumerate(epochs):
             last = k == len(epochs) - 1
             done = [t for before in epochs[:k] for t in before.tasks]
-            problem = self.restricted(one, starts, here, clock, done, last=last)
+            problem = self.restricted(one, starts, here, clock, done, tools, last=last)
             if problem.stores is not None and not problem.stores.is_possible:
                 return EpochOrder(epochs, (), np.inf, np.inf)
             key = (
@@ -87,6 +94,7 @@ class EpochProblem:
                 round(clock, 6) if problem.windows else 0.0,
                 b"" if problem.stores is None else problem.stores.initial.tobytes(),
                 *(start.tobytes() for start in starts),
+                *tools,
             )
             if key not in self._known:
                 self._known[key] = _ordered(problem, iterations, self.seed)
@@ -98,6 +106,7 @@ class EpochProblem:
             clock += max(found.total, _idle_return(problem, found) if last else 0.0)
             late += found.late
             starts = leaving(problem, found, starts)
+            tools = _tools_after(problem, found, tools)
             here = one.angle
         return EpochOrder(epochs, tuple(rows), clock, late)
 
@@ -108,6 +117,7 @@ class EpochProblem:
         here: int,
         clock: float,
         done: Sequence[int] = (),
+        tools: Sequence[int] = (),
         *,
         last: bool,
     ) -> SequencingProblem:
@@ -119,6 +129,7 @@ class EpochProblem:
             here: number of the angle at which the platform is before it.
             clock: when it begins [s].
             done: tasks that are over before it: what buffers hold then is what they have put in and taken out.
+            tools: by arm the tool that is on before it; empty where no arm changes tools.
             last: whether it is the last one, after which all return where the job returns.
         """
         whole, own = self.problems[epoch.angle], list(epoch.tasks)
@@ -154,6 +165,10 @@ class EpochProblem:
                 float(self.turn[epoch.angle, 0]) if back else 0.0,
             ),
             *self._buffers(whole, own, done),
+            stands=tuple(
+                None if stands is None else replace(stands, tool=stands.tool[own], start=tool)
+                for stands, tool in zip(whole.stands, tools, strict=True)
+            ),
         )
 
     def _buffers(
@@ -179,6 +194,18 @@ def leaving(
         else start
         for arm, nodes, start in zip(problem.arms, found.order.nodes, starts, strict=True)
     ]
+
+
+def _tools_after(problem: SequencingProblem, found: Timed, tools: Sequence[int]) -> list[int]:
+    """Returns by arm the tool that is on after its last task."""
+    return (
+        [
+            int(stands.tool[nodes[-1] // problem.ways]) if nodes and stands is not None else tool
+            for stands, nodes, tool in zip(problem.stands, found.order.nodes, tools, strict=True)
+        ]
+        if tools
+        else []
+    )
 
 
 def _idle_return(problem: SequencingProblem, found: Timed) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.sequencing.stores import Stores
+from dualarm_cli.sequencing.tool_stands import ToolStands, between_with_changes
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CHUNK = 2_000_000
@@ -84,6 +85,8 @@ class SequencingProblem:
     lasts: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     """How long before a stop is over its tool is at the target, and its dwell is over [s], shape (s, 2); empty without
     buffers."""
+    stands: tuple[ToolStands | None, ...] = ()
+    """By arm, the tools that it changes between its tasks, None for an arm that changes none; empty for no arm."""
 
     @property
     def tasks(self) -> int:
@@ -114,9 +117,11 @@ class SequencingProblem:
     def between(self) -> tuple[FloatArray, ...]:
         """Times of transfers by arm [s], from where a node is left to where another is begun, shape (n w + 1, n w + 1).
 
-        From the start no sooner than the platform is there; to the start 0 where there is no return.
+        From the start no sooner than the platform is there; to the start 0 where there is no return. Where another tool
+        is asked for, the whole change is part of it.
         """
-        return tuple(self._between(arm) for arm in self.arms)
+        stands = self.stands or (None,) * len(self.arms)
+        return tuple(self._between(*both) for both in zip(self.arms, stands, strict=True))
 
     @cached_property
     def length(self) -> tuple[FloatArray, ...]:
@@ -125,7 +130,7 @@ class SequencingProblem:
             np.append((arm.first + arm.second).ravel(), 0.0).astype(np.float64) for arm in self.arms
         )
 
-    def _between(self, arm: ArmTasks) -> FloatArray:
+    def _between(self, arm: ArmTasks, stands: ToolStands | None) -> FloatArray:
         joints = len(arm.start)
         leaving = np.concatenate([arm.leaving.reshape(-1, joints), arm.start[None]])
         back = arm.start if arm.home is None else arm.home
@@ -139,7 +144,11 @@ class SequencingProblem:
         found[-1, :-1] = np.maximum(found[-1, :-1], self.turn[0])
         found[:-1, -1] = np.maximum(found[:-1, -1], self.turn[1]) if self.returns else 0.0
         found[-1, -1] = 0.0
-        return found
+        if stands is None:
+            return found
+        return between_with_changes(
+            found, entry, leaving, stands, arm.law.duration, self.turn, returns=self.returns
+        )
 
 
 @dataclass(frozen=True)

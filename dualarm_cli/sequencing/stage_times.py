@@ -165,7 +165,7 @@ def _forward(
     chosen: list[IntArray] = []
     for k in range(n):
         over = _ends(problem, slots, came, values[k], k)
-        best = _in_windows(problem, slots[:, k], over.min(axis=1))
+        best = in_windows(problem, slots[:, k], over.min(axis=1))
         if nothing[:, k].any():
             best[nothing[:, k]] = values[k][nothing[:, k]]
         values[k + 1] = best
@@ -209,10 +209,10 @@ def stage_values(
     """
     with np.errstate(invalid="ignore"):
         over = _ends(problem, stops[:, None], came[:, None], value, 0)
-        return _in_windows(problem, stops, over.min(axis=1)), over.argmin(axis=1)
+        return in_windows(problem, stops, over.min(axis=1)), over.argmin(axis=1)
 
 
-def _in_windows(problem: StageProblem, stops: IntArray, over: FloatArray) -> FloatArray:
+def in_windows(problem: StageProblem, stops: IntArray, over: FloatArray) -> FloatArray:
     """Returns when a stage (b, arms) is over, (b, f), after waiting for windows, and with what is late."""
     if problem.not_before is not None:
         for a in range(stops.shape[1]):

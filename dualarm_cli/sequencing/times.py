@@ -108,7 +108,8 @@ def own_times(problem: SequencingProblem, order: Order) -> tuple[float, ...]:
     found = []
     for a, nodes in enumerate(order.nodes):
         if not nodes:
-            found.append(0.0)
+            # Nothing, but for an arm that has to change its tool all the same.
+            found.append(float(problem.between[a][problem.start_node, problem.start_node]))
             continue
         way = np.array([problem.start_node, *nodes, problem.start_node])
         found.append(

@@ -32,6 +32,7 @@ from dualarm_cli.verification.sequence_checks import (
     check_segments,
 )
 from dualarm_cli.verification.stage_checks import check_pairing, check_stages
+from dualarm_cli.verification.tool_change_checks import check_tool_changes
 from dualarm_cli.verification.tool_checks import (
     check_events,
     check_lines,
@@ -45,6 +46,7 @@ from dualarm_cli.verification.torque_checks import check_torques
 OF_JOBS = (
     "events_at_targets",
     "order",
+    "tool_changes",
     "precedence",
     "windows",
     "buffers",
@@ -149,6 +151,7 @@ def _job_checks(schedule: Schedule, job: Job | None, done: Job | None) -> list[C
     return [
         check_targets(schedule, done),
         check_order(schedule, job),
+        check_tool_changes(schedule, job),
         check_precedence(schedule, job),
         check_windows(schedule, job),
         check_buffers(schedule, job),

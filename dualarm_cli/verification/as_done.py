@@ -7,14 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.model.job import ANY, Job, StopKey
+from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.tool_change_checks import change_tasks
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:
     """Returns the job with arms, order and pairing as a schedule has them; a job that says all itself as it is.
 
+    Where arms change tools, what they do at stands are tasks as well, each before the next one that its arm does.
     A task that any arm may do is its first event's arm's, and stays any arm's where nobody did it. Whether that was
     allowed, complete and one after the other is for the checks of order and pairing.
 
@@ -22,8 +24,9 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
         schedule: who does what when.
         job: as its file leaves it.
     """
+    changes = change_tasks(schedule, job)
     if job.is_decided:
-        return job
+        return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
     arms = {arm.name for arm in job.cell.robot.arms}
     done: dict[str, Event] = {}
     for event in in_time(schedule.events):
@@ -33,11 +36,31 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
         replace(task, arm=done[task.id].arm) if task.arm == ANY and task.id in done else task
         for task in job.tasks
     ]
+    tasks += [task for _, task in changes]
     tasks.sort(key=lambda task: done[task.id].time if task.id in done else np.inf)
     decided = replace(job, tasks=tuple(tasks), order="given")
     if job.mode == "free":
         return decided
     return replace(decided, pairing=_pairing(schedule, decided))
+
+
+def _with_changes(
+    schedule: Schedule, job: Job, changes: Sequence[tuple[float, Task]]
+) -> tuple[Task, ...]:
+    """Returns the tasks in the file's order, changes of tools before what their arm begins next."""
+    begun: dict[str, float] = {}
+    for event in schedule.events:
+        begun[event.task] = min(event.time, begun.get(event.task, np.inf))
+    left, found = list(changes), list[Task]()
+    for task in job.tasks:
+        due = [
+            change
+            for change in left
+            if change[1].arm == task.arm and change[0] <= begun.get(task.id, np.inf)
+        ]
+        left = [change for change in left if change not in due]
+        found += [*(change for _, change in due), task]
+    return (*found, *(change for _, change in left))
 
 
 def in_time(events: Sequence[Event]) -> list[Event]:

@@ -33,7 +33,8 @@ def check_clearance(
     """Checks the clearance of all pairs of bodies, and returns the least of every stage.
 
     A carried part belongs to its arm from the pick's event to the place's. On the lines at both ends it need not keep
-    clear of obstacles (it lies on one), only not reach into them.
+    clear of obstacles (it lies on one), only not reach into them. A changed tool belongs to its arm while it is on, and
+    has the same right on the lines at its stand. What stands there without an arm is no obstacle.
 
     Args:
         schedule: with finite numbers and rising times.
@@ -46,8 +47,7 @@ def check_clearance(
         return not_checked(COLLISIONS, NO_JOB), ()
     model = pin.buildModelFromXML(job.cell.robot.urdf)
     arms = schedule.robot.arms
-    carried = {(t.arm, t.part): None for t in job.tasks if t.part and t.arm in arms}
-    solids = cell_solids(job.cell, model, list(carried))
+    solids = cell_solids(job.cell, model, [one for one in job.carried() if one[0] in arms])
     pairs, windows = _pairs_and_windows(model, solids, schedule, job)
     if not pairs:
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
@@ -126,7 +126,7 @@ def _pairs_and_windows(
         if not carriers:
             _add_plain(pairs, windows, pair, (one.body, other.body), schedule, job)
             continue
-        spans = [_carried(schedule, job, solid.carrier, solid.body) for solid in carriers]
+        spans = [_carried(schedule, job, solid) for solid in carriers]
         during = spans[0] if len(spans) == 1 else _overlaps(spans[0], spans[1])
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
             lines = _lines(schedule, job, carriers[0])
@@ -194,10 +194,24 @@ def _within(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return other[0] <= one[0] + tol.SAME_TIME and one[1] <= other[1] + tol.SAME_TIME
 
 
-def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[float, float]]:
-    """Returns when an arm carries a kind of part [s]: from each pick's event to its place's, or to the end."""
-    tasks = {task.id for task in job.tasks if task.arm == arm and task.part == part}
+def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, float]]:
+    """Returns when an arm carries a part or has a tool on [s].
+
+    A part from each pick's event to its place's, or to the end; a tool from the start where it is on then, and from
+    each time that it is taken, until it is left or to the end.
+    """
+    arm, end = solid.carrier, float(schedule.trajectory.time[-1])
+    tasks = _tasks_of(solid, job)
     spans = []
+    if solid.bolted:
+        own = [e for e in schedule.events if e.arm == arm and e.task in tasks]
+        begins = [e.time for e in own if e.action in TAKES]
+        if job.cell.start_tool(arm) == solid.tool:
+            begins.append(float(schedule.trajectory.time[0]))
+        left = [(e.time, e.changes_held) for e in own if e.action in GIVES]
+        for begin in begins:
+            spans.append((begin, min((over for at, over in left if at >= begin), default=end)))
+        return spans
     for event in schedule.events:
         if event.arm != arm or event.task not in tasks or event.action not in TAKES:
             continue
@@ -206,13 +220,23 @@ def _carried(schedule: Schedule, job: Job, arm: str, part: str) -> list[tuple[fl
             for e in schedule.events
             if (e.arm, e.task) == (arm, event.task) and e.action in GIVES and e.time >= event.time
         ]
-        spans.append((event.time, min(ends, default=float(schedule.trajectory.time[-1]))))
+        spans.append((event.time, min(ends, default=end)))
     return spans
 
 
+def _tasks_of(solid: Solid, job: Job) -> set[str]:
+    """Returns the tasks that move a part, of the tool that grips it, or that take or leave a tool."""
+    return {
+        task.id
+        for task in job.tasks
+        if (task.arm, task.tool) == (solid.carrier, solid.tool)
+        and (task.is_change if solid.bolted else task.part == solid.body)
+    }
+
+
 def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, float]]:
-    """Returns when a part's carrier is on the lines or dwells at the ends of its way [s]."""
-    tasks = {t.id for t in job.tasks if t.arm == solid.carrier and t.part == solid.body}
+    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s]."""
+    tasks = _tasks_of(solid, job)
 
     def counts(segment: Segment) -> bool:
         return (

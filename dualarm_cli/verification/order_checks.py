@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 from dualarm_cli.model.job import Job, Task
@@ -13,6 +14,7 @@ from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import in_time
 from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.tool_change_checks import is_change
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -27,6 +29,9 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         schedule: what is judged.
         job: as its file leaves it.
     """
+    # Tool changes are no tasks of the file: they have a check of their own.
+    events = tuple(event for event in schedule.events if not is_change(event, job))
+    schedule = replace(schedule, events=events)
     if job.is_decided:
         return _check_given(schedule, job)
     rows = {

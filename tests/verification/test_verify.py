@@ -28,12 +28,12 @@ def with_cell(job, **changes):
 
 
 def test_a_schedule_without_fault_passes_every_check(clean):
-    """Made by hand, without the planner; collisions, cap, bound, open orders, paths and seams are not checked."""
+    """Made by hand, without the planner; collisions, cap, bound, rules, stores, tools, paths, seams are not checked."""
     verification = verify(clean.schedule, clean.job)
     assert verification.passed
     verdicts = {check.name: check.verdict for check in verification.checks}
     unchecked = {name for name, verdict in verdicts.items() if verdict != "passed"}
-    open_orders = {"precedence", "windows", "buffers"}
+    open_orders = {"precedence", "windows", "buffers", "tool_changes"}
     assert unchecked == {"collisions", "tool_speed", "lower_bound", *open_orders, *NAMES, NAME}
     assert len(verdicts) == len(verification.checks)
     assert all(check.detail for check in verification.checks)
@@ -53,7 +53,7 @@ def test_without_a_job_nine_checks_are_not_made_and_say_why(clean):
     reasons = {
         check.name: check.detail for check in verification.checks if check.verdict == "not checked"
     }
-    order = ("order", "precedence", "windows", "buffers", "pairing")
+    order = ("order", "tool_changes", "precedence", "windows", "buffers", "pairing")
     tasks = ("events_at_targets", *order, "dwells", "start_posture", "return", *NAMES)
     assert {reasons[name] for name in tasks} == {"no task file was given (--tasks)"}
     assert set(reasons) == {*tasks, "collisions", "tool_speed", "lower_bound", NAME}

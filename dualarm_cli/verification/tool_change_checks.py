@@ -1,0 +1,135 @@
+"""Whether every task is done with its tool on: what events say of tools that are taken and left, from the start on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dualarm_cli.model.job import AT_STANDS, Action, Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification.motion_checks import judge, not_checked
+
+NAME = "tool_changes"
+"""Name of the check."""
+
+
+def is_change(event: Event, job: Job) -> bool:
+    """Returns whether an event takes a tool or leaves one, of an arm that may: no task of the file."""
+    return event.action in AT_STANDS and event.arm in job.cell.tool_changes
+
+
+def tool_at(event: Event, job: Job) -> str:
+    """Returns the tool whose stand an event is at: the nearest one's. How near is for the check of the targets."""
+    tools = job.cell.tool_changes[event.arm].tools
+    here = event.pose.translation
+    return min(tools, key=lambda name: float(np.linalg.norm(tools[name].stand.translation - here)))
+
+
+def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
+    """Returns the tool changes of a schedule with their times [s], as tasks, for what judges targets, lines and dwells.
+
+    Args:
+        schedule: what is judged.
+        job: its cell has tools and stands.
+    """
+    names = {task.id for task in job.tasks}
+    found: dict[str, tuple[float, Task]] = {}
+    for event in sorted(schedule.events, key=lambda event: event.time):
+        if not is_change(event, job) or event.task in names or event.task in found:
+            continue
+        changes, tool = job.cell.tool_changes[event.arm], tool_at(event, job)
+        action: Action = "take_tool" if event.action == "take_tool" else "leave_tool"
+        stop = Stop(
+            action,
+            PoseTarget(changes.tools[tool].stand),
+            changes.approach,
+            changes.retract,
+            Dwell(gripper=changes.time),
+            changes.place,
+        )
+        found[event.task] = event.time, Task(event.task, event.arm, (stop,), tool=tool)
+    return list(found.values())
+
+
+def check_tool_changes(schedule: Schedule, job: Job) -> Check:
+    """Checks that each arm does every task with its tool on, and changes tools in a way that can be, never for nothing.
+
+    A tool is taken where none is on, and left at its own stand, never within a task; in a cycle that of the
+    start is on again at its end.
+
+    Args:
+        schedule: what is judged.
+        job: as its file leaves it.
+    """
+    if not job.cell.tool_changes:
+        return not_checked(NAME, "the cell has no tools to change")
+    faults: list[str] = []
+    for arm in job.cell.tool_changes:
+        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
+        faults += _Hand(arm, job).faults_of(events)
+    where = faults[0] if faults else "every task with its tool on"
+    return judge(NAME, len(faults), 0, "", where)
+
+
+@dataclass
+class _Hand:
+    """One arm's tools, followed through its events."""
+
+    arm: str
+    job: Job
+    faults: list[str] = field(default_factory=list)
+
+    def faults_of(self, events: Sequence[Event]) -> list[str]:
+        """Returns what is wrong, in the order of the events."""
+        start = self.job.cell.start_tool(self.arm)
+        tasks = {task.id: task for task in self.job.tasks}
+        on, open_task = start, ""
+        # The tool that was on when the last task was done, while a change goes on since then.
+        before: str | None = None
+        for event in events:
+            if is_change(event, self.job):
+                if event.task in tasks:
+                    self._note(f"{event.task} is the id of a task, {event.action} bears it too")
+                if open_task:
+                    self._note(f"{event.task} is done within {open_task}")
+                first = before is None
+                before = on if before is None else before
+                on = self._changed(event, on, first=first)
+                continue
+            task = tasks.get(event.task)
+            if task is None:
+                continue  # what no task asks for is the order's to find
+            if task.tool != on:
+                done, due = (f"tool {name}" if name else "no tool" for name in (on, task.tool))
+                self._note(f"{event.task} {event.action} is done with {done} on, {due} is due")
+            if before is not None and before == on:
+                self._note(f"{before or 'no tool'} was on before {event.task} already")
+            before = None
+            open_task = event.task if event.action != task.stops[-1].action else ""
+        closes = self.job.returns and on == start
+        if before is not None and (not closes or before == on):
+            self._note(f"tools are changed after the last task, to {on or 'none'}, for nothing")
+        if self.job.returns and on != start:
+            self._note(f"{on or 'no tool'} is on at the end, {start or 'none'} at the start")
+        return self.faults
+
+    def _changed(self, event: Event, on: str, *, first: bool) -> str:
+        """Returns what is on after a tool was taken or left; `first` after a task."""
+        tool = tool_at(event, self.job)
+        if event.action == "leave_tool":
+            if not on:
+                self._note(f"{event.task}: {tool} is left, no tool is on")
+            elif on != tool:
+                self._note(f"{event.task}: {on} is left at the stand of {tool}")
+            elif not first:
+                self._note(f"{event.task}: {tool} is left without a task that it was taken for")
+            return ""
+        if on:
+            self._note(f"{event.task}: {tool} is taken while {on} is on")
+        return tool
+
+    def _note(self, fault: str) -> None:
+        self.faults.append(f"{self.arm} arm: {fault}")
