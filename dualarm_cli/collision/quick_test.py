@@ -118,20 +118,25 @@ class QuickTest:
             and not (on_line and self._part_on_ground(pair))
         ]
 
-    def cross(self, parts: Mapping[str, str] | None = None) -> PairGroup:
+    def cross(
+        self, parts: Mapping[str, str] | None = None, handed: frozenset[str] = frozenset()
+    ) -> PairGroup:
         """Returns the pairs of one arm with the other.
 
         Args:
             parts: what each arm carries, if anything, by arm.
+            handed: arms whose part is being handed over: the other tool, and what that carries, may touch it.
         """
         carried = parts or {}
-        key = ("cross", *(carried.get(arm, "") for arm in self.arms))
+        key = ("cross", *(carried.get(arm, "") for arm in self.arms), "handed", *sorted(handed))
         if key not in self._groups:
             self._groups[key] = self._grouped(
                 [
                     pair
                     for pair in self._pairs
-                    if len(self._movers_of(pair)) == 2 and self._carries(pair, carried)
+                    if len(self._movers_of(pair)) == 2
+                    and self._carries(pair, carried)
+                    and not self._is_handed(pair, handed)
                 ]
             )
         return self._groups[key]
@@ -182,6 +187,15 @@ class QuickTest:
         """Returns whether all parts of a pair are carried."""
         solids = (self._solids[pair.first], self._solids[pair.second])
         return all(parts.get(s.carrier, "") == s.body for s in solids if s.carrier)
+
+    def _is_handed(self, pair: Pair, arms: frozenset[str]) -> bool:
+        """Returns whether a pair is a part that goes from arm to arm, and the other's tool or what that carries."""
+        one, other = self._solids[pair.first], self._solids[pair.second]
+        tools = {f"{arm}_tool" for arm in self.arms}
+        return any(
+            a.carrier in arms and a.carrier != b.carrier and (b.carrier or b.body in tools)
+            for a, b in ((one, other), (other, one))
+        )
 
     def _part_on_ground(self, pair: Pair) -> bool:
         """Returns whether a pair is a part and something that stands still."""

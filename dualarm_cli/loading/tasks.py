@@ -11,11 +11,19 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
+from dualarm_cli.loading.handovers import cell_with_taken_parts, handover_shares
 from dualarm_cli.loading.paths import PathReader, check_arms
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
 from dualarm_cli.loading.schema_paths import PathSection
 from dualarm_cli.loading.schema_seams import CoordinateSection
-from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
+from dualarm_cli.loading.poses import to_se3
+from dualarm_cli.loading.schema_tasks import (
+    DefaultsSection,
+    DwellSection,
+    HandoverSection,
+    TaskSection,
+    TasksFile,
+)
 from dualarm_cli.loading.seams import SeamReader
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_order import check_order
@@ -79,7 +87,7 @@ def load_job(path: str | Path) -> Job:
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
-    cell, notes = loaded
+    cell, notes = cell_with_taken_parts(loaded[0], tasks), loaded[1]
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
     return Job(
         cell,
@@ -177,21 +185,51 @@ class _TaskReader:
                 continue
             # What only one arm can do is that arm's.
             arm = self._arms[0] if section.arm == ANY and len(self._arms) == 1 else section.arm
+            if section.handover is not None:
+                found += self._handed(section, section.handover, loc, arm)
+                continue
             stops = self._stops(section, loc, arm)
-            part = self._part(section, loc)
-            line, column = self._document.place(loc)
-            task = Task(
-                section.id,
-                arm,
-                stops,
-                tuple(section.after),
-                part,
-                not_before=section.not_before or 0.0,
-                not_after=math.inf if section.not_after is None else section.not_after,
-                place=Place(self._document.source.name, line, column),
-            )
-            found.append(task)
+            found.append(self._task(section, loc, arm, stops, self._part(section, loc)))
         return tuple(found)
+
+    def _task(
+        self, section: TaskSection, loc: Loc, arm: str, stops: tuple[Stop, ...], part: str
+    ) -> Task:
+        line, column = self._document.place(loc)
+        return Task(
+            section.id,
+            arm,
+            stops,
+            tuple(section.after),
+            part,
+            not_before=section.not_before or 0.0,
+            not_after=math.inf if section.not_after is None else section.not_after,
+            place=Place(self._document.source.name, line, column),
+        )
+
+    def _handed(
+        self, section: TaskSection, handover: HandoverSection, loc: Loc, arm: str
+    ) -> list[Task]:
+        """Returns each arm's share of a hand-over: pick and give, take and place."""
+        place: Loc = (*loc, "handover")
+        if len(self._arms) < 2:
+            message = f"{self._robot.name} has one arm only; a hand-over takes two"
+            self._findings.add(self._document, place, message)
+            return []
+        taker = ANY if arm == ANY else next(name for name in self._arms if name != arm)
+        meets = self._targets.meeting(handover, place)
+        stops = {stop.action: stop for stop in self._stops(section, loc, arm, taker)}
+        whole = self._task(section, loc, arm, (), self._part(section, loc))
+        if meets is None or len(stops) < 2:
+            return []
+        line, column = self._document.place(place)
+        return handover_shares(
+            whole,
+            taker,
+            (stops["pick"], stops["place"]),
+            (meets, to_se3(handover.grip)),
+            Place(self._document.source.name, line, column),
+        )
 
     def _followers(self, section: TaskSection, path: PathSection, loc: Loc) -> list[Task]:
         """Returns each arm's share of a path task: where its tool ends is its one stop."""
@@ -268,7 +306,10 @@ class _TaskReader:
             self._findings.add(self._document, place, message)
         return part
 
-    def _stops(self, section: TaskSection, loc: Loc, arm: str) -> tuple[Stop, ...]:
+    def _stops(
+        self, section: TaskSection, loc: Loc, arm: str, taker: str | None = None
+    ) -> tuple[Stop, ...]:
+        """Returns the stops of an arm; where another one takes over what it picks, the place is that one's."""
         stops = []
         for action in _ACTIONS:
             target_section = getattr(section, action)
@@ -276,7 +317,8 @@ class _TaskReader:
                 continue
             if target_section.joints is not None and arm == ANY:
                 continue  # the rules across tasks have said so
-            target = self._targets.target(target_section, (*loc, action), arm)
+            by = taker if action == "place" and taker is not None else arm
+            target = self._targets.target(target_section, (*loc, action), by)
             if target is None:
                 continue
             line, column = self._document.place((*loc, action))

@@ -11,21 +11,29 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
 
-Action = Literal["pick", "place", "move", "path", "seam_start", "seam_end"]
+Action = Literal["pick", "place", "give", "take", "move", "path", "seam_start", "seam_end"]
 Mode = Literal["paired", "free"]
 Order = Literal["given", "optimise"]
 StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 ANY = "any"
 """What stands for an arm where the planner chooses it."""
-TAKES: frozenset[str] = frozenset({"pick"})
-"""Actions after which an arm holds its task's part: from the event on."""
-GIVES: frozenset[str] = frozenset({"place"})
-"""Actions after which it no longer does: from the end of the dwell on."""
+TAKES: frozenset[str] = frozenset({"pick", "take"})
+"""Actions after which an arm holds its task's part."""
+GIVES: frozenset[str] = frozenset({"place", "give"})
+"""Actions after which it no longer does."""
+AFTER_DWELL: frozenset[str] = frozenset({"place", "take"})
+"""Those of them that take effect at the end of the dwell, the others at the event itself.
+
+In a hand-over the giving arm's event is the end of the taking arm's dwell, so that somebody holds the part at any time.
+"""
+LYING: frozenset[str] = frozenset({"pick", "place"})
+"""Actions at which a part may lie on something, and on whose lines it may be near it."""
 CHANGES = TAKES | GIVES
 """Actions that change what an arm holds."""
 SAME_SHARE = 1e-9
@@ -148,10 +156,10 @@ class PathWork:
 
 @dataclass(frozen=True)
 class Task:
-    """One thing to be done by one arm: a pick and a place, a bare move, or its share of a path."""
+    """One thing to be done by one arm: a pick and a place, a bare move, or its share of what both do together."""
 
     id: str
-    """Unique name."""
+    """Unique name; the shares of both arms in a path, a seam or a hand-over have the same one."""
     arm: str
     """left or right; ANY where the planner chooses."""
     stops: tuple[Stop, ...]
@@ -164,6 +172,8 @@ class Task:
     """The path that is followed, the same for both arms where both follow; its one stop is where the tool ends."""
     seam: SeamWork | None = None
     """The seam that is worked, the same for both arms; its two stops are where it begins and where it ends."""
+    handover: Handover | None = None
+    """The hand-over, the same for both arms: the giver's stops are pick and give, the taker's take and place."""
     not_before: float = 0.0
     """Its tool is at the first target no earlier than this after the start [s]."""
     not_after: float = math.inf
@@ -182,6 +192,11 @@ class Task:
     def allows(self, arm: str) -> bool:
         """Returns whether an arm may do it."""
         return self.arm in (arm, ANY)
+
+    @property
+    def shared(self) -> bool:
+        """Whether it is one arm's share of what both may do together: the other one's has the same id."""
+        return self.alone or self.handover is not None
 
     @property
     def alone(self) -> bool:
@@ -238,6 +253,11 @@ class Job:
         return any(task.seam is not None for task in self.tasks)
 
     @property
+    def has_handovers(self) -> bool:
+        """Whether any part goes from arm to arm."""
+        return any(task.handover is not None for task in self.tasks)
+
+    @property
     def in_sections(self) -> bool:
         """Whether it is planned section after section: paths and seams are done alone."""
         return any(task.alone for task in self.tasks)
@@ -282,8 +302,9 @@ class Job:
     def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
         """Returns the paired stages: within each section the k-th target of each arm, by arm name.
 
-        An arm that has run out of targets is missing from the later stages of the section. Where the job says itself
-        what is paired with what, these are its stages.
+        An arm that has run out of targets is missing from the later stages of the section. Hand-overs are where the
+        arms meet: what is before one, and what is after it, is paired by itself, and it is a stage of both. Where the
+        job says itself what is paired with what, these are its stages.
         """
         if self.pairing is not None:
             stops: dict[StopKey, tuple[Task, Stop]] = {
@@ -293,12 +314,24 @@ class Job:
         found = []
         for section in self.sections():
             per_arm = {
-                arm.name: [(t, stop) for t in section if t.arm == arm.name for stop in t.stops]
+                arm.name: _runs([(t, stop) for t in section if t.arm == arm.name for stop in t.stops])
                 for arm in self.cell.robot.arms
             }
-            count = max((len(stops) for stops in per_arm.values()), default=0)
-            found += [
-                {name: stops[k] for name, stops in per_arm.items() if k < len(stops)}
-                for k in range(count)
-            ]
+            for number in range(max(len(runs) for runs in per_arm.values())):
+                now = {name: runs[number] for name, runs in per_arm.items() if number < len(runs)}
+                found += [
+                    {name: stops[k] for name, stops in now.items() if k < len(stops)}
+                    for k in range(max(len(stops) for stops in now.values()))
+                ]
         return found
+
+
+def _runs(stops: list[tuple[Task, Stop]]) -> list[list[tuple[Task, Stop]]]:
+    """Returns one arm's targets between its hand-overs, and each of these by itself."""
+    found: list[list[tuple[Task, Stop]]] = [[]]
+    for task, stop in stops:
+        if stop.action in ("give", "take"):
+            found += [[(task, stop)], []]
+        else:
+            found[-1].append((task, stop))
+    return found

@@ -242,14 +242,17 @@ def _mendable(context: StageContext, a: int) -> bool:
 
 def _lines_apart(context: StageContext) -> bool:
     """Returns whether the arms keep clear of each other if all of them begin their lines at once."""
-    rests = {name: way.q[way.arrival :] for name, way in context.ways.items()}
+    first = {
+        name: way.arrival if way.meets is None else way.meets for name, way in context.ways.items()
+    }
+    rests = {name: way.q[first[name] :] for name, way in context.ways.items()}
     length = max(len(rest) for rest in rests.values())
     position = np.tile(context.plan.arrival, (length, 1))
     held = np.empty((length, len(rests)), dtype=np.int64)
     for a, (name, rest) in enumerate(rests.items()):
         rows = np.minimum(np.arange(length), len(rest) - 1)
         position[:, context.model.arms[name].columns] = rest[rows]
-        held[:, a] = context.ways[name].held[context.ways[name].arrival :][rows]
+        held[:, a] = context.ways[name].held[first[name] :][rows]
     return bool((context.cell.cross_margins(position, held) >= 0.0).all())
 
 

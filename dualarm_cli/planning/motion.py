@@ -17,7 +17,7 @@ from dualarm_cli.planning.bent_transfers import path_pieces
 from dualarm_cli.planning.lines import solve_line
 from dualarm_cli.planning.motion_words import at_knot, event_of, stage_of
 from dualarm_cli.planning.stage_moves import moves_to_lines
-from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.planning.transfers import (
     PLATFORM,
     Transfers,
@@ -195,9 +195,15 @@ def _add_stage(
                 span = begin + start, begin + ends[name]
                 what = "wait" if reason else kind
                 _segment(record, name, what, plan.stops.get(name), *span, reason)
-    for name, arm_stop in plan.stops.items():
-        clock = begin + ends[name]
-        ends[name] = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing) - begin
+    arrived = dict(ends)
+    pair = giver_and_taker(plan.stops)
+    if pair is not None:
+        ends |= _add_handover(record, model, job, plan, pair, ends, limits, timing)
+    else:
+        for name, arm_stop in plan.stops.items():
+            clock = begin + ends[name]
+            end = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing)
+            ends[name] = end - begin
     length = max(ends.values())
     for name, index in columns.items():
         if ends[name] < length:
@@ -207,8 +213,54 @@ def _add_stage(
                 span = begin + ends[name], begin + length
                 _segment(record, name, "wait", None, *span, "partner")
     record.clock = begin + length
-    critical = max(plan.stops, key=lambda name: ends[name], default="")
+    # In a hand-over the one that comes last decides, not the one that leaves last.
+    last = ends if pair is None else arrived
+    critical = max(plan.stops, key=lambda name: last[name], default="")
     record.stages.append(stage_of(model, plan, transfers, begin, record.clock, critical))
+
+
+def _add_handover(
+    record: _Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    pair: tuple[ArmStop, ArmStop],
+    ends: Mapping[str, float],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> dict[str, float]:
+    """Appends a hand-over from where both tools are there; returns when each arm is done with it [s].
+
+    The taking arm approaches and grips while the giving one stands still, which then lets go and retracts while the
+    taking one does.
+
+    Args:
+        record: what is planned so far.
+        model: the job's cell.
+        job: what is to be done.
+        plan: the stage.
+        pair: the giving and the taking arm's stop.
+        ends: when each group is where its lines begin, from the stage's start [s].
+        limits: what the joints may do.
+        timing: how lines are timed.
+    """
+    begin, giver, taker = record.clock, *pair
+    there = max(ends.values())
+
+    def wait(arm_stop: ArmStop, start: float, end: float) -> None:
+        if end <= start:
+            return
+        arm = model.arms[arm_stop.arm]
+        stands = hold(arm.arm.joints, plan.arrival[arm.columns], end - start)
+        record.pieces[arm_stop.arm].append(stands)
+        _segment(record, arm_stop.arm, "wait", arm_stop, start, end, "partner")
+
+    clock = begin + there
+    wait(taker, begin + ends[taker.arm], clock)
+    gripped = _add_stop(record, model, job, plan, taker, clock, limits, timing)
+    wait(giver, begin + ends[giver.arm], gripped)
+    away = _add_stop(record, model, job, plan, giver, gripped, limits, timing)
+    return {taker.arm: gripped - begin, giver.arm: away - begin}
 
 
 def _add_stop(

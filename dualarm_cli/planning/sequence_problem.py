@@ -42,7 +42,8 @@ def sequence_problem(
         ]
         for name in model.arms
     }
-    found = _problem(model, job, stops)
+    handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
+    found = replace(_problem(model, job, stops), handing=handing)
     if holding is None:
         return found
     start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
@@ -102,6 +103,7 @@ def _clearance(
         model.platform.is_turntable,
         holding.before,
         holding.after,
+        holding.handing,
         barred,
         holding.pace,
     )
