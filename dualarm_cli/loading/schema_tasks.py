@@ -168,7 +168,8 @@ class TaskSection(Section):
             missing = [key for key in _HANDOVER if key not in given]
             if missing:
                 raise refuse(
-                    f"'{missing[0]}' is missing: a hand-over has pick, handover and place", code="E202"
+                    f"'{missing[0]}' is missing: a hand-over has pick, handover and place",
+                    code="E202",
                 )
             raise refuse(f"'{given[-1]}' does not go with 'handover'; make two tasks", given[-1])
         if len(given) > 1 and given not in (["pick", "place"], _HANDOVER):

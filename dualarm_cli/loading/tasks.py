@@ -13,10 +13,10 @@ from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.handovers import cell_with_taken_parts, handover_shares
 from dualarm_cli.loading.paths import PathReader, check_arms
+from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
 from dualarm_cli.loading.schema_paths import PathSection
 from dualarm_cli.loading.schema_seams import CoordinateSection
-from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.schema_tasks import (
     DefaultsSection,
     DwellSection,

@@ -314,7 +314,9 @@ class Job:
         found = []
         for section in self.sections():
             per_arm = {
-                arm.name: _runs([(t, stop) for t in section if t.arm == arm.name for stop in t.stops])
+                arm.name: _runs(
+                    [(t, stop) for t in section if t.arm == arm.name for stop in t.stops]
+                )
                 for arm in self.cell.robot.arms
             }
             for number in range(max(len(runs) for runs in per_arm.values())):

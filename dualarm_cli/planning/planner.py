@@ -9,7 +9,7 @@ from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
@@ -23,7 +23,7 @@ from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.path_words import check_followers, path_job_notes
 from dualarm_cli.planning.seam_words import check_seams, seam_bound
-from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.sequence_problem import bound_problem
 from dualarm_cli.planning.serving import (
     cell_model,
     served_settings,
@@ -73,7 +73,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     if job.mode == "free":
         return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
     if not job.in_sections:
-        return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
+        return lower_bound(bound_problem(CellModel.from_cell(job.cell), job), effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in job.sections():
         work, seam = section[0].path, section[0].seam
@@ -87,7 +87,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
             alone = replace(job, tasks=section, start="free", returns=False)
             model = CellModel.from_cell(job.cell)
             if alone.is_decided:
-                bound = lower_bound(sequence_problem(model, alone), effort)
+                bound = lower_bound(bound_problem(model, alone), effort)
             else:
                 bound = shared_bound(model, alone, effort)
             value += bound.value if bound.value is not None else 0.0
@@ -268,7 +268,7 @@ def _job_notes(job: Job) -> list[str]:
         f"{task.id} ({stop.action})"
         for task in job.tasks
         for stop in task.stops
-        if stop.action in ("pick", "place") and stop.dwell.total == 0.0
+        if stop.action in CHANGES and stop.dwell.total == 0.0
     ]
     if not idle:
         return []

@@ -205,7 +205,9 @@ class _Extra:
             return found
         rows = {place: self._rows(k, angles, before, chosen, place) for place in PLACES}
         found += TOGETHER * ~stage.keep.all_apart(rows)
-        found += AT_LAST * ~stage.keep.all_apart({place: rows[place] for place in stage.keep.at_once})
+        found += AT_LAST * ~stage.keep.all_apart(
+            {place: rows[place] for place in stage.keep.at_once}
+        )
         for barred in self.problem.barred:
             if barred.stage == k:
                 found += self._barred(barred, rows["approach"], before)

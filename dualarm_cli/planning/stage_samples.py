@@ -103,7 +103,9 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         # Both at once: from where the taking tool approaches until the giving one is away.
         start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
         inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
-        held[inside] = holding.cell.at_stops(held[inside], np.ones(int(inside.sum()), dtype=np.bool_))
+        held[inside] = holding.cell.at_stops(
+            held[inside], np.ones(int(inside.sum()), dtype=np.bool_)
+        )
     return StageSamples(motion.trajectory.at(time)[0], held, step)
 
 
@@ -120,9 +122,7 @@ def _event_of(motion: Motion, number: int, arm: str) -> Event | None:
     return None
 
 
-def _on_lines(
-    motion: Motion, arms: Sequence[str], start: float, end: float
-) -> tuple[float, float]:
+def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
     """Returns when arms are on the lines of their stops in a stage from start to end [s]; an empty span for never."""
     parts = [
         part
