@@ -61,8 +61,14 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
     handed = [task for task in model.tasks if task.handover is not None]
     if model.mode == "free" and handed:
-        message = f"mode: free does not go with hand-overs (task {quote(handed[0].id)}) in this version; use mode: paired"
+        message = (
+            f"mode: free does not go with hand-overs (task {quote(handed[0].id)}) in this version; use "
+            "mode: paired"
+        )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
+    if model.order == "optimise" and handed:
+        message = f"order: optimise does not go with hand-overs (task {quote(handed[0].id)}) in this version; use order: given"
+        findings.add(document, ("order",), message, NOT_AVAILABLE)
     names = {task.id for task in (*alone, *handed)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):
@@ -85,6 +91,9 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
                 "joint configurations belong to one arm; use arm: left or right, or give a pose"
             )
             findings.add(document, ("tasks", index, action, "joints"), message)
+    if task.handover is not None:
+        message = "arm: any does not go with 'handover' in this version; name the giving arm, left or right"
+        findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
     for kind in ("path", "coordinate"):
         if getattr(task, kind) is not None:
             message = f"arm: any does not go with '{kind}'; it says itself which arms it takes"

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.minimum_time.clearance import Barred
-from dualarm_cli.planning.clear_checks import check_parts, check_start
+from dualarm_cli.planning.clear_checks import check_grips, check_parts, check_start
 from dualarm_cli.planning.clear_words import why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
@@ -92,6 +92,7 @@ def quickest_clear(
         holding = Holding.of(job, crossing=crossing)
         check_start(problem, holding)
         check_parts(problem, holding)
+        check_grips(problem)
     blind = solve(problem)
     progress("timing the motion")
     known = Known()
