@@ -67,7 +67,8 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
         )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
     if model.order == "optimise" and handed:
-        message = f"order: optimise does not go with hand-overs (task {quote(handed[0].id)}) in this version; use order: given"
+        name = quote(handed[0].id)
+        message = f"order: optimise does not go with hand-overs (task {name}) in this version; use order: given"
         findings.add(document, ("order",), message, NOT_AVAILABLE)
     names = {task.id for task in (*alone, *handed)}
     for k, row in enumerate(model.sequences):
