@@ -66,10 +66,6 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
             "mode: paired"
         )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
-    if model.order == "optimise" and handed:
-        name = quote(handed[0].id)
-        message = f"order: optimise does not go with hand-overs (task {name}) in this version; use order: given"
-        findings.add(document, ("order",), message, NOT_AVAILABLE)
     names = {task.id for task in (*alone, *handed)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):
@@ -92,9 +88,6 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
                 "joint configurations belong to one arm; use arm: left or right, or give a pose"
             )
             findings.add(document, ("tasks", index, action, "joints"), message)
-    if task.handover is not None:
-        message = "arm: any does not go with 'handover' in this version; name the giving arm, left or right"
-        findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
     for kind in ("path", "coordinate"):
         if getattr(task, kind) is not None:
             message = f"arm: any does not go with '{kind}'; it says itself which arms it takes"
