@@ -177,3 +177,20 @@ def test_somebody_holds_the_part_while_it_changes_hands(flip, schedule):
     found = verify(schedule, dataclasses.replace(flip, cell=cell), clearance=True)
     touched = {body for s in found.clearances for body in s.bodies if s.margin < 0.0}
     assert touched & {"left bracket", "right bracket@flip-1"}
+
+
+def test_a_share_belongs_to_one_arm(flip, schedule):
+    """In an open job too: the right arm is said to give what the left one picked, or both to take."""
+    work = dataclasses.replace(flip.tasks[0].handover, giver="any", taker="any")
+    tasks = tuple(dataclasses.replace(t, arm="any", handover=work) for t in flip.tasks)
+    job = dataclasses.replace(flip, tasks=tasks, order="optimise")
+    assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
+    found = verify(with_event(schedule, "give", arm="right"), job)
+    checks = {check.name: check.detail for check in found.failures}
+    assert "flip-1: pick and give are done by left and right" in checks["order"]
+    fixed = tuple(
+        dataclasses.replace(t, arm="right" if k == 0 else "left") for k, t in enumerate(tasks)
+    )
+    found = verify(schedule, dataclasses.replace(job, tasks=fixed))
+    checks = {check.name: check.detail for check in found.failures}
+    assert checks["order"] == "flip-1: pick and give are the right arm's, the left arm does them"
