@@ -12,11 +12,9 @@ from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.handovers import cell_with_taken_parts, handover_shares
-from dualarm_cli.loading.paths import PathReader, check_arms
+from dualarm_cli.loading.paths import PathReader
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
-from dualarm_cli.loading.schema_paths import PathSection
-from dualarm_cli.loading.schema_seams import CoordinateSection
 from dualarm_cli.loading.schema_tasks import (
     DefaultsSection,
     DwellSection,
@@ -24,11 +22,11 @@ from dualarm_cli.loading.schema_tasks import (
     TaskSection,
     TasksFile,
 )
-from dualarm_cli.loading.seams import SeamReader
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_order import check_order
 from dualarm_cli.loading.task_rules import check_settings, check_tasks, permission_notes
 from dualarm_cli.loading.text_source import quote, suggest
+from dualarm_cli.loading.work_shares import WorkReader
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import (
@@ -36,8 +34,6 @@ from dualarm_cli.model.job import (
     Action,
     Dwell,
     Job,
-    PoseTarget,
-    SeamTarget,
     Stop,
     Task,
 )
@@ -45,14 +41,6 @@ from dualarm_cli.model.place import Place
 
 FREE_START = "free"
 """What a file says where the planner shall choose the start posture."""
-SEAM_KEYS = {
-    "arm": "it names master and slave itself",
-    "approach": "write it into its entry",
-    "retract": "write it into its exit",
-    "dwell": "write it into its entry and exit",
-    "part": "its own part says where the part is held",
-}
-"""What is said of keys that a coordinate task has elsewhere."""
 _ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 
@@ -157,12 +145,12 @@ class _TaskReader:
         findings: Findings,
         paths: PathReader,
     ) -> None:
-        self._document, self._findings, self._paths = document, findings, paths
+        self._document, self._findings = document, findings
         self._defaults, self._robot = defaults, cell.robot
         self._parts = cell.parts
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
-        self._seams = SeamReader(document, cell, paths)
+        self._works = WorkReader(document, cell, findings, paths)
 
     def tasks(self, sections: dict[int, TaskSection]) -> tuple[Task, ...]:
         """Returns the tasks in file order."""
@@ -170,10 +158,10 @@ class _TaskReader:
         for index, section in sections.items():
             loc: Loc = ("tasks", index)
             if section.path is not None:
-                found += self._followers(section, section.path, loc)
+                found += self._works.followers(section, section.path, loc)
                 continue
             if section.coordinate is not None:
-                found += self._partners(section, section.coordinate, loc)
+                found += self._works.partners(section, section.coordinate, loc)
                 continue
             if section.arm is None:
                 continue
@@ -230,64 +218,6 @@ class _TaskReader:
             (meets, to_se3(handover.grip)),
             Place(self._document.source.name, line, column),
         )
-
-    def _followers(self, section: TaskSection, path: PathSection, loc: Loc) -> list[Task]:
-        """Returns each arm's share of a path task: where its tool ends is its one stop."""
-        place: Loc = (*loc, "path")
-        wrong = check_arms(dict.fromkeys(self._arms), path, section.arm)
-        if section.arm == "any":
-            return []
-        if wrong:
-            self._findings.add(self._document, place, wrong)
-            return []
-        for key in ("approach", "retract", "dwell", "part"):
-            if getattr(section, key) is not None:
-                message = f"'{key}' does not go with a path; remove it"
-                self._findings.add(self._document, (*loc, key), message)
-        work = self._paths.work(path, place, section.arm or path.arm)
-        if work is None:
-            return []
-        found = []
-        for arm, way in work.paths.items():
-            end = PoseTarget(way.pose(way.length))
-            stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
-            found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
-        return found
-
-    def _partners(
-        self, section: TaskSection, coordinate: CoordinateSection, loc: Loc
-    ) -> list[Task]:
-        """Returns each arm's share of a coordinate task."""
-        for key in ("arm", "approach", "retract", "dwell", "part"):
-            if getattr(section, key) is not None:
-                instead = SEAM_KEYS.get(key, "remove it")
-                message = f"'{key}' does not go with a coordinate task; {instead}"
-                self._findings.add(self._document, (*loc, key), message)
-        work = self._seams.work(coordinate, (*loc, "coordinate"))
-        if work is None:
-            return []
-        found = []
-        for arm in work.arms:
-            # The master only holds still while the slave comes, dwells and leaves.
-            works = arm == work.slave
-            first = Stop(
-                "seam_start",
-                SeamTarget(work),
-                work.approach if works else 0.0,
-                0.0,
-                Dwell(gripper=work.dwell_start if works else 0.0),
-                work.place,
-            )
-            last = Stop(
-                "seam_end",
-                SeamTarget(work),
-                0.0,
-                work.retract if works else 0.0,
-                Dwell(gripper=work.dwell_end if works else 0.0),
-                work.place,
-            )
-            found.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
-        return found
 
     def _part(self, section: TaskSection, loc: Loc) -> str:
         """Returns the name of the part that is carried, after noting one that the cell does not have."""

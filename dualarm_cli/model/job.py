@@ -12,6 +12,7 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.handover import Handover
+from dualarm_cli.model.pairing import side_by_side
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
@@ -311,29 +312,12 @@ class Job:
                 (t.arm, t.id, s.action): (t, s) for t in self.tasks for s in t.stops
             }
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
+        arms = [arm.name for arm in self.cell.robot.arms]
         found = []
         for section in self.sections():
-            per_arm = {
-                arm.name: _runs(
-                    [(t, stop) for t in section if t.arm == arm.name for stop in t.stops]
-                )
-                for arm in self.cell.robot.arms
+            rows = {
+                name: [(task, stop) for task in section if task.arm == name for stop in task.stops]
+                for name in arms
             }
-            for number in range(max(len(runs) for runs in per_arm.values())):
-                now = {name: runs[number] for name, runs in per_arm.items() if number < len(runs)}
-                found += [
-                    {name: stops[k] for name, stops in now.items() if k < len(stops)}
-                    for k in range(max(len(stops) for stops in now.values()))
-                ]
+            found += side_by_side(rows, lambda one: one[1].action in ("give", "take"))
         return found
-
-
-def _runs(stops: list[tuple[Task, Stop]]) -> list[list[tuple[Task, Stop]]]:
-    """Returns one arm's targets between its hand-overs, and each of these by itself."""
-    found: list[list[tuple[Task, Stop]]] = [[]]
-    for task, stop in stops:
-        if stop.action in ("give", "take"):
-            found += [[(task, stop)], []]
-        else:
-            found[-1].append((task, stop))
-    return found

@@ -14,9 +14,10 @@ from dualarm_cli.planning.clear_words import why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.motion import Known, Motion, realise
+from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan, same_postures
 from dualarm_cli.planning.stage_samples import StageSamples, alone_clear, stage_samples
+from dualarm_cli.planning.stop_motion import Known
 from dualarm_cli.planning.waiting import transfer_ends
 from dualarm_cli.timing import TimingSolver
 

@@ -11,7 +11,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import quickest_curve
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import Known, Motion, realise
+from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_context import StageContext
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
@@ -25,6 +25,7 @@ from dualarm_cli.planning.stage_samples import (
     stage_samples,
     which_keep_clear,
 )
+from dualarm_cli.planning.stop_motion import Known
 from dualarm_cli.planning.stops_aside import quickest_stopover
 from dualarm_cli.planning.transfer_paths import transfer_path
 from dualarm_cli.planning.transfers import largest_tool_speed
