@@ -18,9 +18,10 @@ from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.motion import realise
-from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.planning.sequence import solve_sequence
 from dualarm_cli.planning.sequence_plans import decisions_of
