@@ -17,6 +17,7 @@ from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.clearing import Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
@@ -26,6 +27,8 @@ from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.planning.sequence import solve_sequence
 from dualarm_cli.planning.sequence_plans import decisions_of
 from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.stage_samples import arm_ways, combined, stage_samples
+from dualarm_cli.planning.stages import choose_stages
 from dualarm_cli.reporting.report import count_parts
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
@@ -208,3 +211,35 @@ def test_the_other_arm_may_give(flip):
     order = [(e.arm, e.action) for e in found.events]
     assert order == [("right", "pick"), ("left", "take"), ("right", "give"), ("left", "place")]
     assert isinstance(shares[0].stops[1].target, PoseTarget)
+
+
+@pytest.mark.parametrize("late", ["left", "right"])
+def test_an_arm_that_is_late_makes_both_late(flip, late):
+    """What mending thinks of a wait before the hand-over is what comes of it: the other arm's lines begin later too."""
+    model, timing = CellModel.from_cell(flip.cell), TIMING_SOLVERS["ruckig"]
+    holding = Holding.of(flip)
+    plan = choose_stages(model, flip, "exact", "arm_angle")[1]
+    clearing = Clearing(model, flip, holding, timing, 0)
+    motion = clearing.alone(plan)
+    samples = stage_samples(motion, 0, 1, holding)
+    ways = arm_ways(model, motion, 0, samples)
+    delay = 75
+    thought = combined(model, samples, ways, {late: delay})
+    made = clearing.alone(dataclasses.replace(plan, waits={late: delay * samples.step}))
+    real = stage_samples(made, 0, 1, holding)
+    count = min(len(thought.position), len(real.position))
+    assert abs(len(thought.position) - len(real.position)) <= 2
+    # Arrivals lie between instants: off by one at most, at no more than 3 rad/s.
+    arms = [column for arm in model.arms.values() for column in arm.columns]
+    off = np.abs(thought.position[:count, arms] - real.position[:count, arms])
+    assert off.max() < 2 * 3.0 * samples.step
+    assert (thought.held[:count] != real.held[:count]).any(axis=1).sum() <= 6
+    # Both hold something else in the end, and the part is being handed over in between.
+    cell = holding.cell
+    states = [tuple(cell.part_of(n) for n in row) for row in real.held.tolist()]
+    assert list(dict.fromkeys(states)) == [("bracket", ""), ("", "bracket@flip-1")]
+    handed = np.array([max(row) >= 2 * len(cell.parts) for row in real.held.tolist()])
+    lines = [s for s in made.segments if s.kind in ("approach", "dwell", "retract")]
+    span = max(s.end for s in lines) - min(s.start for s in lines)
+    assert handed.sum() * samples.step == pytest.approx(span, abs=2 * samples.step)
+    assert not handed[0]
