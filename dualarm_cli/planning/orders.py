@@ -13,7 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.order_words import NOT_FOUND, check_reach, why_impossible
+from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
 from dualarm_cli.planning.stage_order_model import stage_problem
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.sequencing.cp_sat import prove
@@ -106,7 +106,9 @@ class PairedSearch:
         watch.tell("timing each task at every platform angle")
         order = OrderModel.of(model, job, clear=clear)
         check_reach(order)
-        return cls(order, stage_problem(order), effort, seed)
+        problem = stage_problem(order)
+        check_meetings(order, problem)
+        return cls(order, problem, effort, seed)
 
     def orders(self, watch: Watch) -> Orders:
         """Returns the best orders found.

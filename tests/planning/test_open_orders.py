@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
@@ -236,3 +237,22 @@ def test_with_arms_left_open_the_file_s_order_is_kept(handed):
     assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
     picks = [event.task for event in schedule.events if event.action == "pick"]
     assert picks[-1] == "flip-1"
+
+
+def test_arms_that_cannot_meet_are_told_so(handed):
+    """Tools 5 mm from each other that have to keep 10: whoever gives, at any platform angle."""
+    near = pin.SE3(pin.utils.rotate("x", np.pi), np.array([0.0, 0.0, 0.005]))
+    giving, taking, *others = handed.tasks
+    work = dataclasses.replace(giving.handover, grip=near)
+    meets = dataclasses.replace(
+        taking.stops[0], target=PoseTarget(giving.stops[1].target.pose * near)
+    )
+    tasks = (
+        dataclasses.replace(giving, handover=work),
+        dataclasses.replace(taking, handover=work, stops=(meets, taking.stops[1])),
+        *others,
+    )
+    with pytest.raises(InfeasibleError) as caught:
+        plan_without_bound(dataclasses.replace(handed, tasks=tasks), QUICK)
+    assert "task 'flip-1': neither arm can give while the other one takes" in str(caught.value)
+    assert "tasks.yaml:19:7" in str(caught.value)
