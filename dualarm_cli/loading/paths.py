@@ -28,7 +28,7 @@ from dualarm_cli.loading.schema_paths import (
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.tool_path import Line, Piece, Spline, ToolPath, Turn
 

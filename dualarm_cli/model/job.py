@@ -13,9 +13,9 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.pairing import side_by_side
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.model.tool_path import ToolPath
 
 Action = Literal["pick", "place", "give", "take", "move", "path", "seam_start", "seam_end"]
 Mode = Literal["paired", "free"]
@@ -37,8 +37,6 @@ LYING: frozenset[str] = frozenset({"pick", "place"})
 """Actions at which a part may lie on something, and on whose lines it may be near it."""
 CHANGES = TAKES | GIVES
 """Actions that change what an arm holds."""
-SAME_SHARE = 1e-9
-"""Difference of two shares of a way that count as one."""
 
 
 @dataclass(frozen=True)
@@ -109,50 +107,6 @@ class Stop:
     """Time at the target."""
     place: Place
     """Where it is written."""
-
-
-@dataclass(frozen=True)
-class PathWork:
-    """Paths that one tool or both follow together, and how."""
-
-    paths: Mapping[str, ToolPath]
-    """By arm. Both tools have gone the same share of their paths at every instant."""
-    speed: float
-    """Largest speed of the tool with the longer path along it [m/s]."""
-    acceleration: float | None = None
-    """Largest acceleration along that path [m/s²]; None leaves the ramps to the planner."""
-    jerk: float | None = None
-    """Largest jerk along that path [m/s³]; None leaves it to the planner."""
-    redundancy: str | None = None
-    """Name of the path follower; None for the default one."""
-    posture: str | None = None
-    """Name of the posture that the motion begins near; None leaves it to the planner."""
-    slower: bool = False
-    """Whether it may be followed slower where the joints' limits ask for it."""
-    tolerance: float = 1e-4
-    """How far the tools may leave their paths [m], and turn away by tolerance over TURN_LENGTH [rad]."""
-    critical_points: Mapping[str, FloatArray] = field(default_factory=dict)
-    """By arm, where a virtual spring pulls the elbow, in the frame of the last platform joint [m], shape (3,)."""
-    stiffness: float = 10.0
-    """Of the virtual springs: K of [Choi2020] Eq. 9."""
-    torque: bool = False
-    """Whether the joints' torques are kept within the limits of the URDF."""
-    place: Place = NOWHERE
-    """Where it is written."""
-
-    @property
-    def length(self) -> float:
-        """Length of the longest path [m]."""
-        return max(path.length for path in self.paths.values())
-
-    def corners(self) -> tuple[float, ...]:
-        """Returns the shares of the way at which the tools have to stop, without 0 and 1."""
-        found: list[float] = []
-        for share in sorted(c / path.length for path in self.paths.values() for c in path.corners):
-            # What both tools' shares differ by rounding is one corner.
-            if not found or share - found[-1] > SAME_SHARE:
-                found.append(share)
-        return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
-from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.timing.double_s import fastest_phases
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

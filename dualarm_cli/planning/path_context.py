@@ -12,7 +12,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body import WholeBody
-from dualarm_cli.model.job import Job, PathWork
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.path_following import PathProblem
 from dualarm_cli.path_following.problem import Spring

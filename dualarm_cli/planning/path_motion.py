@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.tool_path import TURN_LENGTH
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import NoPath, PathMotion, PathProblem

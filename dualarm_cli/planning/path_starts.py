@@ -12,7 +12,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import ArmModel
 from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.kinematics.whole_body_reach import Reached, reach
-from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.path_following.arm_angle import coarse_tracks, flange_poses
 from dualarm_cli.planning.path_context import PathContext

@@ -11,7 +11,8 @@ from dualarm_cli.closed_chain import SEAM_SOLVERS
 from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError, did_you_mean
 from dualarm_cli.kinematics.dynamics import Dynamics
 from dualarm_cli.kinematics.whole_body_reach import Reached
-from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.path_following import PATH_SOLVERS

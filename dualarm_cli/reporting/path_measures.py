@@ -10,7 +10,8 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.manipulability import manipulability
-from dualarm_cli.model.job import Job, PathWork, Task
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.verification.path_checks import along_path

@@ -8,7 +8,8 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
-from dualarm_cli.model.job import Job, PathWork
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.tool_path import TURN_LENGTH, ToolPath
 from dualarm_cli.model.verification import Check

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.job import Job, PathWork, PoseTarget
+from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.tool_path import Line, Spline, Turn
 
 Change = Callable[..., None]

@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.cell import Cell, Tool
-from dualarm_cli.model.job import Dwell, Job, PathWork, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.tool_path import Line, ToolPath
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.job import PathWork
+from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.tool_path import Line, ToolPath, Turn
 from dualarm_cli.planning.path_clock import PathClock
 from dualarm_cli.planning.path_targets import SHARE, tool_targets
