@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.collision.pair_groups import PairGroup
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Cell
 
 SLACK = 0.002
@@ -20,7 +21,8 @@ class CellClearance:
     """The quick test of a cell.
 
     What an arm holds is a number: twice the place of its name in `parts`, and one more on a stop's lines, where a part
-    need not keep clear of what stands still.
+    need not keep clear of what stands still. In a hand-over twice the number of parts are added: the other arm's tool,
+    and what that holds, may touch the part then.
     """
 
     test: QuickTest
@@ -57,6 +59,24 @@ class CellClearance:
         """Returns the number of what an arm holds."""
         return 2 * self.parts.index(part) + on_line
 
+    def at_stops(self, held: IntArray, handing: BoolArray) -> IntArray:
+        """Returns the numbers of what arms hold at their stops and on the lines there.
+
+        Args:
+            held: what they hold, shape (..., arms).
+            handing: where a part is handed over, shape (...).
+        """
+        numbers: IntArray = np.where(handing[..., None], held + 2 * len(self.parts), held | 1)
+        return numbers
+
+    def part_of(self, number: int) -> str:
+        """Returns the part of a number."""
+        return self.parts[(number // 2) % len(self.parts)]
+
+    def is_handed(self, number: int) -> bool:
+        """Returns whether the part of a number is being handed over."""
+        return number >= 2 * len(self.parts)
+
     def own_margins(
         self, a: int, position: FloatArray, held: IntArray, *, ground: bool = False
     ) -> FloatArray:
@@ -73,10 +93,10 @@ class CellClearance:
         found = np.full(len(position), np.inf)
         for number in np.unique(held).tolist():
             rows = np.flatnonzero(held == number)
-            group = self.test.own(self.arms[a], self.parts[number // 2], bool(number % 2))
+            group = self.test.own(self.arms[a], self.part_of(number), bool(number % 2))
             found[rows] = self.test.margins(group, position[rows])
             if ground and number % 2:
-                lying = self.test.ground(self.arms[a], self.parts[number // 2])
+                lying = self.test.ground(self.arms[a], self.part_of(number))
                 margin = self.test.margins(lying, position[rows])
                 # What only touches is as good as far away.
                 found[rows] = np.where(margin < 0.0, np.minimum(found[rows], margin), found[rows])
@@ -97,11 +117,16 @@ class CellClearance:
         parts = held // 2
         for numbers in np.unique(parts, axis=0):
             rows = np.flatnonzero((parts == numbers).all(axis=1))
-            carried = {
-                arm: self.parts[k] for arm, k in zip(self.arms, numbers.tolist(), strict=True)
-            }
-            found[rows] = self.test.margins(self.test.cross(carried), position[rows])
+            group = self._cross([2 * number for number in numbers.tolist()])
+            found[rows] = self.test.margins(group, position[rows])
         return found
+
+    def _cross(self, numbers: Sequence[int]) -> PairGroup:
+        """Returns the pairs of one arm with the other while they hold things of some numbers."""
+        by_arm = dict(zip(self.arms, numbers, strict=True))
+        carried = {arm: self.part_of(number) for arm, number in by_arm.items()}
+        handed = frozenset(arm for arm, number in by_arm.items() if self.is_handed(number))
+        return self.test.cross(carried, handed)
 
     def nearest(self, position: FloatArray, held: IntArray) -> tuple[str, str, float]:
         """Returns the two bodies that have the least margin, and it [m]; by coal.
@@ -110,8 +135,8 @@ class CellClearance:
             position: all joints of the robot [rad], shape (columns,).
             held: what each arm holds, shape (arms,).
         """
-        parts = [self.parts[number // 2] for number in held.tolist()]
-        groups = [self.test.cross(dict(zip(self.arms, parts, strict=True)))]
+        parts = [self.part_of(number) for number in held.tolist()]
+        groups = [self._cross(held.tolist())]
         groups += [
             self.test.own(arm, part, bool(number % 2))
             for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)

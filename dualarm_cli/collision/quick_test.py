@@ -120,20 +120,25 @@ class QuickTest:
             and not (on_line and self._may_lie(pair, self._held[arm][part]))
         ]
 
-    def cross(self, parts: Mapping[str, str] | None = None) -> PairGroup:
+    def cross(
+        self, parts: Mapping[str, str] | None = None, handed: frozenset[str] = frozenset()
+    ) -> PairGroup:
         """Returns the pairs of one arm with the other.
 
         Args:
             parts: name of what each arm holds, if anything, by arm.
+            handed: arms whose part is being handed over: the other tool, and what that carries, may touch it.
         """
         carried = parts or {}
-        key = ("cross", *(carried.get(arm, "") for arm in self.arms))
+        key = ("cross", *(carried.get(arm, "") for arm in self.arms), "handed", *sorted(handed))
         if key not in self._groups:
             self._groups[key] = self._grouped(
                 [
                     pair
                     for pair in self._pairs
-                    if len(self._movers_of(pair)) == 2 and self._carries(pair, carried)
+                    if len(self._movers_of(pair)) == 2
+                    and self._carries(pair, carried)
+                    and not self._is_handed(pair, handed)
                 ]
             )
         return self._groups[key]
@@ -185,6 +190,15 @@ class QuickTest:
         solids = (self._solids[pair.first], self._solids[pair.second])
         return all(
             s.is_held(self._held[s.carrier][parts.get(s.carrier, "")]) for s in solids if s.carrier
+        )
+
+    def _is_handed(self, pair: Pair, arms: frozenset[str]) -> bool:
+        """Returns whether a pair is a part that goes from arm to arm, and the other's tool or what that carries."""
+        one, other = self._solids[pair.first], self._solids[pair.second]
+        tools = {f"{arm}_tool" for arm in self.arms}
+        return any(
+            a.carrier in arms and a.carrier != b.carrier and (b.carrier or b.body in tools)
+            for a, b in ((one, other), (other, one))
         )
 
     def _may_lie(self, pair: Pair, held: Held) -> bool:

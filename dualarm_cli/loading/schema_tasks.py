@@ -12,6 +12,7 @@ from dualarm_cli.loading.fields import (
     Duration,
     FramedPose,
     Name,
+    Pose,
     Section,
     SpeedFraction,
     refuse,
@@ -26,7 +27,13 @@ CONFIGURATIONS: JsonDict = {
 }
 MOST_PARTS = 1_000_000
 """Most parts of a buffer."""
-_KINDS = ("pick", "place", "move", "coordinate", "path")
+_KINDS = ("pick", "handover", "place", "move", "coordinate", "path")
+_HANDOVER = ["pick", "handover", "place"]
+_NO_FREEDOM = {
+    "joints": "two tools meet there, so it has to be a pose; give xyz, with rpy or quat",
+    "free": "the taking tool's pose follows from the giving one's, so that both are fixed",
+    "symmetry": "the taking tool's pose follows from the giving one's, so that both are fixed",
+}
 
 
 class DwellSection(Section):
@@ -81,12 +88,44 @@ class TargetSection(FramedPose):
         return self
 
 
+class HandoverSection(FramedPose):
+    """Where a part goes from one arm's tool into the other's."""
+
+    at: Name | None = Field(
+        default=None, description="Named frame that the pose is given in; same as `in`."
+    )
+    grip: Pose = Field(
+        description="Pose of the taking tool's centre point in the frame of the giving tool's."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _a_pose(cls, value: Any) -> Any:
+        for key, why in _NO_FREEDOM.items():
+            if isinstance(value, dict) and key in value:
+                raise refuse(f"'{key}' does not go with 'handover': {why}", key)
+        return value
+
+    @model_validator(mode="after")
+    def _whole(self) -> HandoverSection:
+        if self.xyz is None:
+            raise refuse("no place to meet; give xyz, with rpy or quat, of the giving tool")
+        if self.in_ is not None and self.at is not None:
+            raise refuse("'in' and 'at' both name the frame; keep one", "in")
+        if self.grip.xyz is None and self.grip.rpy is None and self.grip.quat is None:
+            raise refuse(
+                "both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame",
+                "grip",
+            )
+        return self
+
+
 class TaskSection(Section):
-    """One thing to be done: a pick and a place, or a bare move."""
+    """One thing to be done: a pick and a place, a part handed from arm to arm, or a bare move."""
 
     id: Name = Field(description="Unique name.")
     arm: Literal["left", "right", "any"] | None = Field(
-        default=None, description="The arm that does it."
+        default=None, description="The arm that does it; of a hand-over the giving one."
     )
     after: list[Name] = Field(
         default_factory=list, description="Tasks to be done before, for order: optimise."
@@ -100,6 +139,10 @@ class TaskSection(Section):
         description="The tool is at the last target no later than this after the start [s].",
     )
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
+    handover: HandoverSection | None = Field(
+        default=None,
+        description="Where the part goes into the other arm's tool: the giving tool's pose, and the grip.",
+    )
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
     move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
     coordinate: CoordinateSection | None = Field(
@@ -131,7 +174,15 @@ class TaskSection(Section):
         given = [key for key in _KINDS if getattr(self, key) is not None]
         if not given:
             raise refuse("nothing to do; give pick and place, move, path, or coordinate")
-        if len(given) > 1 and given != ["pick", "place"]:
+        if self.handover is not None and given != _HANDOVER:
+            missing = [key for key in _HANDOVER if key not in given]
+            if missing:
+                raise refuse(
+                    f"'{missing[0]}' is missing: a hand-over has pick, handover and place",
+                    code="E202",
+                )
+            raise refuse(f"'{given[-1]}' does not go with 'handover'; make two tasks", given[-1])
+        if len(given) > 1 and given not in (["pick", "place"], _HANDOVER):
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
         if (
             self.path is not None

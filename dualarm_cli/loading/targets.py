@@ -9,7 +9,7 @@ from dualarm_cli.loading.cell_frames import frame_pose
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.robot_joints import joint_position
-from dualarm_cli.loading.schema_tasks import TargetSection
+from dualarm_cli.loading.schema_tasks import HandoverSection, TargetSection
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.urdf import UrdfJoint
 from dualarm_cli.loading.yaml_source import Document, Loc
@@ -43,13 +43,26 @@ class TargetReader:
         """
         if section.joints is not None:
             return self._configurations(section.joints, (*loc, "joints"), self._joints[arm])
+        pose = self._pose(section, loc)
+        if pose is None:
+            return None
+        return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+
+    def meeting(self, section: HandoverSection, loc: Loc) -> pin.SE3 | None:
+        """Returns the giving tool's pose in a hand-over in the world, or None after noting what is wrong.
+
+        Args:
+            section: the hand-over as the file has it.
+            loc: where it stands.
+        """
+        return self._pose(section, loc)
+
+    def _pose(self, section: TargetSection | HandoverSection, loc: Loc) -> pin.SE3 | None:
+        """Returns a pose in the world, or None after noting a frame that there is not."""
         key = "at" if section.at is not None else "in"
         name = section.at if section.at is not None else section.in_
         T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
-        if T_world_frame is None:
-            return None
-        pose: pin.SE3 = T_world_frame * to_se3(section)
-        return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+        return None if T_world_frame is None else T_world_frame * to_se3(section)
 
     def _configurations(
         self, values: list[object], loc: Loc, joints: list[UrdfJoint]

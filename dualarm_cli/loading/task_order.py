@@ -22,6 +22,7 @@ def check_order(
     next_stage: dict[str, int] = {}
     spans: dict[str, tuple[str, int, int]] = {}
     sections: dict[str, int] = {}
+    begun_by: dict[str, tuple[str, int]] = {}
     paths = 0
     for task in tasks:
         first = next_stage.get(task.arm, 0)
@@ -29,13 +30,19 @@ def check_order(
         if task.alone and task.id not in sections:
             paths += 1
         sections.setdefault(task.id, 2 * paths - task.alone)
-        next_stage[task.arm] = first + len(task.stops)
+        if task.handover is not None and task.id in begun_by:
+            # Both arms meet: the one that is early waits. The taking arm is the one that ends the task.
+            met = max(first + 1, next_stage[task.handover.giver])
+            next_stage |= {task.handover.giver: met, task.arm: met + 1}
+        else:
+            next_stage[task.arm] = first + len(task.stops)
+            begun_by[task.id] = task.arm, first
         spans[task.id] = task.arm, first, next_stage[task.arm]
     entries = document.data.get("tasks")
     ids = [e.get("id") if isinstance(e, dict) else None for e in entries or ()]
     notes = []
-    for task in tasks:
-        arm, first, _ = spans[task.id]
+    for task in {task.id: task for task in tasks}.values():
+        arm, first = begun_by[task.id]
         for k, name in enumerate(task.after):
             if name not in spans or name == task.id or first >= spans[name][2]:
                 continue

@@ -37,7 +37,7 @@ def check_tool_changes(
             findings.add(document, ("defaults", "tool"), message)
         return
     for index, task in enumerate(model.tasks):
-        for kind in ("path", "coordinate"):
+        for kind in ("path", "coordinate", "handover"):
             if getattr(task, kind) is not None:
                 message = (
                     f"'{kind}' does not go with a cell that has tool_changes in this version; plan it with a cell "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -12,12 +13,17 @@ from dualarm_cli.loading.buffers import check_buffers, read_buffers
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
-from dualarm_cli.loading.paths import PathReader, check_arms
+from dualarm_cli.loading.handovers import cell_with_taken_parts, handover_shares
+from dualarm_cli.loading.paths import PathReader
+from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
-from dualarm_cli.loading.schema_paths import PathSection
-from dualarm_cli.loading.schema_seams import CoordinateSection
-from dualarm_cli.loading.schema_tasks import DefaultsSection, DwellSection, TaskSection, TasksFile
-from dualarm_cli.loading.seams import SeamReader
+from dualarm_cli.loading.schema_tasks import (
+    DefaultsSection,
+    DwellSection,
+    HandoverSection,
+    TaskSection,
+    TasksFile,
+)
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_order import check_order
 from dualarm_cli.loading.task_rules import (
@@ -28,6 +34,7 @@ from dualarm_cli.loading.task_rules import (
 )
 from dualarm_cli.loading.task_tools import ToolChoice, check_tool_changes
 from dualarm_cli.loading.text_source import quote, suggest
+from dualarm_cli.loading.work_shares import WorkReader
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import (
@@ -35,21 +42,11 @@ from dualarm_cli.model.job import (
     Action,
     Dwell,
     Job,
-    PoseTarget,
-    SeamTarget,
     Stop,
     Task,
 )
 from dualarm_cli.model.place import Place
 
-SEAM_KEYS = {
-    "arm": "it names master and slave itself",
-    "approach": "write it into its entry",
-    "retract": "write it into its exit",
-    "dwell": "write it into its entry and exit",
-    "part": "its own part says where the part is held",
-}
-"""What is said of keys that a coordinate task has elsewhere."""
 _ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 
@@ -87,7 +84,7 @@ def load_job(path: str | Path) -> Job:
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
-    cell, notes = loaded
+    cell, notes = cell_with_taken_parts(loaded[0], tasks), loaded[1]
     buffers, buffer_notes = read_buffers(document, model)
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
     return Job(
@@ -148,12 +145,12 @@ class _TaskReader:
         findings: Findings,
         paths: PathReader,
     ) -> None:
-        self._document, self._findings, self._paths = document, findings, paths
+        self._document, self._findings = document, findings
         self._defaults, self._robot = defaults, cell.robot
         self._parts = cell.parts
         self._arms = [arm.name for arm in cell.robot.arms]
         self._targets = TargetReader(document, cell, findings)
-        self._seams = SeamReader(document, cell, paths)
+        self._works = WorkReader(document, cell, findings, paths)
         self._tools = ToolChoice(document, cell, defaults.tool, findings)
 
     def tasks(self, sections: dict[int, TaskSection]) -> tuple[Task, ...]:
@@ -162,10 +159,10 @@ class _TaskReader:
         for index, section in sections.items():
             loc: Loc = ("tasks", index)
             if section.path is not None:
-                found += self._followers(section, section.path, loc)
+                found += self._works.followers(section, section.path, loc)
                 continue
             if section.coordinate is not None:
-                found += self._partners(section, section.coordinate, loc)
+                found += self._works.partners(section, section.coordinate, loc)
                 continue
             if section.arm is None:
                 continue
@@ -177,81 +174,53 @@ class _TaskReader:
                 continue
             # What only one arm can do is that arm's.
             arm = self._arms[0] if section.arm == ANY and len(self._arms) == 1 else section.arm
+            if section.handover is not None:
+                found += self._handed(section, section.handover, loc, arm)
+                continue
             arm, tool = self._tools.choose(section, loc, arm)
             stops = self._stops(section, loc, arm, tool)
-            part = self._part(section, loc)
-            line, column = self._document.place(loc)
-            task = Task(
-                section.id,
-                arm,
-                stops,
-                tuple(section.after),
-                part,
-                not_before=section.not_before or 0.0,
-                not_after=math.inf if section.not_after is None else section.not_after,
-                place=Place(self._document.source.name, line, column),
-                tool=tool,
-            )
-            found.append(task)
+            task = self._task(section, loc, arm, stops, self._part(section, loc))
+            found.append(replace(task, tool=tool))
         return tuple(found)
 
-    def _followers(self, section: TaskSection, path: PathSection, loc: Loc) -> list[Task]:
-        """Returns each arm's share of a path task: where its tool ends is its one stop."""
-        place: Loc = (*loc, "path")
-        wrong = check_arms(dict.fromkeys(self._arms), path, section.arm)
-        if section.arm == "any":
-            return []
-        if wrong:
-            self._findings.add(self._document, place, wrong)
-            return []
-        for key in ("approach", "retract", "dwell", "part", "tool"):
-            if getattr(section, key) is not None:
-                message = f"'{key}' does not go with a path; remove it"
-                self._findings.add(self._document, (*loc, key), message)
-        work = self._paths.work(path, place, section.arm or path.arm)
-        if work is None:
-            return []
-        found = []
-        for arm, way in work.paths.items():
-            end = PoseTarget(way.pose(way.length))
-            stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
-            found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
-        return found
+    def _task(
+        self, section: TaskSection, loc: Loc, arm: str, stops: tuple[Stop, ...], part: str
+    ) -> Task:
+        line, column = self._document.place(loc)
+        return Task(
+            section.id,
+            arm,
+            stops,
+            tuple(section.after),
+            part,
+            not_before=section.not_before or 0.0,
+            not_after=math.inf if section.not_after is None else section.not_after,
+            place=Place(self._document.source.name, line, column),
+        )
 
-    def _partners(
-        self, section: TaskSection, coordinate: CoordinateSection, loc: Loc
+    def _handed(
+        self, section: TaskSection, handover: HandoverSection, loc: Loc, arm: str
     ) -> list[Task]:
-        """Returns each arm's share of a coordinate task."""
-        for key in ("arm", "approach", "retract", "dwell", "part", "tool"):
-            if getattr(section, key) is not None:
-                instead = SEAM_KEYS.get(key, "remove it")
-                message = f"'{key}' does not go with a coordinate task; {instead}"
-                self._findings.add(self._document, (*loc, key), message)
-        work = self._seams.work(coordinate, (*loc, "coordinate"))
-        if work is None:
+        """Returns each arm's share of a hand-over: pick and give, take and place."""
+        place: Loc = (*loc, "handover")
+        if len(self._arms) < 2:
+            message = f"{self._robot.name} has one arm only; a hand-over takes two"
+            self._findings.add(self._document, place, message)
             return []
-        found = []
-        for arm in work.arms:
-            # The master only holds still while the slave comes, dwells and leaves.
-            works = arm == work.slave
-            first = Stop(
-                "seam_start",
-                SeamTarget(work),
-                work.approach if works else 0.0,
-                0.0,
-                Dwell(gripper=work.dwell_start if works else 0.0),
-                work.place,
-            )
-            last = Stop(
-                "seam_end",
-                SeamTarget(work),
-                0.0,
-                work.retract if works else 0.0,
-                Dwell(gripper=work.dwell_end if works else 0.0),
-                work.place,
-            )
-            found.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
-        return found
+        taker = ANY if arm == ANY else next(name for name in self._arms if name != arm)
+        meets = self._targets.meeting(handover, place)
+        stops = {stop.action: stop for stop in self._stops(section, loc, arm, "", taker)}
+        whole = self._task(section, loc, arm, (), self._part(section, loc))
+        if meets is None or len(stops) < 2:
+            return []
+        line, column = self._document.place(place)
+        return handover_shares(
+            whole,
+            taker,
+            (stops["pick"], stops["place"]),
+            (meets, to_se3(handover.grip)),
+            Place(self._document.source.name, line, column),
+        )
 
     def _part(self, section: TaskSection, loc: Loc) -> str:
         """Returns the name of the part that is carried, after noting one that the cell does not have."""
@@ -270,7 +239,10 @@ class _TaskReader:
             self._findings.add(self._document, place, message)
         return part
 
-    def _stops(self, section: TaskSection, loc: Loc, arm: str, tool: str) -> tuple[Stop, ...]:
+    def _stops(
+        self, section: TaskSection, loc: Loc, arm: str, tool: str, taker: str | None = None
+    ) -> tuple[Stop, ...]:
+        """Returns the stops of an arm; where another one takes over what it picks, the place is that one's."""
         stops = []
         for action in _ACTIONS:
             target_section = getattr(section, action)
@@ -278,7 +250,8 @@ class _TaskReader:
                 continue
             if target_section.joints is not None and arm == ANY:
                 continue  # the rules across tasks have said so
-            target = self._targets.target(target_section, (*loc, action), arm)
+            by = taker if action == "place" and taker is not None else arm
+            target = self._targets.target(target_section, (*loc, action), by)
             if target is None:
                 continue
             target = self._tools.seen(target, (*loc, action), arm, tool)

@@ -49,6 +49,8 @@ class SequenceClearance:
     """What each arm holds before each stage's targets, shape (n, arms)."""
     after: IntArray
     """What each arm holds after them, shape (n, arms)."""
+    handing: BoolArray
+    """In which stages a part is handed over: both arms are there at once, and neither waits elsewhere, shape (n,)."""
     barred: tuple[Barred, ...] = ()
     """Stages that are not possible although postures and straight moves are."""
     pace: float = 1.0
@@ -71,9 +73,18 @@ class SequenceClearance:
 
     @property
     def at_targets(self) -> IntArray:
-        """What each arm holds at each stage's targets, on its line, shape (n, arms)."""
-        holds: IntArray = np.maximum(self.before, self.after) + 1
-        return holds
+        """What each arm holds at each stage's targets, shape (n, arms)."""
+        return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
+
+    @property
+    def coming(self) -> IntArray:
+        """What each arm holds on each stage's approaches, shape (n, arms)."""
+        return self.cell.at_stops(self.before, self.handing)
+
+    @property
+    def leaving(self) -> IntArray:
+        """What each arm holds on each stage's retracts, shape (n, arms)."""
+        return self.cell.at_stops(self.after, self.handing)
 
     def arm_free(self, a: int, angle: FloatArray, q: FloatArray, held: int) -> BoolArray:
         """Returns where one arm keeps clear of itself and of all that is not the other arm, shape (n,).

@@ -153,7 +153,7 @@ def stage_costs(
     if problem.free_start:
         moved[0] = 0.0
     waiting = platform_times(problem, moved)
-    cost = np.zeros((n, m, m))
+    cost, arrived, all_work = np.zeros((3, n, m, m))
     for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
         chain = Chain.of(work)
         k = chain.active
@@ -169,7 +169,11 @@ def stage_costs(
         transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
-        cost[k] = np.maximum(cost[k], np.maximum(transfer, waiting[k]) + arm.work[k][:, None, :])
+        there = np.maximum(transfer, waiting[k])
+        cost[k] = np.maximum(cost[k], there + arm.work[k][:, None, :])
+        arrived[k] = np.maximum(arrived[k], there)
+        all_work[k] += arm.work[k][:, None, :]
+    cost[problem.together] = (arrived + all_work)[problem.together]
     return cost
 
 

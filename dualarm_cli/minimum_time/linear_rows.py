@@ -84,8 +84,14 @@ def _transfer_rows(
     there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
     columns, columns_before = _columns(variables, a, k), _columns(variables, a, came)
     longest = time.max(axis=1)
-    lines, both = _line_columns(problem, variables, a, k), np.ones((len(k), 2))
-    dwell = tables[a].dwell[k]
+    lines, dwell = _line_columns(problem, variables, a, k), tables[a].dwell[k]
+    if len(problem.together):
+        # In a hand-over the other arm's lines and dwell count as well.
+        other, met = 1 - a, np.isin(k, problem.together)
+        theirs = np.where(met[:, None], _line_columns(problem, variables, other, k), -1)
+        lines = np.column_stack([lines, theirs])
+        dwell = dwell + np.where(met, tables[other].dwell[k], 0.0)
+    both = np.ones(lines.shape)
     if problem.platform_law is not None:
         angle = best.decisions.angle
         before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])

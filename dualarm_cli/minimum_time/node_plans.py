@@ -76,11 +76,19 @@ def plans_on_nodes(
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
 
-    def nodes(a: int, k: int) -> Nodes:
+    def own_nodes(a: int, k: int) -> Nodes:
         if near is not None and loose is not None and not loose[k]:
             return _own_node(problem, a, k, angles[k], near)
         grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
         return _free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
+
+    def nodes(a: int, k: int) -> Nodes:
+        own = own_nodes(a, k)
+        if k not in problem.together or not len(own.work):
+            return own
+        # In a hand-over the other arm's lines and dwell come before or after one's own: they take this at least.
+        other = own_nodes(1 - a, k).work
+        return replace(own, work=own.work + other.min(initial=np.inf)) if len(other) else own
 
     arms = []
     for a, work in enumerate(problem.arms):

@@ -66,7 +66,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     starts, ends = np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
     position = np.concatenate([*lines, work, arrive, leave, test.along(starts, ends)])
     moving = np.repeat(np.concatenate([test.before, test.after[-1:]]), SAMPLES, axis=0)
-    on_lines = (*(test.before | 1,) * 2, *(test.after | 1,) * 2, test.at_targets)
+    on_lines = (*(test.coming,) * 2, *(test.leaving,) * 2, test.at_targets)
     held = np.concatenate([*on_lines, test.before, test.after, moving])
     cross = test.cell.cross_margins(position, held)
     own = np.full(len(position), np.inf)
@@ -87,7 +87,9 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     waits = move_waits(test.pace, lacks, apart)
     waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
     waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)
-    stops_clear = np.asarray(alone.all(axis=0) & both[-1])
+    # In a hand-over neither can be there after the other.
+    together = both[-1] & (both.all(axis=0) | ~test.handing)
+    stops_clear = np.asarray(alone.all(axis=0) & together)
     return PlanClearance(stops_clear, np.isfinite(known), waits)
 
 

@@ -68,7 +68,8 @@ class SequenceProblem:
     """Stages in fixed order; the fastest rest-to-rest plan through all of them is asked for.
 
     In a stage platform and arms leave together; an arm's approach begins when its own transfer and the platform's are
-    over; approach, dwell and retract follow; the stage ends when the last arm is done.
+    over; approach, dwell and retract follow; the stage ends when the last arm is done. In a hand-over all lines and
+    dwells of both arms follow one another, once both have arrived.
     """
 
     platform: PlatformChain
@@ -85,6 +86,8 @@ class SequenceProblem:
     """Whether the motion may begin anywhere: it then begins where the first transfer would end."""
     returns: bool
     """Whether the motion ends in its start, with a last transfer of platform and all arms."""
+    handing: tuple[bool, ...] = ()
+    """Which stages are hand-overs; empty for none."""
     clearance: SequenceClearance | None = None
     """What keeps clear; None where nothing is asked for."""
 
@@ -92,6 +95,11 @@ class SequenceProblem:
     def stages(self) -> int:
         """Number of stages."""
         return len(self.arms[0].stops)
+
+    @property
+    def together(self) -> IntArray:
+        """Numbers of the stages that are hand-overs."""
+        return np.flatnonzero(np.array(self.handing, dtype=np.bool_))
 
     @property
     def turns(self) -> bool:

@@ -36,6 +36,8 @@ class Program(ABC):
     """Platform angle of each stage."""
     joints: dict[tuple[int, int], tuple[Any, Any, Any]] = field(default_factory=dict)
     """At the approach's start, the target and the retract's end, by arm and stage."""
+    met: dict[int, list[tuple[Any, Any]]] = field(default_factory=dict)
+    """By hand-over's stage the times of each arm's transfer, and of its lines and dwell [s]."""
     length: Any = None
     """Lengths of the stages and of the return [s], shape (n + 1,)."""
     below: list[Any] = field(default_factory=list)
@@ -69,6 +71,9 @@ class Program(ABC):
             self.angle.append(self.variable(*(np.array([x]) for x in (here, *bounds))))
         for a in range(len(self.problem.arms)):
             self._arm(a)
+        for k, arms in self.met.items():
+            work = sum(own for _, own in arms)
+            self.below += [transfer + work - self.length[k] for transfer, _ in arms]
 
     def variable(self, guess: FloatArray, lower: FloatArray, upper: FloatArray) -> Any:
         """Returns new unknowns within bounds."""
@@ -87,13 +92,13 @@ class Program(ABC):
 
     def _arm(self, a: int) -> None:
         """Adds one arm's stops, transfers, lines and return."""
-        problem, work, found = self.problem, self.problem.arms[a], self.start.arms[a]
-        chain = Chain.of(work)
+        problem, arm, found = self.problem, self.problem.arms[a], self.start.arms[a]
+        chain = Chain.of(arm)
         if not len(chain.active):
             return
         for k in chain.active.tolist():
             self.joints[a, k] = self.stop(a, k)
-        began = start_joints(problem, work, chain, found)
+        began = start_joints(problem, arm, chain, found)
         starts_here = problem.free_start and chain.active[0] == 0
         begin = self.joints[a, 0][0] if starts_here else began
         first = self.angle[0]
@@ -103,18 +108,20 @@ class Program(ABC):
         came, came_guess = begin, began
         for k in chain.active.tolist():
             q = self.joints[a, k]
-            length = self.lines(a, k) + self.tables[a].dwell[k]
+            work, transfer = self.lines(a, k) + self.tables[a].dwell[k], 0.0
             if not (problem.free_start and k == 0):
-                guess = float(work.law.duration(found.q_approach[k] - came_guess))
+                guess = float(arm.law.duration(found.q_approach[k] - came_guess))
                 transfer = self.time(guess)
-                self.below += within_reach(work.law, q[0] - came, transfer)
+                self.below += within_reach(arm.law, q[0] - came, transfer)
                 self._platform(angles[k + 1] - angles[k], transfer)
-                length = length + transfer
-            self.below.append(length - self.length[k])
+            if k in problem.together:
+                self.met.setdefault(k, []).append((transfer, work))
+            else:
+                self.below.append(transfer + work - self.length[k])
             came, came_guess = q[2], found.q_retract[k]
         if problem.returns:
             closing = self.length[problem.stages]
-            self.below += within_reach(work.law, begin - came, closing)
+            self.below += within_reach(arm.law, begin - came, closing)
             self._platform(first - angles[-1], closing)
 
     def _platform(self, moved: Any, time: Any) -> None:

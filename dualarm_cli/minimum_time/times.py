@@ -74,7 +74,7 @@ def stage_times(
     """
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     waiting = platform_times(problem, angle - before)
-    lengths = np.zeros(len(angle))
+    lengths, arrived, all_work = np.zeros((3, len(angle)))
     closing = 0.0
     if problem.returns:
         closing = float(platform_times(problem, np.array([before[0] - angle[-1]]))[0])
@@ -87,11 +87,14 @@ def stage_times(
         came = chain.previous[k]
         q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
         transfer = work.law.duration(found.q_approach[k] - q_from)
-        transfer = np.maximum(transfer, waiting[k]) + found.work[k]
-        lengths[k] = np.maximum(lengths[k], transfer)
+        transfer = np.maximum(transfer, waiting[k])
+        lengths[k] = np.maximum(lengths[k], transfer + found.work[k])
+        arrived[k] = np.maximum(arrived[k], transfer)
+        all_work[k] += found.work[k]
         if problem.returns:
             back = float(work.law.duration(start - found.q_retract[k[-1]]))
             closing = max(closing, back)
+    lengths[problem.together] = (arrived + all_work)[problem.together]
     return lengths, closing
 
 

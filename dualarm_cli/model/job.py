@@ -12,12 +12,23 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.handover import Handover
+from dualarm_cli.model.pairing import side_by_side
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
 
 Action = Literal[
-    "pick", "place", "move", "path", "seam_start", "seam_end", "take_tool", "leave_tool"
+    "pick",
+    "place",
+    "give",
+    "take",
+    "move",
+    "path",
+    "seam_start",
+    "seam_end",
+    "take_tool",
+    "leave_tool",
 ]
 Mode = Literal["paired", "free"]
 Order = Literal["given", "optimise"]
@@ -25,10 +36,17 @@ StopKey = tuple[str, str, str]
 """Arm, task and action: what names a stop."""
 ANY = "any"
 """What stands for an arm where the planner chooses it."""
-TAKES: frozenset[str] = frozenset({"pick", "take_tool"})
-"""Actions after which an arm holds its task's part, or tool: from the event on."""
-GIVES: frozenset[str] = frozenset({"place", "leave_tool"})
-"""Actions after which it no longer does: from the end of the dwell on."""
+TAKES: frozenset[str] = frozenset({"pick", "take", "take_tool"})
+"""Actions after which an arm holds its task's part, or tool."""
+GIVES: frozenset[str] = frozenset({"place", "give", "leave_tool"})
+"""Actions after which it no longer does."""
+AFTER_DWELL: frozenset[str] = frozenset({"place", "take", "leave_tool"})
+"""Those of them that take effect at the end of the dwell, the others at the event itself.
+
+In a hand-over the giving arm's event is the end of the taking arm's dwell, so that somebody holds the part at any time.
+"""
+LYING: frozenset[str] = frozenset({"pick", "place"})
+"""Actions at which a part may lie on something, and on whose lines it may be near it."""
 CHANGES = TAKES | GIVES
 """Actions that change what an arm holds."""
 AT_STANDS: frozenset[str] = frozenset({"take_tool", "leave_tool"})
@@ -114,10 +132,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class Task:
-    """One thing to be done by one arm: a pick and a place, a bare move, or its share of a path."""
+    """One thing to be done by one arm: a pick and a place, a bare move, or its share of what both do together."""
 
     id: str
-    """Unique name."""
+    """Unique name; the shares of both arms in a path, a seam or a hand-over have the same one."""
     arm: str
     """left or right; ANY where the planner chooses."""
     stops: tuple[Stop, ...]
@@ -130,6 +148,8 @@ class Task:
     """The path that is followed, the same for both arms where both follow; its one stop is where the tool ends."""
     seam: SeamWork | None = None
     """The seam that is worked, the same for both arms; its two stops are where it begins and where it ends."""
+    handover: Handover | None = None
+    """The hand-over, the same for both arms: the giver's stops are pick and give, the taker's take and place."""
     not_before: float = 0.0
     """Its tool is at the first target no earlier than this after the start [s]."""
     not_after: float = math.inf
@@ -160,6 +180,11 @@ class Task:
     def allows(self, arm: str) -> bool:
         """Returns whether an arm may do it."""
         return self.arm in (arm, ANY)
+
+    @property
+    def shared(self) -> bool:
+        """Whether it is one arm's share of what both may do together: the other one's has the same id."""
+        return self.alone or self.handover is not None
 
     @property
     def alone(self) -> bool:
@@ -218,12 +243,17 @@ class Job:
         return any(task.seam is not None for task in self.tasks)
 
     @property
+    def has_handovers(self) -> bool:
+        """Whether any part goes from arm to arm."""
+        return any(task.handover is not None for task in self.tasks)
+
+    @property
     def in_sections(self) -> bool:
         """Whether it is planned section after section: paths and seams are done alone."""
         return any(task.alone for task in self.tasks)
 
     def carried(self) -> list[tuple[str, str]]:
-        """Returns arm and name of everything that an arm may ever hold, each once; see `Held.name`.
+        """Returns arm and name of everything that an arm may ever hold, each once, tools before parts; see `Held.name`.
 
         Of an arm that changes tools these are among it, whether its tasks say so yet or not.
         """
@@ -274,23 +304,21 @@ class Job:
     def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
         """Returns the paired stages: within each section the k-th target of each arm, by arm name.
 
-        An arm that has run out of targets is missing from the later stages of the section. Where the job says itself
-        what is paired with what, these are its stages.
+        An arm that has run out of targets is missing from the later stages of the section. Hand-overs are where the
+        arms meet: what is before one, and what is after it, is paired by itself, and it is a stage of both. Where the
+        job says itself what is paired with what, these are its stages.
         """
         if self.pairing is not None:
             stops: dict[StopKey, tuple[Task, Stop]] = {
                 (t.arm, t.id, s.action): (t, s) for t in self.tasks for s in t.stops
             }
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
+        arms = [arm.name for arm in self.cell.robot.arms]
         found = []
         for section in self.sections():
-            per_arm = {
-                arm.name: [(t, stop) for t in section if t.arm == arm.name for stop in t.stops]
-                for arm in self.cell.robot.arms
+            rows = {
+                name: [(task, stop) for task in section if task.arm == name for stop in task.stops]
+                for name in arms
             }
-            count = max((len(stops) for stops in per_arm.values()), default=0)
-            found += [
-                {name: stops[k] for name, stops in per_arm.items() if k < len(stops)}
-                for k in range(count)
-            ]
+            found += side_by_side(rows, lambda one: one[1].action in ("give", "take"))
         return found

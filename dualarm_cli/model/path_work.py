@@ -1,4 +1,4 @@
-"""PathWork: paths that tools follow, and how."""
+"""What a path task asks for: paths that one tool or both follow together, and how."""
 
 from __future__ import annotations
 

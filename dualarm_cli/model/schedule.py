@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import pinocchio as pin
 
-from dualarm_cli.model.job import GIVES, Dwell, Job
+from dualarm_cli.model.job import AFTER_DWELL, Dwell, Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
@@ -108,7 +108,7 @@ class Segment:
     task: str
     """Id of the task; empty for a return."""
     action: str
-    """pick, place or move; empty for a return."""
+    """What is done at its target, such as pick or place; empty for a return."""
     start: float
     """When it starts [s]."""
     end: float
@@ -140,8 +140,8 @@ class Event:
 
     @property
     def changes_held(self) -> float:
-        """When what its arm holds changes, if it does [s]: what it takes from now on, what it gives after the dwell."""
-        return self.time + (self.dwell if self.action in GIVES else 0.0)
+        """When what its arm holds changes, if it does [s]: at once, or at the end of the dwell."""
+        return self.time + (self.dwell if self.action in AFTER_DWELL else 0.0)
 
 
 @dataclass(frozen=True)

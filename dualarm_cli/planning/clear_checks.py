@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.collision.gripping import grip_margin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.planning.holding import Holding
@@ -53,4 +54,27 @@ def check_parts(problem: MethodProblem, holding: Holding) -> None:
             + "\n  ".join(lines)
             + "\nwhat helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
             "`allowed_contacts` for the two"
+        )
+
+
+def check_grips(problem: MethodProblem) -> None:
+    """Refuses hand-overs in which the tools are too near to each other at the grip: no posture changes that.
+
+    Raises:
+        InfeasibleError: with task, tools and what is missing, of all of them.
+    """
+    works = {t.id: t.handover for t in problem.job.tasks if t.handover is not None}
+    lines = []
+    for name, work in works.items():
+        margin = grip_margin(problem.job.cell, work)
+        if margin < 0.0:
+            lines.append(
+                f"{work.place}: task '{name}': at the grip {work.giver}_tool and {work.taker}_tool lack "
+                f"{-margin * 1e3:.1f} mm of clearance"
+            )
+    if lines:
+        raise InfeasibleError(
+            "no posture helps where tools meet in a hand-over:\n  "
+            + "\n  ".join(lines)
+            + "\nwhat helps: another `grip`, or a clearance of its own (`clearances`) for the two tools"
         )

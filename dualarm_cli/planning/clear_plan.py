@@ -9,14 +9,15 @@ import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.minimum_time.clearance import Barred
-from dualarm_cli.planning.clear_checks import check_parts, check_start
+from dualarm_cli.planning.clear_checks import check_grips, check_parts, check_start
 from dualarm_cli.planning.clear_words import why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
-from dualarm_cli.planning.motion import Known, Motion, realise
+from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan, same_postures
 from dualarm_cli.planning.stage_samples import StageSamples, alone_clear, stage_samples
+from dualarm_cli.planning.stop_motion import Known
 from dualarm_cli.planning.waiting import transfer_ends
 from dualarm_cli.timing import TimingSolver
 
@@ -92,6 +93,7 @@ def quickest_clear(
         holding = Holding.of(job, crossing=crossing)
         check_start(problem, holding)
         check_parts(problem, holding)
+        check_grips(problem)
     blind = solve(problem)
     progress("timing the motion")
     known = Known()

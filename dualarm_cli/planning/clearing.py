@@ -11,7 +11,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import quickest_curve
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import Known, Motion, realise
+from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_context import StageContext
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import (
@@ -25,6 +25,7 @@ from dualarm_cli.planning.stage_samples import (
     stage_samples,
     which_keep_clear,
 )
+from dualarm_cli.planning.stop_motion import Known
 from dualarm_cli.planning.stops_aside import quickest_stopover
 from dualarm_cli.planning.transfer_paths import transfer_path
 from dualarm_cli.planning.transfers import largest_tool_speed
@@ -242,14 +243,17 @@ def _mendable(context: StageContext, a: int) -> bool:
 
 def _lines_apart(context: StageContext) -> bool:
     """Returns whether the arms keep clear of each other if all of them begin their lines at once."""
-    rests = {name: way.q[way.arrival :] for name, way in context.ways.items()}
+    first = {
+        name: way.arrival if way.meets is None else way.meets for name, way in context.ways.items()
+    }
+    rests = {name: way.q[first[name] :] for name, way in context.ways.items()}
     length = max(len(rest) for rest in rests.values())
     position = np.tile(context.plan.arrival, (length, 1))
     held = np.empty((length, len(rests)), dtype=np.int64)
     for a, (name, rest) in enumerate(rests.items()):
         rows = np.minimum(np.arange(length), len(rest) - 1)
         position[:, context.model.arms[name].columns] = rest[rows]
-        held[:, a] = context.ways[name].held[context.ways[name].arrival :][rows]
+        held[:, a] = context.ways[name].held[first[name] :][rows]
     return bool((context.cell.cross_margins(position, held) >= 0.0).all())
 
 

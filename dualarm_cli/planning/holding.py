@@ -11,9 +11,9 @@ import pinocchio as pin
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.collision.solids import tool_body
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Held
-from dualarm_cli.model.job import TAKES, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
 from dualarm_cli.planning.yaws import stop_yaws
 
 
@@ -27,6 +27,8 @@ class Holding:
     """What each arm holds before each stage's targets, shape (n, arms)."""
     after: IntArray
     """What each arm holds after them, shape (n, arms)."""
+    handing: BoolArray
+    """Which stages are hand-overs, shape (n,)."""
     yaws: Mapping[tuple[int, str], FloatArray]
     """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
     there is no part, or it fits nowhere, all of them."""
@@ -67,7 +69,17 @@ class Holding:
             # A transfer alone, on which no part is held.
             rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
         numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
-        return cls(cell, numbers[:, 0], numbers[:, 1], fitting, misfits, 1.0 / job.speed)
+        handing = np.zeros(len(numbers), dtype=np.bool_)
+        for k, work in enumerate(job.stages()):
+            handing[k] = any(stop.action == "give" for _, stop in work.values())
+        before, after = numbers[:, 0], numbers[:, 1]
+        return cls(cell, before, after, handing, fitting, misfits, 1.0 / job.speed)
+
+    @property
+    def at_targets(self) -> IntArray:
+        """What each arm holds at each stage's targets, shape (n, arms)."""
+        # Of what an arm may hold tools come first, then tools with parts: the larger number is what it holds more of.
+        return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
 
 
 def _fitting(
@@ -84,6 +96,8 @@ def _fitting(
     body = tool_body(arm, task.tool) if task.is_change else task.part
     if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
+    if stop.action not in LYING and not task.is_change:
+        return yaws, None  # a part in the air keeps clear as all else does
     line = stop.retract if stop.action in TAKES else stop.approach
     reaches = [
         part_reaches(

@@ -9,7 +9,7 @@ from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.planning.order_bound import own_clocks_bound, shared_bound
 from dualarm_cli.planning.seam_words import seam_bound
-from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.sequence_problem import bound_problem
 from dualarm_cli.planning.tool_changes import with_changes
 
 PATH_BOUND = (
@@ -37,7 +37,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     if job.mode == "free":
         return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
     if not job.in_sections:
-        return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
+        return lower_bound(bound_problem(CellModel.from_cell(job.cell), job), effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in _bounded_sections(job):
         work, seam = section[0].path, section[0].seam
@@ -51,7 +51,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
             alone = replace(job, tasks=section, start="free", returns=False)
             model = CellModel.from_cell(job.cell)
             if alone.is_decided:
-                bound = lower_bound(sequence_problem(model, alone), effort)
+                bound = lower_bound(bound_problem(model, alone), effort)
             else:
                 bound = shared_bound(model, alone, effort)
             value += bound.value if bound.value is not None else 0.0

@@ -15,7 +15,7 @@ from dualarm_cli.redundancy.problem import Place, StopPosture
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")
 LAST: tuple[Place, ...] = ("retract",)
-"""Where both arms are in the end, even if one of them has waited for the other."""
+"""Where both arms are in the end, even if one of them has waited for the other; in a hand-over they do not."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,11 @@ class KeepClear:
     """What has to keep clear."""
     stage: int
     """Number of the stage."""
+
+    @property
+    def at_once(self) -> tuple[Place, ...]:
+        """Places of their stops at which both arms are at the same time, whoever has waited."""
+        return PLACES if self.holding.handing[self.stage] else LAST
 
     def test(
         self,
@@ -91,7 +96,7 @@ class KeepClear:
         """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
         cell = self.holding.cell
         number = int(self._held(place)[cell.arms.index(arm)])
-        group = cell.test.own(arm, cell.parts[number // 2], bool(number % 2))
+        group = cell.test.own(arm, cell.part_of(number), bool(number % 2))
         return cell.test.nearest(position, group.pairs)
 
     def apart(
@@ -127,11 +132,12 @@ class KeepClear:
 
     def _held(self, place: Place) -> IntArray:
         """Returns what each arm holds at a place of its stop, shape (arms,)."""
-        before, after = self.holding.before[self.stage], self.holding.after[self.stage]
         if place == "target":
-            on_line: IntArray = np.maximum(before, after) + 1
-            return on_line
-        return before if place == "approach" else after
+            held: IntArray = self.holding.at_targets[self.stage]
+            return held
+        holding = self.holding.before if place == "approach" else self.holding.after
+        row: IntArray = holding[self.stage]
+        return row
 
 
 def _joints(posture: StopPosture, place: Place) -> FloatArray:

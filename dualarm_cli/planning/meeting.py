@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Held
+from dualarm_cli.planning.handover_postures import handover_margins, handovers_of
 from dualarm_cli.planning.order_model import OrderModel
 
 MOST_PAIRS = 300_000
@@ -43,7 +44,7 @@ def meeting_costs(
             i, j = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
             touch = _touch(order, chosen, (i, j), (np.full(len(i), k),) * 2, held)
             found[i[touch], j[touch], k] = np.inf
-        return found
+        return _with_handovers(order, stops, chosen, found)
     picked, nearest = zip(*(_representatives(arm) for arm in chosen), strict=True)
     i, j = (x.ravel() for x in np.meshgrid(*(np.arange(len(p)) for p in picked), indexing="ij"))
     rows = [picked[0][i], picked[1][j]]
@@ -53,6 +54,25 @@ def meeting_costs(
         one, other = nearest[0][:, k], nearest[1][:, k]
         both = (one[:, None] >= 0) & (other[None, :] >= 0)
         found[:count, :count, k][both & table[one[:, None], other[None, :]]] = np.inf
+    return _with_handovers(order, stops, chosen, found)
+
+
+def _with_handovers(
+    order: OrderModel,
+    stops: Sequence[tuple[int, int]],
+    chosen: Sequence[FloatArray],
+    found: FloatArray,
+) -> FloatArray:
+    """Returns the costs with those of hand-overs, in which tools may touch the part; arguments as there."""
+    for shares in handovers_of(order):
+        give, take = stops.index((shares[0], 1)), stops.index((shares[1], 0))
+        for giver, pair in enumerate(((give, take), (take, give))):
+            both = [arm[:, stop] for arm, stop in zip(chosen, pair, strict=True)]
+            rows = np.flatnonzero(
+                np.isfinite(both[0][0]).all(axis=1) & np.isfinite(both[1][0]).all(axis=1)
+            )
+            margin = handover_margins(order, shares, giver, [arm[:, rows] for arm in both])
+            found[pair[0], pair[1], rows] = np.where(margin < 0.0, np.inf, 0.0)
     return found
 
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 
-import numpy as np
-
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, Stop
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.bent_transfers import path_pieces
-from dualarm_cli.planning.lines import solve_line
-from dualarm_cli.planning.motion_words import at_knot, event_of, stage_of
+from dualarm_cli.planning.motion_words import at_knot, stage_of
 from dualarm_cli.planning.stage_moves import moves_to_lines
-from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import StagePlan, giver_and_taker
+from dualarm_cli.planning.stop_motion import (
+    Key,
+    Known,
+    Recorder,
+    add_handover,
+    add_segment,
+    add_stop,
+)
 from dualarm_cli.planning.transfers import (
     PLATFORM,
     Transfers,
@@ -40,32 +45,6 @@ class Motion:
     """Arm by arm, in time order."""
     events: tuple[Event, ...]
     """In time order."""
-
-
-Key = tuple[str | int | bytes, ...]
-"""All that something depends on."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """What has been timed already in one job, so that it is not timed again where other stages are mended."""
-
-    lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
-    """Lines, with their stop, lest another one takes its identity."""
-    transfers: dict[Key, Transfers] = field(default_factory=dict)
-    """Straight transfers of stages."""
-
-
-@dataclass
-class _Recorder:
-    """Pieces of motion per joint group, and what they mean, while stages are added."""
-
-    pieces: dict[str, list[Trajectory]]
-    segments: dict[str, list[Segment]]
-    known: Known
-    events: list[Event] = field(default_factory=list)
-    stages: list[Stage] = field(default_factory=list)
-    clock: float = 0.0
 
 
 def realise(
@@ -91,7 +70,7 @@ def realise(
     limits = robot.limits.scaled(job.speed)
     columns = {PLATFORM: model.platform_columns} if robot.platform else {}
     columns |= {name: arm.columns for name, arm in model.arms.items()}
-    record = _Recorder(
+    record = Recorder(
         {name: [] for name in columns},
         {name: [] for name in model.arms},
         Known() if known is None else known,
@@ -124,7 +103,7 @@ def realise(
 
 
 def _wait_for_windows(
-    record: _Recorder,
+    record: Recorder,
     model: CellModel,
     job: Job,
     plan: StagePlan,
@@ -137,7 +116,7 @@ def _wait_for_windows(
 
     All wait together, so that in the stage itself everything stays as it is.
     """
-    alone = _Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
+    alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
     _add_stage(alone, model, job, plan, transfers, columns, limits, timing)
     late = {}
     for event in alone.events:
@@ -153,12 +132,12 @@ def _wait_for_windows(
         if name != PLATFORM:
             reason: WaitReason = "window" if late.get(name) == wait else "partner"
             span = record.clock, record.clock + wait
-            _segment(record, name, "wait", plan.stops.get(name), *span, reason)
+            add_segment(record, name, "wait", plan.stops.get(name), *span, reason)
     record.clock += wait
 
 
 def _add_stage(
-    record: _Recorder,
+    record: Recorder,
     model: CellModel,
     job: Job,
     plan: StagePlan,
@@ -194,10 +173,16 @@ def _add_stage(
             if name != PLATFORM and ends[name] > start:
                 span = begin + start, begin + ends[name]
                 what = "wait" if reason else kind
-                _segment(record, name, what, plan.stops.get(name), *span, reason)
-    for name, arm_stop in plan.stops.items():
-        clock = begin + ends[name]
-        ends[name] = _add_stop(record, model, job, plan, arm_stop, clock, limits, timing) - begin
+                add_segment(record, name, what, plan.stops.get(name), *span, reason)
+    arrived = dict(ends)
+    pair = giver_and_taker(plan.stops)
+    if pair is not None:
+        ends |= add_handover(record, model, job, plan, pair, ends, limits, timing)
+    else:
+        for name, arm_stop in plan.stops.items():
+            clock = begin + ends[name]
+            end = add_stop(record, model, job, plan, arm_stop, clock, limits, timing)
+            ends[name] = end - begin
     length = max(ends.values())
     for name, index in columns.items():
         if ends[name] < length:
@@ -205,72 +190,9 @@ def _add_stage(
             record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
             if name != PLATFORM:
                 span = begin + ends[name], begin + length
-                _segment(record, name, "wait", None, *span, "partner")
+                add_segment(record, name, "wait", None, *span, "partner")
     record.clock = begin + length
-    critical = max(plan.stops, key=lambda name: ends[name], default="")
+    # In a hand-over the one that comes last decides, not the one that leaves last.
+    last = ends if pair is None else arrived
+    critical = max(plan.stops, key=lambda name: last[name], default="")
     record.stages.append(stage_of(model, plan, transfers, begin, record.clock, critical))
-
-
-def _add_stop(
-    record: _Recorder,
-    model: CellModel,
-    job: Job,
-    plan: StagePlan,
-    arm_stop: ArmStop,
-    clock: float,
-    limits: JointLimits,
-    timing: TimingSolver,
-) -> float:
-    """Appends approach, dwell and retract of one arm; returns when they are over [s]."""
-    name = arm_stop.arm
-    arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
-    own = limits.select(arm.arm.joints)
-
-    def line(which: str) -> Trajectory:
-        key = (which, *_line_key(model, plan, arm_stop))
-        if key not in record.known.lines:
-            timed = solve_line(arm_stop, which, own, job.tool_speed, timing)
-            record.known.lines[key] = arm_stop.stop, timed
-        return record.known.lines[key][1]
-
-    def add(piece: Trajectory, kind: SegmentKind) -> None:
-        nonlocal clock
-        pieces.append(piece)
-        _segment(record, name, kind, arm_stop, clock, clock + piece.duration)
-        clock += piece.duration
-
-    if stop.approach > 0:
-        add(line("approach"), "approach")
-    record.events.append(event_of(model, plan, arm_stop, clock))
-    if stop.dwell.total > 0:
-        add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
-    if stop.retract > 0:
-        add(line("retract"), "retract")
-    return clock
-
-
-def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:
-    """Returns all that the lines of a stop depend on: its target, where the platform is then, and how it is made."""
-    made, seen = arm_stop.posture, arm_stop.problem
-    numbers = (
-        plan.arrival[model.platform_columns],
-        seen.start,
-        made.q_target,
-        [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
-    )
-    return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()
-
-
-def _segment(
-    record: _Recorder,
-    name: str,
-    kind: SegmentKind,
-    arm_stop: ArmStop | None,
-    start: float,
-    end: float,
-    reason: WaitReason = "",
-) -> None:
-    task = arm_stop.task.id if arm_stop else ""
-    action = arm_stop.stop.action if arm_stop else ""
-    dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
-    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell, reason))

@@ -37,7 +37,7 @@ def stage_of(
     return Stage(
         start=start,
         end=end,
-        tasks=tuple(stop.task.id for stop in plan.stops.values()),
+        tasks=tuple(dict.fromkeys(stop.task.id for stop in plan.stops.values())),
         platform_solver=plan.solver,
         platform_angle=float(platform[0]) if len(platform) == 1 else None,
         platform_time=transfers.times.get(PLATFORM, 0.0),

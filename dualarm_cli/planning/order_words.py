@@ -9,13 +9,14 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.buffer import Buffer
-from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.job import ANY, Job, Task
 from dualarm_cli.planning.buffer_numbers import used_buffers
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.reach import explain_reach
 from dualarm_cli.planning.stage_problems import stop_problems
 from dualarm_cli.sequencing.cp_sat import prove
 from dualarm_cli.sequencing.relaxation import Relaxation
+from dualarm_cli.sequencing.stage_problem import StageProblem
 
 PROOF = 4.0
 """How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
@@ -73,6 +74,31 @@ def _why(order: OrderModel, t: int, name: str) -> str:
             "its pick and its place are in reach, but every posture found lacks clearance or a line"
         )
     return "it is in reach, but every posture found lacks clearance or a line"
+
+
+def check_meetings(order: OrderModel, problem: StageProblem) -> None:
+    """Raises InfeasibleError where arms cannot meet for a hand-over at any platform angle, whoever gives."""
+    lines = []
+    for giving, taking in problem.handovers:
+        give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
+        possible = False
+        for giver, pair in enumerate(((give, take), (take, give))):
+            # The work of either holds what the other one needs: infinity where that one is out of reach.
+            there = np.isfinite(problem.work[giver][give])
+            if problem.apart is not None:
+                there &= np.isfinite(problem.apart[pair])
+            possible |= bool(there.any())
+        task = order.job.tasks[giving]
+        if not possible and task.handover is not None:
+            who = "neither arm" if task.arm == ANY else f"the {task.arm} arm"
+            lines.append(
+                f"{task.handover.place}: task '{task.id}': {who} can give while the other one takes: at no platform "
+                "angle that was tried do both reach it without touching each other"
+            )
+    if lines:
+        raise InfeasibleError(
+            "\n".join(lines) + "\nwhat helps: another place to meet, or another `grip`"
+        )
 
 
 NOT_FOUND = (

@@ -118,7 +118,9 @@ def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
     for k, work in enumerate(job.stages()):
         if k in stages and len(work) == 2:
             one, other = ((task.id, stop.action) for task, stop in work.values())
-            found.add((one, other))
+            # What a hand-over needs cannot be taken apart.
+            if "give" not in (one[1], other[1]):
+                found.add((one, other))
     return found
 
 

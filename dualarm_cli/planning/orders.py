@@ -13,7 +13,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.order_words import NOT_FOUND, check_reach, why_impossible
+from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
 from dualarm_cli.planning.stage_order_model import stage_problem, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
@@ -115,6 +115,7 @@ class PairedSearch:
         order = OrderModel.of(model, job, clear=clear)
         check_reach(order)
         whole = stage_problem(order)
+        check_meetings(order, whole)
         stands = stage_stands(order, whole)
         problem = whole if stands is None else with_whole_changes(stands, len(job.tasks))
         return cls(order, problem, effort, seed, stands=stands)
@@ -265,7 +266,7 @@ def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
         slots: by stage and arm the number of the stop, IDLE for none, shape (n, arms).
     """
     stops = [(task, stop) for task in job.tasks for stop in task.stops]
-    arms, names = list(model.arms), dict[str, str]()
+    arms, doers = list(model.arms), dict[int, tuple[Task, str]]()
     pairing: list[tuple[StopKey, ...]] = []
     for row in slots.tolist():
         stage = []
@@ -273,17 +274,20 @@ def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
             if k == IDLE:
                 continue
             task, stop = stops[k]
-            names.setdefault(task.id, arm)
+            doers.setdefault(id(task), (task, arm))
             stage.append((arm, task.id, stop.action))
         pairing.append(tuple(stage))
-    return assigned(job, names, pairing)
-
-
-def assigned(job: Job, names: dict[str, str], pairing: Sequence[tuple[StopKey, ...]]) -> Job:
-    """Returns a job whose tasks are done by arms (by task id, in the order of the stages) as paired."""
-    tasks: dict[str, Task] = {task.id: task for task in job.tasks}
-    ordered = tuple(
-        replace(tasks[name], arm=arm) if tasks[name].arm == ANY else tasks[name]
-        for name, arm in names.items()
-    )
+    ordered = tuple(_assigned(task, arm, arms) for task, arm in doers.values())
     return replace(job, tasks=ordered, order="given", pairing=tuple(pairing))
+
+
+def _assigned(task: Task, arm: str, arms: Sequence[str]) -> Task:
+    """Returns a task as an arm's, where any may do it; of a hand-over also who gives and who takes."""
+    if task.arm != ANY:
+        return task
+    work = task.handover
+    if work is not None:
+        other = next(name for name in arms if name != arm)
+        gives = task.stops[-1].action == "give"
+        work = replace(work, giver=arm if gives else other, taker=other if gives else arm)
+    return replace(task, arm=arm, handover=work)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_numbers import check_stage_levels
@@ -238,7 +238,7 @@ def _job_notes(job: Job) -> list[str]:
         f"{task.id} ({stop.action})"
         for task in job.tasks
         for stop in task.stops
-        if stop.action in ("pick", "place") and stop.dwell.total == 0.0
+        if stop.action in CHANGES and stop.dwell.total == 0.0
     ]
     if not idle:
         return []

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.clearance import ALIKE, LIKE, Barred
-from dualarm_cli.planning.keep_clear import LAST, PLACES, KeepClear
+from dualarm_cli.planning.keep_clear import PLACES, KeepClear
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.sampled_beam import beam_search
 from dualarm_cli.planning.sampled_plan import Choice, SampledPlan
@@ -71,12 +71,27 @@ def solve_sampled(problem: MethodProblem) -> Decided:
     stages = _stages(problem)
     angles = _angles(problem, effort)
     most = effort.turning if len(angles) > 1 else effort.alone
-    samples = [{arm: stage.samples(angles, arm, most) for arm in stage.work} for stage in stages]
+    samples = [_samples(stage, angles, most) for stage in stages]
     plan = _searched(problem, stages, angles, samples, effort.width)
     if plan is None:
         return Decided(_greedy(problem))
     sweeps = int(np.clip(effort.refinements // len(stages), 1, MOST_SWEEPS))
     return Decided(polished(plan, sweeps).plans(SAMPLED), simpler=lambda: [_greedy(problem)])
+
+
+def _samples(stage: SampledStage, angles: FloatArray, most: int) -> dict[str, StopSamples]:
+    """Returns each arm's ways to make its stop; in a hand-over with what the other arm's lines and dwell take at least.
+
+    Those come before or after one's own.
+    """
+    own = {arm: stage.samples(angles, arm, most) for arm in stage.work}
+    if not stage.is_handover:
+        return own
+    least = {arm: one.work.min(initial=np.inf) for arm, one in own.items()}
+    return {
+        arm: replace(one, work=one.work + sum(least[other] for other in own if other != arm))
+        for arm, one in own.items()
+    }
 
 
 def _greedy(problem: MethodProblem) -> list[StagePlan]:
@@ -190,7 +205,9 @@ class _Extra:
             return found
         rows = {place: self._rows(k, angles, before, chosen, place) for place in PLACES}
         found += TOGETHER * ~stage.keep.all_apart(rows)
-        found += AT_LAST * ~stage.keep.all_apart({place: rows[place] for place in LAST})
+        found += AT_LAST * ~stage.keep.all_apart(
+            {place: rows[place] for place in stage.keep.at_once}
+        )
         for barred in self.problem.barred:
             if barred.stage == k:
                 found += self._barred(barred, rows["approach"], before)

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.planning.sampled_stops import SampledStage
-from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan, stage_length
 from dualarm_cli.redundancy.numeric_ways import NumericWays
 
 RETURN = "return"
@@ -83,7 +83,7 @@ class SampledPlan:
             before = positions[k]
             turn = choice.angle - before[model.platform_columns]
             waiting = float(clock.platform_times(turn[None])[0])
-            arrival, stops, longest = np.array(positions[k + 1]), {}, 0.0
+            arrival, stops = np.array(positions[k + 1]), {}
             for arm, way in choice.ways.items():
                 columns = model.arms[arm].columns
                 arrival[columns] = way.ends[0, 0]
@@ -95,8 +95,8 @@ class SampledPlan:
                 problem = replace(problem, start=before[columns], waiting=waiting)
                 task, stop = stage.work[arm]
                 stops[arm] = ArmStop(arm, task, stop, problem, way.posture(0, time))
-                longest = max(longest, time + stop.dwell.total)
-            found.append(StagePlan(before, arrival, positions[k + 1], stops, solver, longest))
+            length = self._length(k, choice, before)
+            found.append(StagePlan(before, arrival, positions[k + 1], stops, solver, length))
         if self.job.returns:
             moved = positions[0] - positions[-1]
             times = [float(clock.platform_times(moved[model.platform_columns][None])[0])]
@@ -151,7 +151,9 @@ class SampledPlan:
 
     def _length(self, k: int, choice: Choice, before: FloatArray) -> float:
         """Returns the length of a stage that begins with given joints [s]."""
-        stage, longest = self.stages[k], 0.0
+        stage = self.stages[k]
+        there: dict[str, float] = {}
+        work: dict[str, tuple[Stop, float]] = {}
         model, clock = stage.model, stage.clock
         turn = choice.angle - before[model.platform_columns]
         waiting = float(clock.platform_times(turn[None])[0])
@@ -159,9 +161,9 @@ class SampledPlan:
             moved = way.ends[0, 0] - before[model.arms[arm].columns]
             skips = self.free_start and k == 0
             move = 0.0 if skips else float(clock.arms[arm].law.duration(moved))
-            dwell = stage.work[arm][1].dwell.total
-            longest = max(longest, max(move, waiting) + float(way.line.sum()) + dwell)
-        return longest
+            there[arm] = max(move, waiting)
+            work[arm] = stage.work[arm][1], float(way.line.sum())
+        return stage_length(there, work)
 
     def _closing(self, first: FloatArray, last: FloatArray) -> float:
         """Returns the length of the return from the last joints to the first [s]."""

@@ -190,29 +190,32 @@ class _Costs:
         turn = float(clock.platform_times((angle - here)[None])[0])
         skips = self.plan.free_start and self.k == 0
         total: FloatArray = np.zeros((1,) * len(ways))
-        length = total
+        length, arrived, work = total, total, total
         for arm, one in ways.items():
             moved = one.ends[:, 0] - self.before[model.arms[arm].columns]
             move = np.maximum(clock.arms[arm].law.duration(moved), turn) * (not skips)
-            own = move + one.line.sum(axis=1) + stage.work[arm][1].dwell.total
-            length = np.maximum(length, self._along(ways, arm, own))
-        total = total + length
-        for n, arrival in self.later.items():
-            total = total + self._later(n, arrival, angle, ways)
+            own = one.line.sum(axis=1) + stage.work[arm][1].dwell.total
+            length = np.maximum(length, self._along(ways, arm, move + own))
+            arrived = np.maximum(arrived, self._along(ways, arm, move))
+            work = work + self._along(ways, arm, own)
+        total = total + (arrived + work if stage.is_handover else length)
+        for n, row in self.later.items():
+            total = total + self._later(n, row, angle, ways)
         return total
 
     def _later(
-        self, n: int, arrival: FloatArray, angle: FloatArray, ways: Mapping[str, NumericWays]
+        self, n: int, row: FloatArray, angle: FloatArray, ways: Mapping[str, NumericWays]
     ) -> FloatArray:
-        """Returns the lengths of a later stage, the return included."""
+        """Returns the lengths of a later stage, the return included, with all joints after its transfer (columns,)."""
         stages, choices = self.plan.stages, self.plan.choices
         model, clock = stages[0].model, stages[0].clock
         before = self.plan.positions()[n]
-        turned = arrival[model.platform_columns]
+        turned = row[model.platform_columns]
         here = angle if n == self.k + 1 else before[model.platform_columns]
         turn = float(clock.platform_times((turned - here)[None])[0])
         last = n == len(choices)
         length: FloatArray = np.full((1,) * len(ways), turn)
+        arrived, both = length, 0.0
         for arm in model.arms if last else choices[n].ways:
             columns, work = model.arms[arm].columns, 0.0
             if not last:
@@ -221,13 +224,14 @@ class _Costs:
             between = any(arm in choices[m].ways for m in range(self.k + 1, n))
             law = clock.arms[arm].law
             if arm in ways and not between:
-                move = law.duration(arrival[columns] - ways[arm].ends[:, 1])
-                own = self._along(ways, arm, np.maximum(move, turn) + work)
+                move = law.duration(row[columns] - ways[arm].ends[:, 1])
+                there = self._along(ways, arm, np.maximum(move, turn))
             else:
-                move = law.duration((arrival - before)[columns])
-                own = np.full((1,) * len(ways), max(float(move), turn) + work)
-            length = np.maximum(length, own)
-        return length
+                move = law.duration((row - before)[columns])
+                there = np.full((1,) * len(ways), max(float(move), turn))
+            length = np.maximum(length, there + work)
+            arrived, both = np.maximum(arrived, there), both + work
+        return length if last or not stages[n].is_handover else arrived + both
 
     def _along(self, ways: Mapping[str, NumericWays], arm: str, values: FloatArray) -> FloatArray:
         """Returns one arm's values along its axis."""

@@ -60,6 +60,11 @@ class SampledStage:
     """All joints that turns are counted from [rad], shape (n,): the start."""
     keep: KeepClear | None
 
+    @property
+    def is_handover(self) -> bool:
+        """Whether a part goes from arm to arm in it."""
+        return any(stop.action == "give" for _, stop in self.work.values())
+
     def problems(self, angles: FloatArray, arm: str) -> list[StopProblem]:
         """Returns the stop of one arm with the platform at angles (m, k)."""
         found = stage_problems(

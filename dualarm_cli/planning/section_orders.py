@@ -24,7 +24,7 @@ class _Rules:
     alone: tuple[tuple[int, ...], ...]
     """Tasks of each path or seam, one for each arm."""
     units: tuple[tuple[int, ...], ...]
-    """All other tasks; those of a sequence together."""
+    """All other tasks; those of a sequence together, and both shares of a hand-over."""
     before: tuple[tuple[int, int], ...]
     """Pairs of tasks of which the first comes before the second."""
 
@@ -64,6 +64,10 @@ def _rules(job: Job) -> _Rules:
         numbers.setdefault(task.id, []).append(t)
     alone = [tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].alone]
     rows = [tuple(t for name in row for t in numbers[name]) for row in job.sequences]
+    # Both shares of a hand-over meet, so that they are in one run.
+    rows += [
+        tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].handover is not None
+    ]
     within = {t for row in (*alone, *rows) for t in row}
     singles = [(t,) for t in range(len(job.tasks)) if t not in within]
     before = [

@@ -72,7 +72,7 @@ def _order_notes(chosen: Job, given: Job, tried: int) -> list[str]:
     rows = [
         "/".join(dict.fromkeys(task.id for task in section))
         if section[0].alone
-        else f"{len(section)} others"
+        else f"{len({task.id for task in section})} others"
         for section in chosen.sections()
     ]
     whose = "the file's order of sections" if chosen == given else "sections in another order"

@@ -11,7 +11,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.planning.line_factors import line_factors
-from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, overlap, stage_parts
+from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SHARE = 0.1
@@ -64,13 +64,16 @@ class _Chains:
     """Whether all joints arrive together and nothing follows: a return, or a stage without work, shape (s,)."""
     recorded: FloatArray
     """Length of the longest transfer [s], shape (s,)."""
+    together: FloatArray
+    """In a hand-over what no limit changes after both arms have come [s]; NaN in all other stages, shape (s,)."""
 
 
 def sensitivity(schedule: Schedule) -> list[Sensitivity]:
     """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
 
     Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
-    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm, lines
+    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-over
+    as long as the slower transfer and then both arms' lines and dwells), lines
     change by the ratio of two estimates along the same path, dwells do not change. To decide postures anew with the
     other limits could only be faster than what is said here, so that `higher` is conservative. Under a tool-speed cap
     the factor by which a transfer was slowed is kept. Transfers that wait or are bent to keep clear count as straight
@@ -146,6 +149,12 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
                     arrivals[name][k] = segment.end
             fixed[name][k] = rest
     returns = np.array([not part.stage.tasks or not part.arms for part in parts])
+    together = np.full(len(parts), np.nan)
+    for k, part in enumerate(parts):
+        if is_handover(part.arms):
+            came = max(arrivals[name][k] for name in part.arms)
+            moved = sum(line.end - line.start for line in lines if line.stage == k)
+            together[k] = part.stage.end - came - moved
     # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
     ends = np.array([part.stage.end for part in parts])
     arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
@@ -155,6 +164,7 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
         fixed=fixed,
         returns=returns,
         recorded=arrived - starts,
+        together=together,
     )
 
 
@@ -205,7 +215,11 @@ def _cycle_times(
             np.maximum(platform, times[name]) + line_times[name][row] + rest
             for name, rest in chains.fixed.items()
         ]
-        cycle[row] = np.where(chains.returns, longest, np.max(ends, axis=0)).sum()
+        lengths = np.where(chains.returns, longest, np.max(ends, axis=0))
+        # The arms of a hand-over wait for each other, and then for each other's lines.
+        lines = np.sum([times_of[row] for times_of in line_times.values()], axis=0)
+        met = longest + lines + chains.together
+        cycle[row] = np.where(np.isnan(met), lengths, met).sum()
     return cycle
 
 

@@ -42,11 +42,40 @@ def sequence_problem(
         ]
         for name in model.arms
     }
-    found = _problem(model, job, stops)
+    handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
+    found = replace(_problem(model, job, stops), handing=handing)
     if holding is None:
         return found
     start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
     return replace(found, clearance=_clearance(model, start, holding, barred))
+
+
+def bound_problem(model: CellModel, job: Job) -> SequenceProblem:
+    """Returns a job's stages for a lower bound, which looks at each arm by itself.
+
+    In a hand-over both dwells follow one another: neither arm is done before both are over.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+    """
+    problem = sequence_problem(model, job)
+    both = {k: sum(_dwell(arm.stops[k]) for arm in problem.arms) for k in problem.together.tolist()}
+    arms = [
+        replace(
+            arm,
+            stops=tuple(
+                replace(stop, dwell=both[k]) if stop is not None and k in both else stop
+                for k, stop in enumerate(arm.stops)
+            ),
+        )
+        for arm in problem.arms
+    ]
+    return replace(problem, arms=tuple(arms), handing=())
+
+
+def _dwell(stop: StopTarget | None) -> float:
+    return 0.0 if stop is None else stop.dwell
 
 
 def stops_problem(
@@ -102,6 +131,7 @@ def _clearance(
         model.platform.is_turntable,
         holding.before,
         holding.after,
+        holding.handing,
         barred,
         holding.pace,
     )

@@ -11,10 +11,10 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Stop, Task
-from dualarm_cli.planning.keep_clear import LAST, KeepClear
+from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.planning.platform_candidates import platform_candidates
 from dualarm_cli.planning.reach import explain_reach, reachable_positions
-from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan, stage_length
 from dualarm_cli.planning.stage_problems import Clock, stage_problems
 from dualarm_cli.planning.touching import angles_looked_at, explain_touching
 from dualarm_cli.redundancy import NoPosture, StopPosture, StopProblem, solve_stops
@@ -175,7 +175,7 @@ def made_apart(
         [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
         if isinstance(answer, StopPosture):
             tries.append({kept: found[kept], other: answer})
-    if not tries and keep.apart(position, angles, found, LAST):
+    if not tries and keep.apart(position, angles, found, keep.at_once):
         return postures
     if not tries:
         return dict.fromkeys(postures, NoPosture(MEET))
@@ -198,8 +198,10 @@ def stage_plan(
         return reasons
     turned = np.array(position)
     turned[stage.model.platform_columns] = angles
-    arrival, end, longest = turned.copy(), turned.copy(), 0.0
+    arrival, end = turned.copy(), turned.copy()
     stops: dict[str, ArmStop] = {}
+    there: dict[str, float] = {}
+    work: dict[str, tuple[Stop, float]] = {}
     for arm, posture in postures.items():
         if isinstance(posture, NoPosture):
             continue
@@ -207,8 +209,10 @@ def stage_plan(
         stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
         columns = stage.model.arms[arm].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
-        longest = max(longest, posture.cost + stop.dwell.total)
-    return StagePlan(np.array(position), arrival, end, stops, solver, longest)
+        own = problems[arm].transfer_time(posture.q_approach - problems[arm].start)
+        there[arm] = max(float(own), problems[arm].waiting)
+        work[arm] = stop, posture.cost - there[arm]
+    return StagePlan(np.array(position), arrival, end, stops, solver, stage_length(there, work))
 
 
 def explain_clearance(

@@ -71,10 +71,12 @@ class StageContext:
         out = np.concatenate([base.q[:1], *rows])
         # A line begins when the platform is there as well.
         wait = max(0, self._platform_arrival() - len(out))
-        rest = base.q[base.arrival :]
+        lines = base.arrival if base.meets is None else base.meets
+        rest = base.q[lines:]
         q = np.concatenate([out, np.repeat(rest[:1], wait, axis=0), rest])
-        held = np.concatenate([np.full(len(out) + wait, base.held[0]), base.held[base.arrival :]])
-        return ArmWay(q, held, len(out) + wait)
+        held = np.concatenate([np.full(len(out) + wait, base.held[0]), base.held[lines:]])
+        there = len(out) + wait
+        return ArmWay(q, held, there, None if base.meets is None else there)
 
     def _platform_arrival(self) -> int:
         turned = self.samples.position[:, self.model.platform_columns]

@@ -7,6 +7,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.planning.buffer_numbers import job_stores
 from dualarm_cli.planning.cheapest_postures import cheapest_postures
+from dualarm_cli.planning.handover_postures import handovers_of, met_postures
 from dualarm_cli.planning.meeting import meeting_costs
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.sequencing.stage_changes import StageStands, StageTools
@@ -32,27 +33,31 @@ def stage_problem(order: OrderModel) -> StageProblem:
     stops = [(t, s) for t, task in enumerate(order.tasks) for s in range(len(task.stops))]
     angles = _few_angles(order, len(stops))
     f, count = len(angles), len(stops)
-    lengths, works, chosen = [], [], []
+    works, chosen = [], []
     turn = order.clock.platform_times(
         order.angles[angles][None, :, :] - order.angles[angles][:, None, :]
     )
-    for name in model.arms:
+    cheapest = [cheapest_postures(order, name, stops, angles) for name in model.arms]
+    for name, rows_of in zip(model.arms, met_postures(order, stops, angles, cheapest), strict=True):
         joints = len(model.arms[name].columns)
         target = np.full((count, f, joints), np.nan)
         entry = np.full((count, f, joints), np.nan)
         leaving = np.full((count, f, joints), np.nan)
         work = np.full((count, f), np.inf)
-        cheapest = cheapest_postures(order, name, stops, angles)
         for k, (t, s) in enumerate(stops):
-            here = np.flatnonzero(cheapest[k] >= 0)
+            here = np.flatnonzero(rows_of[k] >= 0)
             if len(here):
-                nodes, rows = order.nodes[name, t, s], cheapest[k, here]
+                nodes, rows = order.nodes[name, t, s], rows_of[k, here]
                 entry[k, here], target[k, here] = nodes.entry[rows], nodes.target[rows]
                 leaving[k, here], work[k, here] = nodes.leaving[rows], nodes.work[rows]
-        start = order.start[model.arms[name].columns]
-        lengths.append(_lengths(order, name, entry, leaving, work, start, turn))
         works.append(work)
         chosen.append(np.stack([entry, target, leaving]))
+    handovers = handovers_of(order)
+    works = _met(works, stops, handovers)
+    lengths = [
+        _lengths(order, name, ways[0], ways[2], work, order.start[model.arms[name].columns], turn)
+        for name, ways, work in zip(model.arms, chosen, works, strict=True)
+    ]
     index = {task.id: t for t, task in enumerate(job.tasks)}
     numbers, k = [], 0
     for task in order.tasks:
@@ -69,6 +74,7 @@ def stage_problem(order: OrderModel) -> StageProblem:
         tuple(tuple(index[name] for name in row) for row in job.sequences),
         *_windows(order, numbers, works),
         job.order == "given",
+        handovers,
         meeting_costs(order, stops, chosen),
         job_stores(job),
     )
@@ -102,6 +108,21 @@ def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:
         tools = [number.get(task.tool, NO_TOOL) for task in order.job.tasks for _ in task.stops]
         found.append(StageTools(tuple(tools), number[cell.start_tool(name)], leave, take))
     return StageStands(whole, tuple(found))
+
+
+def _met(
+    works: list[FloatArray],
+    stops: list[tuple[int, int]],
+    handovers: tuple[tuple[int, int], ...],
+) -> list[FloatArray]:
+    """Returns works (s, f) in which those of two stops that make a hand-over follow one another [s]."""
+    found = [np.array(work) for work in works]
+    for giving, taking in handovers:
+        give, take = stops.index((giving, 1)), stops.index((taking, 0))
+        for a, work in enumerate(found):
+            work[give] += works[1 - a][take]
+            work[take] += works[1 - a][give]
+    return found
 
 
 def _few_angles(order: OrderModel, stops: int) -> IntArray:

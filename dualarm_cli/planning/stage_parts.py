@@ -28,7 +28,8 @@ class StageParts:
     """What each arm does, in time order; waiting is left out, and so are arms that only wait. A transfer lasts from
     when the arm leaves until its line may begin, waiting for the platform included."""
     critical: str
-    """The arm whose last part ends the stage; empty where no arm does anything."""
+    """The arm whose last part ends the stage; in a hand-over the one that comes last; empty where no arm does
+    anything."""
     group: str
     """Joint group that decides the critical arm's transfer, or the stage where no arm does anything: an arm's name,
     `platform`, or empty for none."""
@@ -40,8 +41,16 @@ class StageParts:
 
     def arrival(self, arm: str) -> float:
         """Returns when an arm's transfer is over [s]; the stage's start where it has none."""
-        moves = (part.end for part in self.arms.get(arm, ()) if part.kind in MOVES)
-        return max(moves, default=self.stage.start)
+        return _arrival(self.arms.get(arm, ()), self.stage)
+
+
+def is_handover(arms: Mapping[str, Sequence[Segment]]) -> bool:
+    """Returns whether what the arms do in a stage is a hand-over: they begin their lines when both are there."""
+    return any(part.action == "give" for parts in arms.values() for part in parts)
+
+
+def _arrival(parts: Sequence[Segment], stage: Stage) -> float:
+    return max((part.end for part in parts if part.kind in MOVES), default=stage.start)
 
 
 def overlap(stages: Sequence[Stage]) -> bool:
@@ -103,6 +112,9 @@ def _stages_of(parts: Sequence[Segment], stages: Sequence[Stage]) -> list[int]:
 
 def _parts(schedule: Schedule, stage: Stage, arms: Mapping[str, tuple[Segment, ...]]) -> StageParts:
     ends = {name: parts[-1].end for name, parts in arms.items()}
+    if is_handover(arms):
+        # Both wait for the one that comes last; that the giver leaves last says nothing.
+        ends = {name: _arrival(parts, stage) for name, parts in arms.items()}
     last = max(ends.values(), default=0.0)
     candidates = [name for name, end in ends.items() if end >= last - SAME_TIME]
     # Of arms that end together the one that the stage itself names as its bottleneck.

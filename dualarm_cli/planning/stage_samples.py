@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class ArmWay:
     """What it holds, shape (t,)."""
     arrival: int
     """Number of the instant at which its transfer is over."""
+    meets: int | None = None
+    """In a hand-over the instant at which the lines of both begin, when the other one has arrived as well."""
 
     @property
     def end(self) -> int:
@@ -90,28 +92,42 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
         if event is None:
             continue
         held[time >= event.changes_held - SAME_TIME, a] = holding.after[stage, a]
-        start, end = _on_lines(motion, arm, this.start, this.end)
+        if holding.handing[stage]:
+            continue
+        start, end = _on_lines(motion, [arm], this.start, this.end)
         # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
         first = start - SAME_TIME if start == event.time else start + SAME_TIME
         inside = (time >= first) & (time <= end - SAME_TIME)
         held[inside, a] |= 1
+    if stage <= last and holding.handing[stage]:
+        # Both at once: from where the taking tool approaches until the giving one is away.
+        start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
+        inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
+        held[inside] = holding.cell.at_stops(
+            held[inside], np.ones(int(inside.sum()), dtype=np.bool_)
+        )
     return StageSamples(motion.trajectory.at(time)[0], held, step)
 
 
 def _event_of(motion: Motion, number: int, arm: str) -> Event | None:
-    """Returns the event of an arm in one stage of a motion; every stage in which it works has one."""
-    events = [event for event in motion.events if event.arm == arm]
-    tasks = {event.task for event in events}
-    works = [k for k, stage in enumerate(motion.stages) if tasks & set(stage.tasks)]
-    return events[works.index(number)] if number in works else None
+    """Returns the event of an arm in one stage of a motion, if it works there: it may lie on the border of two."""
+    left = [event for event in motion.events if event.arm == arm]
+    for k, stage in enumerate(motion.stages[: number + 1]):
+        works = bool(left) and left[0].task in stage.tasks
+        # A task may be both arms', each with stages of its own.
+        if works and left[0].time + left[0].dwell <= stage.end + SAME_TIME:
+            event = left.pop(0)
+            if k == number:
+                return event
+    return None
 
 
-def _on_lines(motion: Motion, arm: str, start: float, end: float) -> tuple[float, float]:
-    """Returns when an arm is on the lines of its stop in a stage from start to end [s]; an empty span for never."""
+def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
+    """Returns when arms are on the lines of their stops in a stage from start to end [s]; an empty span for never."""
     parts = [
         part
         for part in motion.segments
-        if part.arm == arm
+        if part.arm in arms
         and part.kind in LINES
         and part.start >= start - SAME_TIME
         and part.end <= end + SAME_TIME
@@ -133,13 +149,18 @@ def arm_ways(
         samples: of that stage.
     """
     this = motion.stages[number]
-    ways = {}
+    ways: dict[str, ArmWay] = {}
     for a, (name, arm) in enumerate(model.arms.items()):
         own = [part for part in motion.segments if part.arm == name]
         ends = transfer_ends(own, this.start, this.end + samples.step)
         arrival = round((max(ends, default=this.start) - this.start) / samples.step)
         arrival = min(arrival, len(samples.position) - 1)
         ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)
+    span = this.start - SAME_TIME, this.end + SAME_TIME
+    if any(part.action == "give" and span[0] <= part.start <= span[1] for part in motion.segments):
+        # Whoever is early waits: that is part of neither's lines.
+        meets = max(way.arrival for way in ways.values())
+        ways = {name: replace(way, meets=meets) for name, way in ways.items()}
     return ways
 
 
@@ -157,16 +178,37 @@ def combined(
         ways: of every arm.
         delays: instants that an arm waits before it leaves, by arm.
     """
-    lengths = [delays.get(name, 0) + way.end + 1 for name, way in ways.items()]
-    length = max(*lengths, last_motion(samples.position[:, model.platform_columns]) + 1, 2)
+    ways = {name: _late(way, delays.get(name, 0)) for name, way in ways.items()}
+    if all(way.meets is not None for way in ways.values()):
+        met = max(way.arrival for way in ways.values())
+        ways = {name: _meeting(way, met) for name, way in ways.items()}
+    length = max(*(way.end + 1 for way in ways.values()), 2)
+    length = max(length, last_motion(samples.position[:, model.platform_columns]) + 1)
     rows = np.minimum(np.arange(length), len(samples.position) - 1)
     position = samples.position[rows]
     held = np.empty((length, len(ways)), dtype=np.int64)
     for a, (name, way) in enumerate(ways.items()):
-        own = np.clip(np.arange(length) - delays.get(name, 0), 0, len(way.q) - 1)
+        own = np.minimum(np.arange(length), len(way.q) - 1)
         position[:, model.arms[name].columns] = way.q[own]
         held[:, a] = way.held[own]
     return StageSamples(position, held, samples.step)
+
+
+def _late(way: ArmWay, delay: int) -> ArmWay:
+    """Returns an arm's way some instants later."""
+    if not delay:
+        return way
+    meets = None if way.meets is None else way.meets + delay
+    rows = np.maximum(np.arange(len(way.q) + delay) - delay, 0)
+    return ArmWay(way.q[rows], way.held[rows], way.arrival + delay, meets)
+
+
+def _meeting(way: ArmWay, met: int) -> ArmWay:
+    """Returns an arm's way in which its lines begin at an instant not before its arrival."""
+    assert way.meets is not None  # asked for only in hand-overs
+    wait = np.full(met - way.arrival, way.arrival)
+    rows = np.concatenate([np.arange(way.arrival), wait, np.arange(way.meets, len(way.q))])
+    return ArmWay(way.q[rows], way.held[rows], way.arrival, met)
 
 
 def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:

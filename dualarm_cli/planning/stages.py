@@ -14,7 +14,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.keep_clear import KeepClear
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.planning.stage_choice import Stage, choose_stage
-from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan, stage_length
 from dualarm_cli.planning.stage_problems import Clock, stop_problems
 
 __all__ = [
@@ -113,12 +113,12 @@ def choose_stages_with(
 
 def _starting_there(plan: StagePlan) -> StagePlan:
     """Returns a stage that begins where its transfer would have ended, and takes no time for it."""
-    longest = 0.0
-    for one in plan.stops.values():
+    work = {}
+    for name, one in plan.stops.items():
         own = one.problem.transfer_time(one.posture.q_approach - one.problem.start)
-        lines = one.posture.cost - max(float(own), one.problem.waiting)
-        longest = max(longest, lines + one.stop.dwell.total)
-    return replace(plan, start=plan.arrival, duration=longest)
+        work[name] = one.stop, one.posture.cost - max(float(own), one.problem.waiting)
+    length = stage_length(dict.fromkeys(work, 0.0), work)
+    return replace(plan, start=plan.arrival, duration=length)
 
 
 def _return(model: CellModel, clock: Clock, plans: Sequence[StagePlan]) -> StagePlan:

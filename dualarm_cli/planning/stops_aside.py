@@ -91,7 +91,8 @@ def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
                     there.held[turn:],
                 ]
             )
-            ways = {**context.ways, name: ArmWay(q, held, there.arrival + pause)}
+            meets = None if there.meets is None else there.meets + pause
+            ways = {**context.ways, name: ArmWay(q, held, there.arrival + pause, meets)}
             return combined(context.model, context.samples, ways, {other: delay})
 
         for share in SHARES:

@@ -76,8 +76,9 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
 
 
 def count_parts(job: Job) -> int:
-    """Returns how many tasks pick or place something."""
-    return sum(any(stop.action in ("pick", "place") for stop in task.stops) for task in job.tasks)
+    """Returns how many tasks pick or place something; one that is handed over is one."""
+    picks = (t.id for t in job.tasks if any(stop.action in ("pick", "place") for stop in t.stops))
+    return len(set(picks))
 
 
 def throughput(schedule: Schedule, job: Job) -> float | None:

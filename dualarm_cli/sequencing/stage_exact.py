@@ -134,11 +134,16 @@ def side_by_side(problem: StageProblem, rows: Sequence[Sequence[Unit]]) -> IntAr
     first: dict[int, list[int]] = {}
     for one, other in problem.before:
         first.setdefault(other, []).append(one)
+    partner: dict[int, int] = {}
+    for one, other in problem.handovers:
+        give, take = problem.tasks[one][-1], problem.tasks[other][0]
+        partner |= {give: take, take: give}
     over: set[int] = set()
     place = [0] * len(queues)
     slots = []
     while any(place[a] < len(queue) for a, queue in enumerate(queues)):
         row, done = [IDLE] * len(queues), []
+        next_up = {queue[k][1] for queue, k in zip(queues, place, strict=True) if k < len(queue)}
         for a, queue in enumerate(queues):
             if place[a] == len(queue):
                 continue
@@ -146,6 +151,8 @@ def side_by_side(problem: StageProblem, rows: Sequence[Sequence[Unit]]) -> IntAr
             begins = stop == problem.tasks[t][0]
             if begins and any(one not in over for one in first.get(t, ())):
                 continue
+            if stop in partner and partner[stop] not in next_up:
+                continue  # the other arm has not come yet
             row[a] = stop
             place[a] += 1
             if stop == problem.tasks[t][-1]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,8 @@ from dualarm_cli.sequencing.stage_times import Ends, closing, missing_parts, pre
 class Place:
     """Where stops are put: some stages are replaced by others."""
 
-    arm: int
-    """The arm that makes them."""
+    arms: tuple[int, ...]
+    """The arms that make them."""
     first: int
     """First stage that is replaced."""
     last: int
@@ -53,16 +54,59 @@ def places(
     for k in range(first, last + 1):
         if middle[k]:
             continue
-        found.append(Place(arm, k, k, tuple(new)))
+        found.append(Place((arm,), k, k, tuple(new)))
         run = 0
         while run < m and k + run < last and idle[k + run]:
             run += 1
         if not run:
             continue
         filled = tuple(_with(rows[k + i], arm, stops[i]) for i in range(run))
-        found.append(Place(arm, k, k + run, (*filled, *new[run:])))
+        found.append(Place((arm,), k, k + run, (*filled, *new[run:])))
         if m > 1:
-            found.append(Place(arm, k, k + 1, (*new[:-1], _with(rows[k], arm, stops[-1]))))
+            found.append(Place((arm,), k, k + 1, (*new[:-1], _with(rows[k], arm, stops[-1]))))
+    return found
+
+
+def meeting_places(
+    slots: IntArray,
+    giver: int,
+    stops: tuple[int, ...],
+    span: tuple[int, int],
+    middle: Sequence[BoolArray],
+) -> list[Place]:
+    """Returns every place for a hand-over: a new stage for both arms, the giver's stop before it, the taker's after it.
+
+    Those two are in new stages or where the stages next to it leave their arm idle.
+
+    Args:
+        slots: an order, shape (n, 2).
+        giver: the arm that gives.
+        stops: the giver's two, then the taker's two.
+        span: earliest stage, and stage before which all has to be over.
+        middle: by arm, before which stages it is in the middle of other work, shape (n + 1,).
+    """
+    pick, give, take, put = stops
+    taker, (first, last) = 1 - giver, span
+    rows = [tuple(row) for row in slots.tolist()]
+    nothing = (IDLE, IDLE)
+    both = _with(_with(nothing, giver, give), taker, take)
+    found = []
+    for k in range(first, last + 1):
+        if middle[taker][k]:
+            continue
+        before: list[tuple[int, tuple[int, ...]]] = []
+        if not middle[giver][k]:
+            before.append((k, _with(nothing, giver, pick)))
+        if k > first and rows[k - 1][giver] == IDLE and not middle[giver][k - 1]:
+            before.append((k - 1, _with(rows[k - 1], giver, pick)))
+        after = [(k, _with(nothing, taker, put))]
+        if k < last and rows[k][taker] == IDLE:
+            after.append((k + 1, _with(rows[k], taker, put)))
+        found += [
+            Place((giver, taker), begin, end, (one, both, other))
+            for begin, one in before
+            for end, other in after
+        ]
     return found
 
 
@@ -121,8 +165,8 @@ class Insertions:
         n, rows = len(self._whole), [tuple(row) for row in self._whole.tolist()]
         following = self._next_active()
         first = np.array([place.first for place in tries])
-        # Up to the arm's next stop it matters where the arm comes from.
-        until = np.array([following[place.arm][place.last] for place in tries])
+        # Up to the arms' next stops it matters where they come from.
+        until = np.array([max(following[a][place.last] for a in place.arms) for place in tries])
         some = [(*place.rows, *rows[place.last : u]) for place, u in zip(tries, until, strict=True)]
         arms = self._whole.shape[1]
         batch = np.full((len(some), max(len(one) for one in some), arms), IDLE, dtype=np.int64)

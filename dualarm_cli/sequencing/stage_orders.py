@@ -36,7 +36,8 @@ class StageEffort:
 
 def is_few(problem: StageProblem) -> bool:
     """Returns whether all orders are timed."""
-    return len(problem.tasks) <= (FEW if problem.stores is None else FEW_WITH_BUFFERS)
+    few = FEW if problem.stores is None else FEW_WITH_BUFFERS
+    return len(problem.tasks) <= few and not problem.handovers
 
 
 def good_orders(
@@ -132,7 +133,7 @@ def in_file_order(problem: StageProblem, units: list[Unit]) -> IntArray | None:
         if not unit.arms:
             return None
         a = min(unit.arms, key=lambda a: (stops[a], a))
-        rows[a].append(unit)
+        _append(rows, unit, a)
         stops[a] += len(unit.stops)
     return side_by_side(problem, rows)
 
@@ -147,8 +148,18 @@ def by_suited_arms(problem: StageProblem, units: list[Unit]) -> IntArray | None:
         if not unit.arms:
             return None
         soonest = {a: problem.length[a][problem.stops, unit.stops[0]].min() for a in unit.arms}
-        rows[min(soonest, key=lambda a: (soonest[a], a))].append(unit)
+        _append(rows, unit, min(soonest, key=lambda a: (soonest[a], a)))
     return side_by_side(problem, rows)
+
+
+def _append(rows: list[list[Unit]], unit: Unit, a: int) -> None:
+    """Appends a unit to what an arm does; of a hand-over the taker's share to what the other one does."""
+    if not unit.meets:
+        rows[a].append(unit)
+        return
+    giving, taking = unit.shares(a)
+    rows[a].append(giving)
+    rows[1 - a].append(taking)
 
 
 def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
@@ -160,8 +171,12 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
     possible = np.isfinite(problem.work[0][one]) & np.isfinite(problem.work[1][other])
     if problem.apart is not None:
         possible &= np.isfinite(problem.apart[one, other])
-    never = slots[both][~possible.any(axis=1)]
-    return apart(slots, {(int(i), int(j)) for i, j in never})
+    never = {(int(i), int(j)) for i, j in slots[both][~possible.any(axis=1)]}
+    # A hand-over cannot be made one after the other.
+    for giving, taking in problem.handovers:
+        give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
+        never -= {(give, take), (take, give)}
+    return apart(slots, never)
 
 
 def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:

@@ -46,6 +46,9 @@ class StageProblem:
     """Latest instant at which a stop may be over [s], shape (s,)."""
     in_file_order: bool = False
     """Whether each arm does its tasks in the order of their numbers."""
+    handovers: tuple[tuple[int, int], ...] = ()
+    """Pairs of tasks, the giver's share of a hand-over and the taker's: one arm does the one, the other arm the other,
+    and the last stop of the first falls into the same stage as the first stop of the second."""
     apart: FloatArray | None = None
     """What it costs that the first arm makes a stop while the second one makes another, infinite where they would
     touch, by angle [s], shape (s + 2, s + 2, f); 0 in the last row and column, which IDLE points at."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import IntArray
-from dualarm_cli.sequencing.stage_insertion import Insertions, Place, places
+from dualarm_cli.geometry.arrays import BoolArray, IntArray
+from dualarm_cli.sequencing.stage_insertion import Insertions, Place, meeting_places, places
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_times import Ends, Stretches, totals, with_angles
 from dualarm_cli.sequencing.stage_units import near_units, stage_units
@@ -44,7 +44,9 @@ class StageSearch:
                 self._after[u].add(v)
         self._inner = np.zeros(problem.stops + 1, dtype=np.bool_)
         for unit in self.units:
-            self._inner[list(unit.stops[:-1])] = True
+            rows = unit.shares(0) if unit.meets else (unit,)
+            for row in rows:
+                self._inner[list(row.stops[:-1])] = True
 
     def first(self) -> StageOrder | None:
         """Returns an order by insertion, those first that come before others; None where none was found."""
@@ -216,16 +218,26 @@ class StageSearch:
         """Returns every place at which a unit keeps the rules."""
         found = []
         low, high = self._range(slots, u)
-        for a in self.units[u].arms:
-            own = slots[:, a]
-            first, last = self._file_range(own, u, low, high)
-            at = IDLE if ends is None else int(ends.came[a])
-            middle = [bool(at != IDLE and self._inner[at])]
-            for stop in own.tolist():
-                at = stop if stop != IDLE else at
-                middle.append(bool(at != IDLE and self._inner[at]))
-            found += places(slots, a, self.units[u].stops, first, last, np.array(middle))
+        unit = self.units[u]
+        for a in unit.arms:
+            first, last = self._file_range(slots[:, a], u, low, high)
+            if not unit.meets:
+                middle = self._middle(slots, a, ends)
+                found += places(slots, a, unit.stops, first, last, middle)
+                continue
+            span = self._file_range(slots[:, 1 - a], u, first, last)
+            both = [self._middle(slots, arm, ends) for arm in range(slots.shape[1])]
+            found += meeting_places(slots, a, unit.stops, span, both)
         return found
+
+    def _middle(self, slots: IntArray, a: int, ends: Ends | None) -> BoolArray:
+        """Returns before which stages an arm is in the middle of other work, shape (n + 1,)."""
+        at = IDLE if ends is None else int(ends.came[a])
+        middle = [bool(at != IDLE and self._inner[at])]
+        for stop in slots[:, a].tolist():
+            at = stop if stop != IDLE else at
+            middle.append(bool(at != IDLE and self._inner[at]))
+        return np.array(middle)
 
     def _range(self, slots: IntArray, u: int) -> tuple[int, int]:
         """Returns between which stages a unit has to be for what comes before and after it."""

@@ -1,4 +1,4 @@
-"""Stops that one arm makes one right after the other: a task's, or those of a sequence of tasks."""
+"""Stops that are moved together: a task's or those of a sequence of tasks on one arm, both shares of a hand-over."""
 
 from __future__ import annotations
 
@@ -15,21 +15,34 @@ NEAR = 12
 
 @dataclass(frozen=True)
 class Unit:
-    """Stops that one arm makes one right after the other: a task's, or those of a sequence of tasks."""
+    """Stops that one arm makes one right after the other: a task's, or those of a sequence of tasks.
+
+    Or both shares of a hand-over: two stops of the giver, then two of the taker, that meet in the middle.
+    """
 
     tasks: tuple[int, ...]
     """Its tasks."""
     stops: tuple[int, ...]
     """Their stops."""
     arms: tuple[int, ...]
-    """The arms that can make them all."""
+    """The arms that can make them all; of a hand-over those that can give while the other one takes."""
+    meets: bool = False
+    """Whether it is a hand-over."""
+
+    def shares(self, giver: int) -> tuple[Unit, Unit]:
+        """Returns the giver's and the taker's share of a hand-over."""
+        (one, other), half = self.tasks, len(self.stops) // 2
+        return (
+            Unit((one,), self.stops[:half], (giver,)),
+            Unit((other,), self.stops[half:], (1 - giver,)),
+        )
 
 
 def stage_units(problem: StageProblem) -> list[Unit]:
-    """Returns sequences, and all other tasks by themselves."""
-    within = {t for row in problem.sequences for t in row}
+    """Returns sequences, hand-overs, and all other tasks by themselves."""
+    within = {t for row in (*problem.sequences, *problem.handovers) for t in row}
     rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)) if t not in within)]
-    return [
+    found = [
         Unit(
             tuple(row),
             tuple(stop for t in row for stop in problem.tasks[t]),
@@ -41,6 +54,11 @@ def stage_units(problem: StageProblem) -> list[Unit]:
         )
         for row in sorted(rows)
     ]
+    for one, other in problem.handovers:
+        arms = (a for a in range(2) if problem.allowed(a, one) and problem.allowed(1 - a, other))
+        stops = (*problem.tasks[one], *problem.tasks[other])
+        found.append(Unit((one, other), stops, tuple(arms), meets=True))
+    return sorted(found, key=lambda unit: unit.tasks)
 
 
 def near_units(problem: StageProblem, units: list[Unit]) -> list[list[int]]:

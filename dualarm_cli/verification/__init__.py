@@ -13,6 +13,7 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.buffer_checks import check_buffers
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
+from dualarm_cli.verification.handover_checks import check_handovers
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_finite,
@@ -107,6 +108,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_lines(known, done, model),
         *check_paths(schedule, done, model),
         *check_seams(schedule, done, model),
+        *check_handovers(known, done, model),
         check_torques(schedule, done),
         check_platform_still(schedule),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),

@@ -28,16 +28,21 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
     arms = {arm.name for arm in job.cell.robot.arms}
-    done: dict[str, Event] = {}
+    done: dict[tuple[str, str], Event] = {}
     for event in in_time(schedule.events):
         if event.arm in arms:
-            done.setdefault(event.task, event)
+            done.setdefault((event.task, event.action), event)
+
+    def first(task: Task) -> Event | None:
+        found = [done[task.id, s.action] for s in task.stops if (task.id, s.action) in done]
+        return min(found, key=lambda event: event.time, default=None)
+
+    begun = [(task, first(task)) for task in (*job.tasks, *(task for _, task in changes))]
+    begun.sort(key=lambda one: np.inf if one[1] is None else one[1].time)
     tasks = [
-        replace(task, arm=done[task.id].arm) if task.arm == ANY and task.id in done else task
-        for task in job.tasks
+        replace(task, arm=event.arm) if task.arm == ANY and event is not None else task
+        for task, event in begun
     ]
-    tasks += [task for _, task in changes]
-    tasks.sort(key=lambda task: done[task.id].time if task.id in done else np.inf)
     decided = replace(job, tasks=tuple(tasks), order="given")
     if job.mode == "free":
         return decided

@@ -13,11 +13,12 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.model.job import GIVES, TAKES, Job
+from dualarm_cli.model.job import GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
+from dualarm_cli.verification.handover_checks import HandoverSpan, handover_spans
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.stretches import edges_of, stages_of
 
@@ -26,15 +27,20 @@ NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was
 COLLISIONS = "collisions"
 """Name of the check."""
 
+Span = tuple[float, float]
+"""From when to when [s]."""
+
 
 def check_clearance(
     schedule: Schedule, job: Job | None
 ) -> tuple[Check, tuple[StageClearance, ...]]:
     """Checks the clearance of all pairs of bodies, and returns the least of every stage.
 
-    A carried part belongs to its arm from the pick's event to the place's. On the lines at both ends it need not keep
-    clear of obstacles (it lies on one), only not reach into them. A changed tool belongs to its arm while it is on, and
-    has the same right on the lines at its stand. What stands there without an arm is no obstacle.
+    A carried part belongs to its arm from the pick's event to the place's; one that is handed over to the giver until
+    it lets go, and to the taker once that has gripped. On the lines where it is picked and placed it need not keep
+    clear of obstacles (it lies on one), only not reach into them. From the taker's approach to the end of the giver's
+    retract both tools may touch it. A changed tool belongs to its arm while it is on, and has the same right as a part
+    on the lines at its stand. What stands there without an arm is no obstacle.
 
     Args:
         schedule: with finite numbers and rising times.
@@ -120,6 +126,7 @@ def _pairs_and_windows(
     """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
     pairs: list[Pair] = []
     windows: list[Windows] = []
+    handovers = handover_spans(schedule, job)
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]
@@ -128,6 +135,7 @@ def _pairs_and_windows(
             continue
         spans = [_carried(schedule, job, solid) for solid in carriers]
         during = spans[0] if len(spans) == 1 else _overlaps(spans[0], spans[1])
+        during = _without(during, _handed(handovers, one, other))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
             lines = _lines(schedule, job, carriers[0])
             pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
@@ -157,7 +165,7 @@ def _add_plain(
     windows += [_without([(float(time[0]), float(time[-1]))], works), works]
 
 
-def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[tuple[float, float]]:
+def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[Span]:
     """Returns when a seam's tool works on a body that it may touch, its approach and retract included [s]."""
     spans = []
     for task in job.tasks:
@@ -179,9 +187,26 @@ def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[tuple
     return sorted(spans)
 
 
-def _joined(segments: Sequence[Segment]) -> list[tuple[float, float]]:
+def _handed(handovers: Sequence[HandoverSpan], one: Solid, other: Solid) -> list[Span]:
+    """Returns when one of two solids is a part that goes from arm to arm, and the other one may touch it [s].
+
+    That is the other arm's tool, or the part itself as the other arm holds it.
+    """
+    found = []
+    for span in handovers:
+        giver, taker = span.giving.arm, span.taking.arm
+        held = {(giver, span.giving.part), (taker, span.taking.part)}
+        solids = {(solid.carrier, solid.body) for solid in (one, other)}
+        tools = {((giver, span.giving.part), ("", f"{taker}_tool"))}
+        tools.add(((taker, span.taking.part), ("", f"{giver}_tool")))
+        if solids == held or any(solids == set(pair) for pair in tools):
+            found.append((span.start, span.end))
+    return sorted(found)
+
+
+def _joined(segments: Sequence[Segment]) -> list[Span]:
     """Returns the spans of segments, those that follow one another as one [s]."""
-    joined: list[tuple[float, float]] = []
+    joined: list[Span] = []
     for start, end in sorted((s.start, s.end) for s in segments if s.end > s.start):
         if joined and start <= joined[-1][1] + tol.SAME_TIME:
             joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
@@ -190,15 +215,15 @@ def _joined(segments: Sequence[Segment]) -> list[tuple[float, float]]:
     return joined
 
 
-def _within(one: tuple[float, float], other: tuple[float, float]) -> bool:
+def _within(one: Span, other: Span) -> bool:
     return other[0] <= one[0] + tol.SAME_TIME and one[1] <= other[1] + tol.SAME_TIME
 
 
-def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, float]]:
+def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:
     """Returns when an arm carries a part or has a tool on [s].
 
-    A part from each pick's event to its place's, or to the end; a tool from the start where it is on then, and from
-    each time that it is taken, until it is left or to the end.
+    A part from where it takes it to where it gives it, or to the end; a tool from the start where it is on then, and
+    from each time that it is taken, until it is left or to the end.
     """
     arm, end = solid.carrier, float(schedule.trajectory.time[-1])
     tasks = _tasks_of(solid, job)
@@ -220,7 +245,7 @@ def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, fl
             for e in schedule.events
             if (e.arm, e.task) == (arm, event.task) and e.action in GIVES and e.time >= event.time
         ]
-        spans.append((event.time, min(ends, default=end)))
+        spans.append((event.changes_held, min(ends, default=end)))
     return spans
 
 
@@ -234,7 +259,7 @@ def _tasks_of(solid: Solid, job: Job) -> set[str]:
     }
 
 
-def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, float]]:
+def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:
     """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s]."""
     tasks = _tasks_of(solid, job)
 
@@ -242,23 +267,20 @@ def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[tuple[float, floa
         return (
             segment.arm == solid.carrier
             and segment.task in tasks
+            and segment.action in LYING
             and segment.kind in ("approach", "dwell", "retract")
         )
 
     return _joined([s for s in schedule.segments if counts(s)])
 
 
-def _overlaps(
-    one: Sequence[tuple[float, float]], other: Sequence[tuple[float, float]]
-) -> list[tuple[float, float]]:
+def _overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:
     """Returns what two lists of spans have in common."""
     both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
     return [(start, end) for start, end in both if start < end]
 
 
-def _without(
-    spans: Sequence[tuple[float, float]], holes: Sequence[tuple[float, float]]
-) -> list[tuple[float, float]]:
+def _without(spans: Sequence[Span], holes: Sequence[Span]) -> list[Span]:
     """Returns spans without others, which are sorted and apart."""
     left = []
     for start, end in spans:

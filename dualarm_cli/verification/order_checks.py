@@ -90,7 +90,9 @@ def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
     faults = []
     for task in job.tasks:
         arms = [arm for arm, events in rows.items() if any(e.task == task.id for e in events)]
-        if task.alone:
+        if task.handover is not None:
+            faults += _wrong_share(rows, task)
+        elif task.alone:
             if arms and task.arm not in arms:
                 faults.append(f"{task.id} is the {task.arm} arm's too, which does not do it")
         elif len(arms) > 1:
@@ -98,6 +100,22 @@ def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
         elif arms and not task.allows(arms[0]):
             faults.append(f"{task.id} is the {task.arm} arm's, the {arms[0]} arm does it")
     return faults
+
+
+def _wrong_share(rows: dict[str, list[Event]], task: Task) -> list[str]:
+    """Returns that an arm's share of a hand-over is done by several arms, or by one that may not."""
+    actions = {stop.action for stop in task.stops}
+    arms = [
+        arm
+        for arm, events in rows.items()
+        if any(e.task == task.id and e.action in actions for e in events)
+    ]
+    share = " and ".join(stop.action for stop in task.stops)
+    if len(arms) > 1:
+        return [f"{task.id}: {share} are done by {' and '.join(arms)}; one arm does both"]
+    if arms and not task.allows(arms[0]):
+        return [f"{task.id}: {share} are the {task.arm} arm's, the {arms[0]} arm does them"]
+    return []
 
 
 def _torn(arm: str, events: list[Event], job: Job) -> list[str]:

@@ -123,7 +123,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    after: [aa]", "13:13: E300 there is no task 'aa', did you mean 'a'?"),
         ("    arm: right\n", "", "12:5: E202 'arm' is missing"),
         ("    move:", "    pick: {xyz: [0, 0, 0]}\n    move:", "15:5: E200 'move' does not go with 'pick'; make two tasks"),
-        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, coordinate, path, part, approach and 3 more"),
+        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, handover, place, move, coordinate, path, part and 4 more"),
         ("cell: cell.yaml", "cell: ../cell.yaml", None),
         ("cell: cell.yaml", "cell: /etc/passwd", "2:7: E500 '/etc/passwd' must be a relative path with forward slashes"),
         ("cell: cell.yaml", "cell: file:///etc/passwd", "2:7: E500 'file:///etc/passwd' must be a relative path with forward slashes"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
@@ -187,3 +188,71 @@ def test_a_target_that_no_arm_reaches_is_said_with_its_place(packing, mode):
     assert text.startswith(f"{task.place}: no arm does task 'left-02'")
     assert "left arm:" in text
     assert "right arm:" in text
+
+
+@pytest.fixture(scope="module")
+def handed(tasks_folder):
+    """A hand-over with one task of each arm, in any order; who gives is left open."""
+    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    packing = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    shares = tuple(
+        dataclasses.replace(
+            task, arm="any", handover=dataclasses.replace(task.handover, giver="any", taker="any")
+        )
+        for task in job.tasks[:2]
+    )
+    others = tuple(t for t in packing.tasks if t.id in ("left-01", "right-01"))
+    return dataclasses.replace(job, tasks=(*shares, *others), order="optimise")
+
+
+def test_a_handover_takes_its_place_in_any_order(handed):
+    """The planner says who gives: only the left arm gets to the pick, only the right one to the place."""
+    schedule = plan_without_bound(handed, PlanSettings(effort="quick", platform="exact"))
+    assert [check.name for check in verify(schedule, handed, clearance=True).failures] == []
+    arms = {e.action: e.arm for e in schedule.events if e.task == "flip-1"}
+    assert arms == {"pick": "left", "give": "left", "take": "right", "place": "right"}
+    meets = {
+        e.action: k
+        for k, stage in enumerate(schedule.stages)
+        for e in schedule.events
+        if e.task == "flip-1" and stage.start < e.time <= stage.end
+    }
+    assert meets["pick"] < meets["give"] == meets["take"] < meets["place"]
+
+
+def test_a_handover_comes_after_what_it_is_to_come_after(handed):
+    """The pick after the left arm's task is over, the right arm's task after the place."""
+    rules = {"flip_1": {"after": ("left-01",)}, "right_01": {"after": ("flip-1",)}}
+    job = changed(handed, **rules)
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
+    assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
+    first = [event.task for event in schedule.events if event.action == "pick"]
+    assert first == ["left-01", "flip-1", "right-01"]
+
+
+def test_with_arms_left_open_the_file_s_order_is_kept(handed):
+    """order: given: each arm does its tasks in the file's order, whoever gives."""
+    job = dataclasses.replace(handed, order="given", tasks=(*handed.tasks[2:], *handed.tasks[:2]))
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
+    assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
+    picks = [event.task for event in schedule.events if event.action == "pick"]
+    assert picks[-1] == "flip-1"
+
+
+def test_arms_that_cannot_meet_are_told_so(handed):
+    """Tools 5 mm from each other that have to keep 10: whoever gives, at any platform angle."""
+    near = pin.SE3(pin.utils.rotate("x", np.pi), np.array([0.0, 0.0, 0.005]))
+    giving, taking, *others = handed.tasks
+    work = dataclasses.replace(giving.handover, grip=near)
+    meets = dataclasses.replace(
+        taking.stops[0], target=PoseTarget(giving.stops[1].target.pose * near)
+    )
+    tasks = (
+        dataclasses.replace(giving, handover=work),
+        dataclasses.replace(taking, handover=work, stops=(meets, taking.stops[1])),
+        *others,
+    )
+    with pytest.raises(InfeasibleError) as caught:
+        plan_without_bound(dataclasses.replace(handed, tasks=tasks), QUICK)
+    assert "task 'flip-1': neither arm can give while the other one takes" in str(caught.value)
+    assert "tasks.yaml:19:7" in str(caught.value)

@@ -18,7 +18,14 @@ from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
-JOBS = ["01_first_pick", "02_two_trays", "03_bottin_planar", "04_packing", "05_two_robots"]
+JOBS = [
+    "01_first_pick",
+    "02_two_trays",
+    "03_bottin_planar",
+    "04_packing",
+    "05_two_robots",
+    "12_hand_over",
+]
 
 
 @pytest.fixture(scope="module")

@@ -131,3 +131,18 @@ def test_precedence_between_paths_and_parts_is_kept_by_the_plan(job):
     for event in sorted(found.events, key=lambda event: event.time):
         first.setdefault(event.task, event.time)
     assert first["c"] < first["q"] < first["p"]
+
+
+def test_both_shares_of_a_handover_stay_in_one_run(job, tasks_folder):
+    """Whatever the order of the paths: else the arms would not meet."""
+    handed = load_job(tasks_folder / "12_hand_over" / "tasks.yaml").tasks[:2]
+    more = replace(job, tasks=(*job.tasks[:2], *handed, *job.tasks[2:]), order="optimise")
+    orders = section_orders(CellModel.from_cell(more.cell), more, 24)
+    assert len(orders) > 1
+    for one in orders:
+        assert sorted(t.id for t in one.tasks) == sorted(t.id for t in more.tasks)
+        for section in one.sections():
+            shares = [task.stops[0].action for task in section if task.handover is not None]
+            assert shares in ([], ["pick", "take"])
+        met = [stage for stage in one.stages() if "give" in {s.action for _, s in stage.values()}]
+        assert [{s.action for _, s in stage.values()} for stage in met] == [{"give", "take"}]

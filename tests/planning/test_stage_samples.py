@@ -8,7 +8,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.planning.clearing import Clearing
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.motion import Known, realise
+from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.stage_samples import (
     KEPT,
     StageSamples,
@@ -17,6 +17,7 @@ from dualarm_cli.planning.stage_samples import (
     which_keep_clear,
 )
 from dualarm_cli.planning.stages import choose_stages
+from dualarm_cli.planning.stop_motion import Known
 from dualarm_cli.timing import TIMING_SOLVERS
 
 

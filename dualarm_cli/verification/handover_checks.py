@@ -1,0 +1,178 @@
+"""Checks of hand-overs: who holds the part when, where the tools are then, and that they stand still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.schedule import Event, Schedule, Segment, SegmentKind
+from dualarm_cli.model.verification import Check
+from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.tool_checks import Worst, dense_times
+from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
+
+NAMES = ("handover_order", "handover_grip", "handover_still")
+"""Names of the checks."""
+
+
+@dataclass(frozen=True)
+class HandoverSpan:
+    """When a part goes from arm to arm, as a schedule has it."""
+
+    giving: Task
+    """The giver's share of the task."""
+    taking: Task
+    """The taker's."""
+    give: Event
+    """The giver lets go from here on."""
+    take: Event
+    """The taker grips from here on."""
+    start: float
+    """When the taker begins its approach [s]."""
+    end: float
+    """When the giver's retract is over [s]."""
+
+
+def handover_spans(schedule: Schedule, job: Job) -> list[HandoverSpan]:
+    """Returns the hand-overs of which a schedule has each event once.
+
+    Args:
+        schedule: with finite numbers.
+        job: as it was done.
+    """
+    found = []
+    for giving, taking in _shares(job):
+        gives, takes = _events(schedule, giving, "give"), _events(schedule, taking, "take")
+        if len(gives) != 1 or len(takes) != 1:
+            continue  # `check_handovers` says so
+        give, take = gives[0], takes[0]
+        rest = give.time + give.dwell
+        # Only lines that lead there and away without a gap: what a file calls a line does not widen a hand-over.
+        comes = [s.start for s in _lines(schedule, take, "approach") if _near(s.end, take.time)]
+        leaves = [s.end for s in _lines(schedule, give, "retract") if _near(s.start, rest)]
+        start, end = min([take.time, *comes]), max([rest, *leaves])
+        found.append(HandoverSpan(giving, taking, give, take, start, end))
+    return found
+
+
+def check_handovers(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+    """Checks every hand-over of the job.
+
+    The taking tool grips where the file says, the giving arm stands still from when the taking one begins its approach
+    until it has let go, the taking one from its grip until the giving one is away; the giver lets go only when the
+    taker has gripped, and all of it lies between the pick and the place.
+
+    Args:
+        schedule: with finite numbers and rising times.
+        job: as it was done; without it nothing is known of hand-overs.
+        model: where the tools are.
+    """
+    if job is None or not job.has_handovers:
+        why = "no task file was given (--tasks)" if job is None else "the job has no hand-overs"
+        return [not_checked(name, why) for name in NAMES]
+    order, grip, still = Worst(), Worst(), Worst()
+    for giving, taking in _shares(job):
+        if wrong := _wrong_events(schedule, giving, taking):
+            order.add(np.inf, wrong)
+    for span in handover_spans(schedule, job):
+        _judge_order(schedule, span, order)
+        _judge_grip(schedule, span, model, grip)
+        name = span.giving.id
+        times = (span.start, span.give.time + span.give.dwell)
+        _judge_still(schedule, span.giving.arm, times, model, still, f"{name}: the giving")
+        times = (span.take.time, span.end)
+        _judge_still(schedule, span.taking.arm, times, model, still, f"{name}: the taking")
+    nothing = "no hand-over has its events"
+    return [
+        order.judge(NAMES[0], tol.SAME_TIME, "s", nothing),
+        grip.judge(NAMES[1], tol.POSE_DISTANCE, "m, rad", nothing),
+        still.judge(NAMES[2], tol.POSE_DISTANCE, "m, rad", nothing),
+    ]
+
+
+def _shares(job: Job) -> list[tuple[Task, Task]]:
+    """Returns the giver's and the taker's share of every hand-over."""
+    takers = {t.id: t for t in job.tasks if t.handover and t.stops[0].action == "take"}
+    givers = [t for t in job.tasks if t.handover and t.stops[0].action == "pick"]
+    return [(task, takers[task.id]) for task in givers]
+
+
+def _events(schedule: Schedule, task: Task, action: str) -> list[Event]:
+    return [e for e in schedule.events if (e.arm, e.task, e.action) == (task.arm, task.id, action)]
+
+
+def _lines(schedule: Schedule, event: Event, kind: SegmentKind) -> list[Segment]:
+    key = event.arm, event.task, event.action
+    return [s for s in schedule.segments if s.kind == kind and (s.arm, s.task, s.action) == key]
+
+
+def _near(one: float, other: float) -> bool:
+    return abs(one - other) <= tol.SAME_TIME
+
+
+def _wrong_events(schedule: Schedule, giving: Task, taking: Task) -> str:
+    """Returns which event of a hand-over is not there once, or by whom it should not be, or an empty string."""
+    for task in (giving, taking):
+        for stop in task.stops:
+            count = len(_events(schedule, task, stop.action))
+            if count != 1:
+                times = "not done" if count == 0 else f"done {count} times"
+                return f"{task.id}: {stop.action} by the {task.arm} arm is {times}"
+    if giving.arm == taking.arm:
+        return f"{giving.id}: the {giving.arm} arm gives and takes"
+    return ""
+
+
+def _judge_order(schedule: Schedule, span: HandoverSpan, worst: Worst) -> None:
+    """Adds by how much an event of a hand-over comes too early [s]."""
+    name, gripped = span.giving.id, span.take.time + span.take.dwell
+    worst.add(
+        gripped - span.give.time,
+        f"{name}: the {span.giving.arm} arm lets go at {span.give.time:.4f} s, the {span.taking.arm} arm has gripped "
+        f"at {gripped:.4f} s",
+    )
+    picked = [e.time + e.dwell for e in _events(schedule, span.giving, "pick")]
+    placed = [e.time for e in _events(schedule, span.taking, "place")]
+    for time in picked:
+        where = f"{name}: handed over from {span.start:.4f} s on, picked at {time:.4f} s"
+        worst.add(time - span.start, where)
+    for time in placed:
+        where = f"{name}: placed at {time:.4f} s, handed over until {span.end:.4f} s"
+        worst.add(span.end - time, where)
+
+
+def _judge_grip(schedule: Schedule, span: HandoverSpan, model: ToolModel, worst: Worst) -> None:
+    """Adds how far the taking tool is from its grip when it grips, and when the giver lets go [m, rad]."""
+    work = span.giving.handover
+    assert work is not None  # it has one, as a hand-over
+    for time, what in ((span.take.time, "grips"), (span.give.time, "holds it")):
+        [q] = schedule.trajectory.at(np.array([time]))[0]
+        off = (model.pose(span.giving.arm, q) * work.grip).actInv(model.pose(span.taking.arm, q))
+        error = max(float(np.linalg.norm(off.translation)), float(rotation_angle(off.rotation)))
+        worst.add(
+            error, f"{span.giving.id}: where the {span.taking.arm} arm {what} at {time:.4f} s"
+        )
+
+
+def _judge_still(
+    schedule: Schedule,
+    arm: str,
+    times: tuple[float, float],
+    model: ToolModel,
+    worst: Worst,
+    what: str,
+) -> None:
+    """Adds how far a tool moves or turns between two instants [m, rad]."""
+    start, end = times
+    if not end > start:
+        return
+    instants = dense_times(schedule.trajectory.time, start, end)
+    R, p = model.poses(arm, schedule.trajectory.at(instants)[0])
+    turned: FloatArray = rotation_angle(R[0].T @ R)
+    off = np.maximum(np.linalg.norm(p - p[0], axis=1), turned)
+    k = int(np.argmax(off))
+    worst.add(float(off[k]), f"{what} tool moves, {arm} arm at {instants[k]:.4f} s")

@@ -1,0 +1,196 @@
+"""Hand-overs judged: a good plan passes, and each thing that can be wrong with one is found and named."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.verification import verify
+
+NAMES = ("handover_order", "handover_grip", "handover_still")
+
+
+@pytest.fixture(scope="module")
+def flip(tasks_folder):
+    """The first hand-over of the example."""
+    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    return dataclasses.replace(job, tasks=job.tasks[:2])
+
+
+@pytest.fixture(scope="module")
+def schedule(flip):
+    """A plan of it."""
+    return plan_without_bound(flip, PlanSettings(platform="exact"))
+
+
+def failed(schedule, job, *, clearance=False):
+    """The failed checks of hand-overs and collisions, by name."""
+    found = verify(schedule, job, clearance=clearance)
+    return {c.name: c for c in found.failures if c.name in (*NAMES, "collisions")}
+
+
+def with_event(schedule, action, **changes):
+    """The schedule with one event changed."""
+    events = [
+        dataclasses.replace(e, **changes) if e.action == action else e for e in schedule.events
+    ]
+    return dataclasses.replace(schedule, events=tuple(events))
+
+
+def event(schedule, action):
+    """The one event of an action."""
+    [found] = [e for e in schedule.events if e.action == action]
+    return found
+
+
+def without_line(schedule, kind, action):
+    """The schedule in which a line is not listed."""
+    kept = [s for s in schedule.segments if (s.kind, s.action) != (kind, action)]
+    return dataclasses.replace(schedule, segments=tuple(kept))
+
+
+def test_a_plan_passes(flip, schedule):
+    """All three checks, and the proof of clearance."""
+    found = verify(schedule, flip, clearance=True)
+    assert [check.name for check in found.failures] == []
+    assert {c.name for c in found.checks if c.verdict == "passed"} >= set(NAMES)
+
+
+def test_without_handovers_nothing_is_checked(tasks_folder, schedule):
+    """They say so."""
+    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    alone = dataclasses.replace(job, tasks=())
+    for one in (None, alone):
+        checks = {c.name: c.verdict for c in verify(schedule, one).checks}
+        assert {checks[name] for name in NAMES} == {"not checked"}
+
+
+@pytest.mark.parametrize("action", ["give", "take", "pick", "place"])
+def test_what_is_not_done_is_named(flip, schedule, action):
+    """Without one of the four events there is no hand-over."""
+    events = tuple(e for e in schedule.events if e.action != action)
+    check = failed(dataclasses.replace(schedule, events=events), flip)["handover_order"]
+    who = "left" if action in ("pick", "give") else "right"
+    assert check.detail == f"flip-1: {action} by the {who} arm is not done"
+
+
+def test_the_giver_must_not_let_go_before_the_taker_has_gripped(flip, schedule):
+    """20 ms early: the check says by how much and when."""
+    time = event(schedule, "give").time
+    check = failed(with_event(schedule, "give", time=time - 0.02), flip)["handover_order"]
+    assert check.measured == pytest.approx(0.02)
+    assert f"the left arm lets go at {time - 0.02:.4f} s" in check.detail
+
+
+def test_another_grip_than_the_file_has_is_found(flip, schedule):
+    """The file now wants the taking tool 2 mm farther out: the schedule misses it by that."""
+    giving, taking = flip.tasks
+    moved = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.002])) * giving.handover.grip
+    work = dataclasses.replace(giving.handover, grip=moved)
+    tasks = tuple(dataclasses.replace(t, handover=work) for t in (giving, taking))
+    check = failed(schedule, dataclasses.replace(flip, tasks=tasks))["handover_grip"]
+    assert check.measured == pytest.approx(0.002, abs=1e-5)
+    turned = giving.handover.grip * pin.SE3(pin.utils.rotate("z", 0.01), np.zeros(3))
+    work = dataclasses.replace(giving.handover, grip=turned)
+    tasks = tuple(dataclasses.replace(t, handover=work) for t in (giving, taking))
+    check = failed(schedule, dataclasses.replace(flip, tasks=tasks))["handover_grip"]
+    assert check.measured == pytest.approx(0.01, abs=1e-5)
+
+
+def test_the_giver_must_stand_until_it_has_let_go(flip, schedule):
+    """Its event 50 ms later, its dwell reaches into its retract: it moves while it should stand."""
+    time = event(schedule, "give").time
+    check = failed(with_event(schedule, "give", time=time + 0.05), flip)["handover_still"]
+    assert "the giving tool moves, left arm" in check.detail
+
+
+def test_the_giver_must_stand_while_the_taker_comes(flip, schedule):
+    """An approach that is said to begin half a second earlier, when the giver has not arrived."""
+    segments = tuple(
+        dataclasses.replace(s, start=s.start - 0.5)
+        if (s.kind, s.action) == ("approach", "take")
+        else s
+        for s in schedule.segments
+    )
+    check = failed(dataclasses.replace(schedule, segments=segments), flip)["handover_still"]
+    assert "the giving tool moves, left arm" in check.detail
+
+
+def test_the_taker_must_stand_until_the_giver_is_away(flip, schedule):
+    """A retract that is said to last half a second longer, when the taker has left already."""
+    segments = tuple(
+        dataclasses.replace(s, end=s.end + 0.5) if (s.kind, s.action) == ("retract", "give") else s
+        for s in schedule.segments
+    )
+    check = failed(dataclasses.replace(schedule, segments=segments), flip)["handover_still"]
+    assert "the taking tool moves, right arm" in check.detail
+
+
+def test_an_order_that_cannot_be_is_found(flip, schedule):
+    """A pick after the hand-over, and a place before it."""
+    give, take = event(schedule, "give"), event(schedule, "take")
+    late = failed(with_event(schedule, "pick", time=give.time), flip)["handover_order"]
+    assert "picked at" in late.detail
+    early = failed(with_event(schedule, "place", time=take.time), flip)["handover_order"]
+    assert "placed at" in early.detail
+
+
+@pytest.mark.parametrize(("kind", "action"), [("approach", "take"), ("retract", "give")])
+def test_tools_may_touch_the_part_only_within_the_handover(flip, schedule, kind, action):
+    """Without the line that leads there or away, a tool at the part is a collision, with the pair named."""
+    assert "collisions" not in failed(schedule, flip, clearance=True)
+    check = failed(without_line(schedule, kind, action), flip, clearance=True)["collisions"]
+    other = (
+        "left bracket and right_tool"
+        if kind == "approach"
+        else "left_tool and right bracket@flip-1"
+    )
+    assert all(name in check.detail for name in other.split(" and "))
+
+
+def test_what_is_not_a_tool_must_keep_clear_of_the_part(flip, schedule):
+    """A part that is longer than the space between the tools reaches into the other arm's wrist."""
+    [box] = flip.cell.parts["bracket"]
+    parts = dict(flip.cell.parts)
+    parts["bracket"] = (dataclasses.replace(box, size=(0.04, 0.06, 0.5)),)
+    job = dataclasses.replace(flip, cell=dataclasses.replace(flip.cell, parts=parts, obstacles=()))
+    found = verify(schedule, job, clearance=True)
+    pairs = {stage.bodies for stage in found.clearances if stage.stage == 1 and stage.margin < 0.0}
+    assert any("left bracket" in bodies for bodies in pairs)
+    assert all("right_tool" not in bodies for bodies in pairs)
+
+
+def test_somebody_holds_the_part_while_it_changes_hands(flip, schedule):
+    """An obstacle round the meeting place: the part lies in no hand's way to touch it, before or after the grip."""
+    from dualarm_cli.model.cell import Obstacle, Shape
+
+    give = event(schedule, "give")
+    middle = give.pose.act(np.array([0.0, 0.0, 0.052]))
+    ball = Obstacle("ball", Shape("sphere", (0.005,), pin.SE3(np.eye(3), middle)))
+    cell = dataclasses.replace(flip.cell, obstacles=(ball,))
+    found = verify(schedule, dataclasses.replace(flip, cell=cell), clearance=True)
+    touched = {body for s in found.clearances for body in s.bodies if s.margin < 0.0}
+    assert touched & {"left bracket", "right bracket@flip-1"}
+
+
+def test_a_share_belongs_to_one_arm(flip, schedule):
+    """In an open job too: the right arm is said to give what the left one picked, or both to take."""
+    work = dataclasses.replace(flip.tasks[0].handover, giver="any", taker="any")
+    tasks = tuple(dataclasses.replace(t, arm="any", handover=work) for t in flip.tasks)
+    job = dataclasses.replace(flip, tasks=tasks, order="optimise")
+    assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
+    found = verify(with_event(schedule, "give", arm="right"), job)
+    checks = {check.name: check.detail for check in found.failures}
+    assert "flip-1: pick and give are done by left and right" in checks["order"]
+    fixed = tuple(
+        dataclasses.replace(t, arm="right" if k == 0 else "left") for k, t in enumerate(tasks)
+    )
+    found = verify(schedule, dataclasses.replace(job, tasks=fixed))
+    checks = {check.name: check.detail for check in found.failures}
+    assert checks["order"] == "flip-1: pick and give are the right arm's, the left arm does them"
