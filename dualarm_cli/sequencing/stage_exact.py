@@ -17,7 +17,7 @@ from dualarm_cli.sequencing.stage_units import Unit
 
 FEW = 7
 """So many tasks, or sequences of tasks, are few."""
-FEW_WITH_BUFFERS = 5
+FEW_WITH_BUFFERS = 6
 """The same where buffers make arms wait for each other: all stops that may come side by side are timed as well."""
 AT_ONCE = 2000
 """Orders that are timed at once."""
