@@ -14,12 +14,13 @@ import pytest
 from dualarm_cli.errors import InputError
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.handover_checks import NAMES as HANDOVER_NAMES
 from dualarm_cli.verification.path_checks import NAMES as PATH_NAMES
 from dualarm_cli.verification.seam_checks import NAMES as SEAM_NAMES
 from dualarm_cli.verification.torque_checks import NAME
 
-NAMES = (*PATH_NAMES, *SEAM_NAMES)
-"""Checks of paths and seams."""
+NAMES = (*PATH_NAMES, *SEAM_NAMES, *HANDOVER_NAMES)
+"""Checks of paths, seams and hand-overs."""
 
 
 def with_cell(job, **changes):
@@ -28,7 +29,7 @@ def with_cell(job, **changes):
 
 
 def test_a_schedule_without_fault_passes_every_check(clean):
-    """Made by hand, without the planner; collisions, cap, bound, precedence, windows, paths, seams are not checked."""
+    """Made by hand, without the planner; collisions, cap, bound, precedence, windows, works of both arms are not."""
     verification = verify(clean.schedule, clean.job)
     assert verification.passed
     verdicts = {check.name: check.verdict for check in verification.checks}
