@@ -63,12 +63,6 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
     handed = [task for task in model.tasks if task.handover is not None]
-    if model.mode == "free" and handed:
-        message = (
-            f"mode: free does not go with hand-overs (task {quote(handed[0].id)}) in this version; use "
-            "mode: paired"
-        )
-        findings.add(document, ("mode",), message, NOT_AVAILABLE)
     names = {task.id for task in (*alone, *handed)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):

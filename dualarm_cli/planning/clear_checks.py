@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.collision.gripping import grip_margin
+from dualarm_cli.collision.gripping import too_near
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.planning.holding import Holding
@@ -58,23 +58,28 @@ def check_parts(problem: MethodProblem, holding: Holding) -> None:
 
 
 def check_grips(problem: MethodProblem) -> None:
-    """Refuses hand-overs in which the tools are too near to each other at the grip: no posture changes that.
+    """Refuses hand-overs in which tools or part are too near to each other: no posture changes that.
 
     Raises:
-        InfeasibleError: with task, tools and what is missing, of all of them.
+        InfeasibleError: with task, bodies and what is missing, of all of them.
     """
-    works = {t.id: t.handover for t in problem.job.tasks if t.handover is not None}
+    tasks = problem.job.tasks
+    takes = {task.id: task.stops[0] for task in tasks if task.stops[0].action == "take"}
     lines = []
-    for name, work in works.items():
-        margin = grip_margin(problem.job.cell, work)
-        if margin < 0.0:
+    for task in tasks:
+        work, give = task.handover, task.stops[-1]
+        if work is None or give.action != "give":
+            continue
+        lengths = takes[task.id].approach, give.retract
+        for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
             lines.append(
-                f"{work.place}: task '{name}': at the grip {work.giver}_tool and {work.taker}_tool lack "
-                f"{-margin * 1e3:.1f} mm of clearance"
+                f"{work.place}: task '{task.id}': {one.where} {' and '.join(one.bodies)} lack "
+                f"{-one.margin * 1e3:.1f} mm of clearance"
             )
     if lines:
         raise InfeasibleError(
-            "no posture helps where tools meet in a hand-over:\n  "
+            "no posture helps where tools and part are too near to each other in a hand-over:\n  "
             + "\n  ".join(lines)
-            + "\nwhat helps: another `grip`, or a clearance of its own (`clearances`) for the two tools"
+            + "\nwhat helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
+            "(`clearances`) for the two"
         )

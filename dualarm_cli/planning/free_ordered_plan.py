@@ -150,6 +150,10 @@ def stage_by_stage(job: Job) -> Job:
             for queue in waiting
             if queue[0][1] is not queue[0][0].stops[0] or over.issuperset(queue[0][0].after)
         ]
+        # Arms meet for a hand-over: the early one waits.
+        meeting = [queue for queue in ready if queue[0][1].action in ("give", "take")]
+        if len({queue[0][0].id for queue in meeting}) != 1 or len(meeting) < 2:
+            ready = [queue for queue in ready if queue not in meeting]
         if not ready:
             tasks = [queue[0][0] for queue in waiting]
             names = " and ".join(f"'{task.id}'" for task in tasks)
@@ -159,7 +163,10 @@ def stage_by_stage(job: Job) -> Job:
             )
         stage = [queue.pop(0) for queue in ready]
         pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stage))
-        over |= {task.id for task, stop in stage if stop is task.stops[-1]}
+        # What is handed over is over when it is placed.
+        over |= {
+            task.id for task, stop in stage if stop is task.stops[-1] and stop.action != "give"
+        }
     return replace(job, mode="paired", pairing=tuple(pairing))
 
 

@@ -13,7 +13,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_numbers import check_stage_levels
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
@@ -37,6 +37,10 @@ from dualarm_cli.timing import TIMING_SOLVERS
 
 SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
 """What sensitivities of jobs with seams assume."""
+HANDED_TOGETHER = (
+    "mode: free: with hand-overs both arms go from stage to stage together in this version"
+)
+"""What is said of arms with clocks of their own that have to meet."""
 UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
 """What is said of a time limit where nothing was searched."""
 
@@ -150,6 +154,9 @@ def _planned(
 
     if job.mode == "paired":
         return paired(job)
+    if job.has_handovers:
+        met = paired(stage_by_stage(job))
+        return replace(met, notes=(*met.notes, HANDED_TOGETHER))
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:

@@ -108,7 +108,6 @@ def test_without_a_part_nothing_is_carried(flip: Path, change: Change) -> None:
         (("at: bin, xyz: [0, 0, 0.3]", "at: bim, xyz: [0, 0, 0.3]"), ["tasks.yaml:10:20: E300 the cell has no frame 'bim', did you mean 'bin'? It has: bin, bin.slot, world"]),
         (("    arm: left\n    part", "    part"), ["tasks.yaml:6:5: E202 'arm' is missing"]),
         (("part: bracket", "part: racket"), ["tasks.yaml:8:11: E300 the cell has no part 'racket', did you mean 'bracket'? Parts: bracket"]),
-        (("start: bent", "start: bent\nmode: free"), ["tasks.yaml:4:7: E310 mode: free does not go with hand-overs (task 'flip') in this version; use mode: paired"]),
         (("    place: {xyz", "    move: {xyz: [0, 0, 0]}\n    place: {xyz"), ["tasks.yaml:11:5: E200 'move' does not go with 'handover'; make two tasks"]),
     ],
 )  # fmt: skip

@@ -243,3 +243,37 @@ def test_an_arm_that_is_late_makes_both_late(flip, late):
     span = max(s.end for s in lines) - min(s.start for s in lines)
     assert handed.sum() * samples.step == pytest.approx(span, abs=2 * samples.step)
     assert not handed[0]
+
+
+def relined(job, approach, retract):
+    """The job with lines of other lengths at the hand-over."""
+    giving, taking = job.tasks
+    give = dataclasses.replace(giving.stops[1], retract=retract)
+    take = dataclasses.replace(taking.stops[0], approach=approach)
+    tasks = (
+        dataclasses.replace(giving, stops=(giving.stops[0], give)),
+        dataclasses.replace(taking, stops=(take, taking.stops[1])),
+    )
+    return dataclasses.replace(job, tasks=tasks)
+
+
+@pytest.mark.parametrize(
+    ("approach", "retract", "wanted"),
+    [
+        (0.0, 0.08, "where the right arm's approach begins bracket and right_tool lack 8.0 mm"),
+        (0.005, 0.08, "where the right arm's approach begins bracket and right_tool lack 3.0 mm"),
+        (0.08, 0.0, "where the left arm's retract ends left_tool and bracket@flip-1 lack 8.0 mm"),
+    ],
+)
+def test_lines_that_are_too_short_are_told(flip, approach, retract, wanted):
+    """The part ends 2 mm before either tool; 10 mm are required where it may not be touched yet, or any more."""
+    with pytest.raises(InfeasibleError) as caught:
+        plan_without_bound(relined(flip, approach, retract), QUICK)
+    assert f"task 'flip-1': {wanted} of clearance" in str(caught.value)
+
+
+def test_lines_that_are_just_long_enough_are_planned(flip):
+    """12.1 mm and the 2 mm of the grip are 10 required and 2 that stops keep beyond: planned and verified."""
+    job = relined(flip, 0.0121, 0.0121)
+    found = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
+    assert [check.name for check in verify(found, job, clearance=True).failures] == []

@@ -256,3 +256,22 @@ def test_arms_that_cannot_meet_are_told_so(handed):
         plan_without_bound(dataclasses.replace(handed, tasks=tasks), QUICK)
     assert "task 'flip-1': neither arm can give while the other one takes" in str(caught.value)
     assert "tasks.yaml:19:7" in str(caught.value)
+
+
+@pytest.mark.parametrize("order", ["given", "optimise"])
+def test_arms_with_clocks_of_their_own_meet_stage_by_stage(handed, order):
+    """A note says so; what comes after the hand-over waits for its place, also on the giver's arm."""
+    named = [
+        dataclasses.replace(
+            task, arm=arm, handover=dataclasses.replace(task.handover, giver="left", taker="right")
+        )
+        for task, arm in zip(handed.tasks[:2], ("left", "right"), strict=True)
+    ]
+    job = dataclasses.replace(handed, mode="free", order=order, tasks=(*named, *handed.tasks[2:]))
+    job = changed(job, left_01={"after": ("flip-1",)})
+    schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
+    assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
+    assert any("hand-overs both arms go from stage to stage" in note for note in schedule.notes)
+    times = {(e.task, e.action): e.time + e.dwell for e in schedule.events}
+    begins = min(s.start for s in schedule.segments if s.task == "left-01" and s.kind == "approach")
+    assert begins > times["flip-1", "place"]

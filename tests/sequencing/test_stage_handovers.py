@@ -194,3 +194,19 @@ def test_stops_that_touch_are_taken_apart_but_for_handovers():
     np.testing.assert_array_equal(never_touching(problem, slots), slots)
     slots = np.array([[4, 6], [5, IDLE]])
     np.testing.assert_array_equal(never_touching(problem, slots), [[4, IDLE], [IDLE, 6], [5, IDLE]])
+
+
+def test_long_orders_are_improved_in_stretches_and_arms_still_meet():
+    """Thirty tasks of two stops beside the hand-over: stretches begin and end within it as well."""
+    more = tuple((7 + 2 * k, 8 + 2 * k) for k in range(30))
+    problem = made(7, tasks=(*TASKS, *more))
+    search = StageSearch(problem, 1)
+    first = search.first()
+    assert len(first.slots) > 30
+    told = []
+    found = search.improve_stretches(first, 25, told.append)
+    assert told
+    for one in (*told, found):
+        assert faults(problem, one.slots) == []
+    assert found.total < first.total
+    assert totals(problem, found.slots[None])[0] == pytest.approx(found.total, rel=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning import motion
+from dualarm_cli.planning import stop_motion
 from dualarm_cli.planning.lines import solve_line
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.redundancy.candidates import flange_poses
@@ -44,7 +44,7 @@ def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder
         return Trajectory(timed.joints, times, *timed.at(times))
 
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
-    monkeypatch.setattr(motion, "solve_line", plunging)
+    monkeypatch.setattr(stop_motion, "solve_line", plunging)
     schedule = plan(job, PlanSettings(platform="fixed"))
     assert failures(schedule, job) == {"line_lengths"}
 
