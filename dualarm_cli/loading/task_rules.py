@@ -59,6 +59,16 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
                     "plan them in files of their own"
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
+    for index, task in enumerate(model.tasks if alone else ()):
+        for action in ("pick", "place"):
+            target = getattr(task, action)
+            if target is not None and target.conveyor is not None:
+                message = (
+                    f"conveyors do not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; "
+                    "plan them in files of their own"
+                )
+                loc = ("tasks", index, action, "conveyor")
+                findings.add(document, loc, message, NOT_AVAILABLE)
     names = {task.id for task in alone}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):

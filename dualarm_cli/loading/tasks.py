@@ -281,9 +281,9 @@ class _TaskReader:
                 continue
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
-            stops.append(
-                Stop(action, target, *self._surroundings(section, action == "move"), place)
-            )
+            around = self._surroundings(section, action == "move")
+            belt = self._targets.belt(target_section, (*loc, action), action)
+            stops.append(Stop(action, target, *around, place, belt))
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:

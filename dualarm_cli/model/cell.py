@@ -8,6 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
+from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.robot import Robot
 
 ShapeKind = Literal["box", "sphere", "cylinder", "capsule", "mesh", "half_space"]
@@ -74,3 +75,5 @@ class Cell:
     """Pairs of bodies that may touch, besides those of the robot."""
     parts: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
     """Solids of each kind of part in the frame of the tool centre point that carries it."""
+    conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
+    """Belts that carry targets, by name."""

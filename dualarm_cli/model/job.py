@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.tool_path import ToolPath
@@ -100,6 +101,17 @@ class Stop:
     """Time at the target."""
     place: Place
     """Where it is written."""
+    belt: OnBelt | None = None
+    """The conveyor that its pose moves with, None where it stands; approach, dwell and retract are in the belt's
+    frame."""
+
+    def met(self, time: float) -> Stop:
+        """Returns the stop with its target where the conveyor has it at a time [s]; the same where nothing moves."""
+        if self.belt is None:
+            return self
+        assert isinstance(self.target, PoseTarget)  # the reader refuses others on conveyors
+        pose, belt = self.belt.moved(self.target.pose, time)
+        return replace(self, target=replace(self.target, pose=pose), belt=belt)
 
 
 @dataclass(frozen=True)
@@ -236,6 +248,11 @@ class Job:
     def has_seams(self) -> bool:
         """Whether any task works a seam."""
         return any(task.seam is not None for task in self.tasks)
+
+    @property
+    def has_conveyors(self) -> bool:
+        """Whether any target moves with a conveyor."""
+        return any(stop.belt is not None for task in self.tasks for stop in task.stops)
 
     @property
     def in_sections(self) -> bool:

@@ -16,9 +16,10 @@ from dualarm_cli.model.verification import Verification
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
-WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "end"]
+WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "conveyor", "end"]
 """Why an arm waits: for the platform to be there; for the other arm to finish the stage; for it to be out of the way;
-for a task that has to be done before; for the time before which a task must not begin; because its work is done."""
+for a task that has to be done before; for the time before which a task must not begin; for a part that a conveyor
+brings; because its work is done."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,13 @@ class Event:
     """Commanded pose of that frame in the world."""
     dwell: float = 0.0
     """How long it stands there [s]."""
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of the conveyor that it moves with from `time` on, for `dwell`, in the world [m/s]; zero where it stands."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the tool is to move with a conveyor instead of standing still."""
+        return any(self.velocity)
 
     @property
     def changes_held(self) -> float:

@@ -13,7 +13,9 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
+from dualarm_cli.planning.conveyor_plan import FREE, guessed, quickest_meeting
+from dualarm_cli.planning.conveyor_plan import NO_BOUND as NO_CONVEYOR_BOUND
+from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
@@ -65,6 +67,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
+    if job.has_conveyors:
+        return LowerBound(None, (NO_CONVEYOR_BOUND,))
     general = bool(job.cell.robot.without_closed_form)
     if general and not job.in_sections:
         return LowerBound(None, (NO_BOUND,))
@@ -185,6 +189,9 @@ def _planned(
             return _decided_plan(own, settings, replaced, watch, clear=clear)
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 
+    if job.has_conveyors:
+        one = paired(stage_by_stage(guessed(job)))
+        return replace(one, notes=(*one.notes, FREE)) if job.mode == "free" else one
     if job.mode == "paired":
         return paired(job)
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
@@ -207,7 +214,8 @@ def _decided_plan(
     job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
     progress = watch.tell
     progress(f"deciding platform angles and postures ({method.name})")
-    found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
+    quickest = quickest_meeting if job.has_conveyors else quickest_clear
+    found = quickest(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,

@@ -45,6 +45,7 @@ REASONS = {
     "shared_zone": ("waits: shared zone", "#fbd5d0", "xxxx"),
     "after": ("waits: task before", "#e6dcf0", "||||"),
     "window": ("waits: time window", "#fdf0c4", "----"),
+    "conveyor": ("waits: conveyor", "#d5ecd4", "++++"),
     "end": ("waits: work is done", "#f4f4f4", "...."),
     "": ("waits", "#efefef", ""),
 }

@@ -1,0 +1,189 @@
+"""Plans with targets on conveyors: guessed where they are met, planned as if they stood there, corrected, again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.model.conveyor import OnBelt
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.planning.clear_plan import Found, quickest_clear
+from dualarm_cli.planning.conveyor_stages import Meeting
+from dualarm_cli.planning.method import Decided, MethodProblem
+from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.timing import TimingSolver
+
+ROUNDS = 6
+"""So often a plan is made at most."""
+SAME_PLACE = 5e-3
+"""A guess that is off by less than this is as good as any [m]."""
+LATE = 1e-9
+"""An arm that is later than its part by no more is there in time [s]."""
+NO_BOUND = "lower bound: none for tasks with conveyors"
+"""What is said where there is no bound."""
+FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
+"""What is said of arms with clocks of their own."""
+
+Times = Mapping[tuple[str, str], float]
+"""When targets on conveyors are met [s], by task and action."""
+
+
+def guessed(job: Job) -> Job:
+    """Returns a job in which every target on a conveyor is where it is in the middle of its window."""
+    middles = {
+        (task.id, stop.action): 0.5 * (stop.belt.passes + stop.belt.last)
+        for task in job.tasks
+        for stop in task.stops
+        if stop.belt is not None
+    }
+    return met_at(job, middles)
+
+
+def met_at(job: Job, times: Times) -> Job:
+    """Returns a job in which targets on conveyors are where they are at some times."""
+
+    def moved(task: Task) -> Task:
+        stops = tuple(
+            stop.met(times[task.id, stop.action]) if (task.id, stop.action) in times else stop
+            for stop in task.stops
+        )
+        return replace(task, stops=stops)
+
+    return replace(job, tasks=tuple(moved(task) for task in job.tasks))
+
+
+def quickest_meeting(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool,
+) -> Found:
+    """Returns the quickest plan found of a method in which every part on a conveyor is met in its window.
+
+    The method plans as if parts stood where they are guessed to be met. Then it is known about when the arms can be
+    there: it plans anew with the parts where they are then. Where keeping clear makes an arm late for its part, that
+    much is added to when it can be there.
+
+    Args:
+        problem: what the method is asked; its job says who does what in which order.
+        solve: the method.
+        timing: how motions are timed.
+        progress: is told what is being done.
+        clear: whether anything has to keep clear.
+
+    Raises:
+        InfeasibleError: a part that no plan found meets in its window, or what else makes a plan impossible.
+    """
+    asked = replace(problem, job=guessed(problem.job))
+    delays: dict[tuple[int, str], float] = {}
+    best: Found | None = None
+    failure: InfeasibleError | None = None
+    for _ in range(ROUNDS):
+        meeting = Meeting(asked.model, asked.job, timing, dict(delays))
+        try:
+            found = quickest_clear(asked, _meeting(solve, meeting), timing, progress, clear=clear)
+        except InfeasibleError as error:
+            failure = failure or error
+            break
+        late = _late(found)
+        if not late and (best is None or _length(found) < _length(best)):
+            best = found
+        times, off = _times(found, asked.job)
+        if not late and off <= SAME_PLACE:
+            break
+        delays = {key: delays.get(key, 0.0) + late.get(key, 0.0) for key in {*delays, *late}}
+        progress("planning again with parts where they are met")
+        asked = replace(asked, job=met_at(asked.job, times))
+    if best is None:
+        raise failure or InfeasibleError(
+            "no plan was found in which the arms keep clear and are in time for the parts on conveyors; what helps: "
+            "more room between the arms, other pairs of targets side by side (order: optimise), or a slower conveyor"
+        )
+    return best
+
+
+def _meeting(
+    solve: Callable[[MethodProblem], Decided], meeting: Meeting
+) -> Callable[[MethodProblem], Decided]:
+    """Returns a method whose plans meet their parts, as far as they can."""
+
+    def met(plans: list[list[StagePlan]]) -> list[list[StagePlan]]:
+        good: list[list[StagePlan]] = []
+        failure: InfeasibleError | None = None
+        for plan in plans:
+            try:
+                good.append(meeting.met(plan))
+            except InfeasibleError as error:
+                failure = failure or error
+        if not good and failure is not None:
+            raise failure
+        return good
+
+    def solved(problem: MethodProblem) -> Decided:
+        decided = solve(problem)
+        first, *others = met([plan for plan in (decided.stages, *decided.alternatives) if plan])
+        simpler = decided.simpler
+
+        def met_simpler() -> list[list[StagePlan]]:
+            assert simpler is not None  # asked only where there are some
+            try:
+                return met(simpler())
+            except InfeasibleError:
+                return []
+
+        return replace(
+            decided,
+            stages=first,
+            alternatives=tuple(others),
+            simpler=None if simpler is None else met_simpler,
+        )
+
+    return solved
+
+
+def _length(found: Found) -> float:
+    return found.cleared.motion.trajectory.duration
+
+
+def _late(found: Found) -> dict[tuple[int, str], float]:
+    """Returns by how much arms come too late for their parts, what earlier ones make later left out [s].
+
+    By number of the stage and arm.
+    """
+    events = {(e.arm, e.task, e.action): e.time for e in found.cleared.motion.events}
+    late: dict[tuple[int, str], float] = {}
+    before = 0.0
+    for k, plan in enumerate(found.cleared.plans):
+        most = before
+        for name, stop in plan.stops.items():
+            if stop.stop.belt is None:
+                continue
+            behind = events[name, stop.task.id, stop.stop.action] - stop.stop.belt.at
+            if behind > before + LATE:
+                late[k, name] = behind - before
+                most = max(most, behind)
+        before = most
+    return late
+
+
+def _times(found: Found, job: Job) -> tuple[Times, float]:
+    """Returns when parts are met by a plan, and how far they then are at most from where the job has them [m]."""
+    guesses: dict[tuple[str, str], OnBelt] = {
+        (task.id, stop.action): stop.belt
+        for task in job.tasks
+        for stop in task.stops
+        if stop.belt is not None
+    }
+    times, off = {}, 0.0
+    for plan in found.cleared.plans:
+        for stop in plan.stops.values():
+            belt = stop.stop.belt
+            if belt is not None:
+                key = stop.task.id, stop.stop.action
+                times[key] = belt.at
+                gap = abs(belt.at - guesses[key].at) * belt.conveyor.speed
+                off = max(off, gap)
+    return times, off

@@ -1,0 +1,309 @@
+"""A stop on a conveyor: up to the belt's velocity, down to the part, the dwell moving, up again, and to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.planning.tracking_postures import along_poses
+from dualarm_cli.redundancy import StopPosture, StopProblem
+from dualarm_cli.redundancy.candidates import flange_poses
+from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
+
+PARTS = (12, 24, 48, 96)
+"""Knots per phase that are tried until the tool stays with the part."""
+FIRST_RAMP = 0.04
+"""What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
+TRIES = 40
+"""So often phases are made longer until every limit holds."""
+GROWTH = 1.002
+"""Phases are made longer by this factor more than one would think."""
+SLOWEST = 20.0
+"""No phase is made longer than this at full speed [s]: what needs more time is impossible."""
+WITH_PART = 4e-7
+"""How far the tool may be from the part in the dwell [m], and turned from it [rad]: less than half of what is
+verified."""
+WITH_BELT = 5e-5
+"""How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
+SPEED_MARGIN = 2e-4
+"""Share of a cap on the tool's speed that is kept free."""
+CHECKS_PER_KNOT = 4
+"""Instants per interval at which the tool is looked at."""
+ROUNDING = 1e-9
+"""Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
+
+
+@dataclass(frozen=True)
+class Phases:
+    """How long each part of the stop takes [s]; a line of no length takes none."""
+
+    rise: float
+    """From rest to the belt's velocity."""
+    approach: float
+    """Down to the part, in the belt's frame."""
+    dwell: float
+    """At the part."""
+    retract: float
+    """Up again."""
+    fall: float
+    """From the belt's velocity to rest."""
+
+    @property
+    def edges(self) -> FloatArray:
+        """Where the phases begin and end, from 0 [s], shape (6,)."""
+        lengths = [self.rise, self.approach, self.dwell, self.retract, self.fall]
+        return np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def longer(self, factor: FloatArray) -> Phases:
+        """Returns the phases with each made longer by its factor (5,); the dwell stays as it is."""
+        rise, approach, _, retract, fall = factor
+        return Phases(
+            self.rise * rise,
+            self.approach * approach,
+            self.dwell,
+            self.retract * retract,
+            self.fall * fall,
+        )
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """The motion of one arm at a target on a conveyor, from rest to rest."""
+
+    motion: Trajectory
+    """The arm's joints."""
+    phases: Phases
+    """Its parts; the tool is at the part where the dwell begins."""
+
+    @property
+    def reached(self) -> float:
+        """When the tool is at the part, from the motion's start [s]."""
+        return self.phases.rise + self.phases.approach
+
+    @property
+    def left(self) -> float:
+        """When the dwell is over, from the motion's start [s]."""
+        return self.reached + self.phases.dwell
+
+    @property
+    def q_target(self) -> FloatArray:
+        """Joints where the tool reaches the part [rad], shape (n,)."""
+        return self.motion.at(np.array([self.reached]))[0][0]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """What a tracked motion is asked for."""
+
+    problem: StopProblem
+    """The stop, its target where the part is when it is met."""
+    posture: StopPosture
+    """How it is made: branch, yaw and arm angles."""
+    velocity: FloatArray
+    """Of the belt in the arm's base frame [m/s], shape (3,)."""
+    dwell: float
+    """How long the tool stays with the part [s]."""
+    limits: JointLimits
+    """Of the arm's joints."""
+    cap: float | None
+    """On the tool's speed [m/s], or None."""
+    pace: float = 1.0
+    """How much slower than at full speed all is."""
+    words: str = ""
+    """Place, task and action, for errors."""
+
+    def solve(self, phases: Phases | None = None) -> Tracked:
+        """Returns the motion: every phase about as short as the joints' limits allow.
+
+        The tool's velocity rises to the belt's by a smooth step of degree 5, its depth above the part changes by one of
+        degree 7, the arm angle with it: all is smooth up to the jerk where phases meet. Postures are exact at knots,
+        a cubic spline joins them; phases are made longer until it keeps every limit, and get more knots until it stays
+        with the part. Our own.
+
+        Args:
+            phases: what to begin with, of a motion next to this one; None to begin with short ones.
+
+        Raises:
+            InfeasibleError: the belt is too fast for the arm or the cap, or goes where the posture cannot follow.
+        """
+        speed = float(np.linalg.norm(self.velocity))
+        if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
+            raise InfeasibleError(
+                f"{self.words}: the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
+                "(limits: tool_speed); allow more, or take a slower conveyor"
+            )
+        short = FIRST_RAMP * self.pace
+        found = phases or Phases(
+            short,
+            short if self.problem.approach > 0.0 else 0.0,
+            self.dwell,
+            short if self.problem.retract > 0.0 else 0.0,
+            short,
+        )
+        for parts in PARTS:
+            motion, found = self._within_limits(found, parts)
+            if self._stays(motion, found):
+                return Tracked(motion, found)
+        raise InfeasibleError(
+            f"{self.words}: the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
+            "arm passes too close to a singularity"
+        )
+
+    def _within_limits(self, phases: Phases, parts: int) -> tuple[Trajectory, Phases]:
+        """Returns the motion with phases made longer until it keeps every limit."""
+        excess = np.ones(5)
+        for _ in range(TRIES):
+            motion, index = self._motion(phases, parts)
+            excess = self._excess(motion, phases, index)
+            if (excess <= 1.0).all():
+                return motion, phases
+            factor = np.where(excess > 1.0, excess * GROWTH, 1.0)
+            if excess[2] > 1.0 + ROUNDING:
+                # What is too quick in the dwell is helped, if at all, by gentler phases about it.
+                factor = np.maximum(factor, excess[2])
+            phases = phases.longer(factor)
+            if phases.edges[-1] - phases.dwell > SLOWEST * self.pace:
+                break
+        raise InfeasibleError(
+            f"{self.words}: the arm cannot follow the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its "
+            f"joints would exceed a limit by a factor of {excess.max():.3g} however gently they begin"
+        )
+
+    def _motion(self, phases: Phases, parts: int) -> tuple[Trajectory, list[int]]:
+        """Returns the spline through exact postures, and the number of the knot at each edge of the phases."""
+        pieces, index = [np.zeros(1)], [0]
+        edges = phases.edges
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            count = parts if high > low else 0
+            pieces.append(np.linspace(low, high, count + 1)[1:])
+            index.append(index[-1] + count)
+        time = np.concatenate(pieces)
+        q, ok = self._postures(phases, time)
+        if not ok:
+            raise InfeasibleError(
+                f"{self.words}: the posture cannot follow the conveyor as far as the stop takes: a joint's limit, "
+                "the arm's reach or a singularity is in its way"
+            )
+        q, v, a = rest_to_rest_spline(time, q)
+        return Trajectory(self.limits.joints, time, q, v, a), index
+
+    def _postures(self, phases: Phases, time: FloatArray) -> tuple[FloatArray, bool]:
+        """Returns exact joints at instants [rad], shape (m, n), and whether the posture can be held throughout."""
+        R, p, z = flange_poses(
+            self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
+        )
+        along, depth, away = self._course(phases, time)
+        points = p[0] + along[:, None] * self.velocity - depth[:, None] * z[0]
+        general = isinstance(self.problem.arm, GeneralArm)
+        middle = 0.0 if general else self.posture.psi_target
+        first, last = self.posture.psi_approach - middle, self.posture.psi_retract - middle
+        psi = middle + away[0] * first + away[1] * last
+        start = int(np.searchsorted(time, phases.rise + phases.approach))
+        return along_poses(self.problem, self.posture, R[0], points, psi, min(start, len(time) - 1))
+
+    def _course(
+        self, phases: Phases, time: FloatArray
+    ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Returns how long the belt would take from the target to below the tool [s], depth [m], shares of both ways.
+
+        Shares are of the way from the target to where the stop's motion begins, and to where it ends.
+        """
+        reached = phases.rise + phases.approach
+        left = reached + phases.dwell
+        over = left + phases.retract + phases.fall
+        # The integral of a smooth step of degree 5: half of the ramp's length at its end.
+        rise, fall = (
+            ramp * _step_integral(np.clip(share, 0.0, 1.0))
+            for ramp, share in (
+                (phases.rise, (phases.rise - time) / phases.rise),
+                (phases.fall, (time - over + phases.fall) / phases.fall),
+            )
+        )
+        # Above the part the tool keeps up with the belt; what it stays behind on ramps is the belt's way there less its own.
+        along = time - reached + rise - fall
+        depth = np.zeros_like(time)
+        if phases.approach > 0.0:
+            share = np.clip((reached - time) / phases.approach, 0.0, 1.0)
+            depth += self.problem.approach * _smooth(share)
+        if phases.retract > 0.0:
+            share = np.clip((time - left) / phases.retract, 0.0, 1.0)
+            depth += self.problem.retract * _smooth(share)
+        away = (
+            _smooth(np.clip((reached - time) / reached, 0.0, 1.0)),
+            _smooth(np.clip((time - left) / (over - left), 0.0, 1.0)),
+        )
+        return along, depth, away
+
+    def _excess(self, motion: Trajectory, phases: Phases, index: list[int]) -> FloatArray:
+        """Returns by what factor each phase would have to be longer, shape (5,)."""
+        found = np.zeros(5)
+        limits = self.limits
+        for k, (low, high) in enumerate(zip(index[:-1], index[1:], strict=True)):
+            if high == low:
+                continue
+            rows = slice(low, high + 1)
+            v, a, j = largest_rates(motion.time[rows], motion.velocity[rows], motion.acceleration[rows])
+            found[k] = max(
+                float((v / limits.velocity).max()),
+                float(np.sqrt((a / limits.acceleration).max())),
+                float(np.cbrt((j / limits.jerk).max())),
+            )
+            if self.cap is not None:
+                found[k] = max(found[k], self._speed(motion, rows) / self.cap)
+        return found
+
+    def _speed(self, motion: Trajectory, rows: slice) -> float:
+        """Returns the largest speed of the tool between some knots [m/s], SPEED_MARGIN added."""
+        time = _dense(motion.time[rows])
+        step = 1e-6 * max(1.0, self.pace)
+        at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
+        before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
+        speed = np.linalg.norm(after - before, axis=1) / (at[1] - at[0])
+        return float(speed.max()) / (1.0 - SPEED_MARGIN)
+
+    def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns rotations (m, 3, 3) of the flange and positions (m, 3) [m] of the tool, in the arm's base frame."""
+        R, p = self.problem.arm.forward(q)
+        return R, p - R @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+
+    def _stays(self, motion: Trajectory, phases: Phases) -> bool:
+        """Returns whether the tool is where it should be between the knots."""
+        time = _dense(motion.time)
+        R, p = self._tool(motion.at(time)[0])
+        R_target, p_target, z = flange_poses(
+            self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
+        )
+        tip = p_target[0] - R_target[0] @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+        along, depth, _ = self._course(phases, time)
+        there = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
+        off = np.linalg.norm(p - there, axis=1)
+        # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2).
+        turned = np.linalg.norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
+        off = np.maximum(off, turned)
+        edges = phases.edges
+        dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
+        near = off[dwells].max(initial=0.0) <= WITH_PART
+        return bool(near and off.max() <= WITH_BELT)
+
+
+def _smooth(share: FloatArray) -> FloatArray:
+    """Returns a step from 0 to 1 over shares from 0 to 1, with three derivatives that vanish at both ends."""
+    return share**4 * (35.0 - share * (84.0 - share * (70.0 - 20.0 * share)))
+
+
+def _step_integral(share: FloatArray) -> FloatArray:
+    """Returns the integral from 0 of a step of degree 5 whose two first derivatives vanish at both ends."""
+    return share**4 * (2.5 - share * (3.0 - share))
+
+
+def _dense(time: FloatArray) -> FloatArray:
+    """Returns instants between knots, and the knots."""
+    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
+    inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
+    return np.append(inside, time[-1])
