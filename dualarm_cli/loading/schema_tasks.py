@@ -92,9 +92,7 @@ class TargetSection(FramedPose):
                 "passes": "when the part passes this pose",
                 "within": "how far beyond it it may be met",
             }
-            raise refuse(
-                f"'{missing[0]}' is missing: {what[missing[0]]}", "conveyor", code="E202"
-            )
+            raise refuse(f"'{missing[0]}' is missing: {what[missing[0]]}", "conveyor", code="E202")
         return self
 
     @model_validator(mode="after")

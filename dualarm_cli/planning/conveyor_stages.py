@@ -10,11 +10,16 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.motion import Known, Motion, realise
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.tracking import Tracked, Tracking
+from dualarm_cli.redundancy import StopPosture
+from dualarm_cli.redundancy.problem import NoPosture
+from dualarm_cli.redundancy.stop_batch import StopBatch
+from dualarm_cli.redundancy.target_grid import target_postures
 from dualarm_cli.timing import TimingSolver
 
 SPARE = 1e-3
@@ -164,9 +169,9 @@ class Meeting:
             1.0 / job.speed,
             f"{arm_stop.stop.place}: task '{arm_stop.task.id}' ({arm_stop.stop.action})",
         )
-        tracked = asked.solve(None if near is None else near.phases)
+        made, tracked = _solved(asked, near)
         posture = replace(
-            arm_stop.posture,
+            made,
             q_approach=tracked.motion.position[0],
             q_target=tracked.q_target,
             q_retract=tracked.motion.position[-1],
@@ -225,6 +230,39 @@ class Meeting:
             f"on at {belt.last:.3f} s; what helps: a later 'passes', a longer 'within', a slower conveyor, another "
             "arm or order (arm: any, order: optimise), or less before it"
         )
+
+
+def _solved(asked: Tracking, near: Tracked | None) -> tuple[StopPosture, Tracked]:
+    """Returns the posture that follows a part, and its motion: the decided one, else the quickest to get to that does.
+
+    Raises:
+        InfeasibleError: none does; the words are those about the decided one.
+    """
+    try:
+        return asked.posture, asked.solve(None if near is None else near.phases)
+    except InfeasibleError as error:
+        failure = error
+    if isinstance(asked.problem.arm, GeneralArm):
+        raise failure
+    [others] = target_postures(StopBatch((asked.problem,)))
+    if isinstance(others, NoPosture):
+        raise failure
+    rows = zip(others.target, others.yaw, others.branch, others.psi, strict=True)
+    for target, yaw, branch, psi in rows:
+        posture = replace(
+            asked.posture,
+            target=int(target),
+            yaw=float(yaw),
+            branch=int(branch),
+            psi_target=float(psi),
+            psi_approach=float(psi),
+            psi_retract=float(psi),
+        )
+        try:
+            return posture, replace(asked, posture=posture).solve()
+        except InfeasibleError:
+            continue
+    raise failure
 
 
 def _belt(arm_stop: ArmStop) -> OnBelt:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -179,7 +180,7 @@ class Tracking:
         """Returns the spline through exact postures, and the number of the knot at each edge of the phases."""
         pieces, index = [np.zeros(1)], [0]
         edges = phases.edges
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges.tolist()):
             count = parts if high > low else 0
             pieces.append(np.linspace(low, high, count + 1)[1:])
             index.append(index[-1] + count)
@@ -225,7 +226,7 @@ class Tracking:
                 (phases.fall, (time - over + phases.fall) / phases.fall),
             )
         )
-        # Above the part the tool keeps up with the belt; what it stays behind on ramps is the belt's way there less its own.
+        # On ramps the tool goes less far than the belt does meanwhile.
         along = time - reached + rise - fall
         depth = np.zeros_like(time)
         if phases.approach > 0.0:
@@ -244,11 +245,13 @@ class Tracking:
         """Returns by what factor each phase would have to be longer, shape (5,)."""
         found = np.zeros(5)
         limits = self.limits
-        for k, (low, high) in enumerate(zip(index[:-1], index[1:], strict=True)):
+        for k, (low, high) in enumerate(pairwise(index)):
             if high == low:
                 continue
             rows = slice(low, high + 1)
-            v, a, j = largest_rates(motion.time[rows], motion.velocity[rows], motion.acceleration[rows])
+            v, a, j = largest_rates(
+                motion.time[rows], motion.velocity[rows], motion.acceleration[rows]
+            )
             found[k] = max(
                 float((v / limits.velocity).max()),
                 float(np.sqrt((a / limits.acceleration).max())),

@@ -72,7 +72,12 @@ def _continued(
     q, ok = np.empty((len(points), arm.axes)), bool(course.ok[0])
     W = spare_directions(arm, course.q[-1])
     start, met, det = newton(
-        arm, course.q[-1], R[None], points[target][None], W, np.einsum("bsn,bn->bs", W, course.q[-1])
+        arm,
+        course.q[-1],
+        R[None],
+        points[target][None],
+        W,
+        np.einsum("bsn,bn->bs", W, course.q[-1]),
     )
     ok &= bool(met.all())
     sign = np.sign(det[0])

@@ -17,7 +17,9 @@ from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 STEP = 1e-5
 """Half of the time over which a tool's velocity is measured [s]."""
-NO_JOB = "which parts come when and how long lines are is in the task file: none was given (--tasks)"
+NO_JOB = (
+    "which parts come when and how long lines are is in the task file: none was given (--tasks)"
+)
 
 
 @dataclass
