@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.conveyor import OnBelt
-from dualarm_cli.model.job import Job, Task
+from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.planning.clear_plan import Found, quickest_clear
-from dualarm_cli.planning.conveyor_stages import Meeting, MissedError
+from dualarm_cli.planning.conveyor_stages import Meeting, MissedError, Times, met_times
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.planning.serving import FIXED, NUMERIC
@@ -29,11 +28,27 @@ LATE = 1e-9
 """An arm that is later than its part by no more is there in time [s]."""
 NO_BOUND = "lower bound: none for tasks with conveyors"
 """What is said where there is no bound."""
+NO_SENSITIVITY = (
+    "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
+)
+"""What is said of assumed limits."""
 FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
 """What is said of arms with clocks of their own."""
 
-Times = Mapping[tuple[str, str], float]
-"""When targets on conveyors are met [s], by task and action."""
+
+def conveyor_notes(job: Job, duration: float) -> list[str]:
+    """Returns what a reader should know of a plan with conveyors.
+
+    Args:
+        job: what is done.
+        duration: of the plan [s].
+    """
+    notes = [NO_SENSITIVITY]
+    if job.returns:
+        notes.append(
+            f"conveyors: the cycle repeats every {duration:.3f} s, and so the part of each task has to come again"
+        )
+    return [*notes, FREE] if job.mode == "free" else notes
 
 
 def guessed(job: Job, share: float = 0.5) -> Job:
@@ -48,14 +63,16 @@ def guessed(job: Job, share: float = 0.5) -> Job:
 
 
 def met_at(job: Job, times: Times) -> Job:
-    """Returns a job in which targets on conveyors are where they are at some times."""
+    """Returns a job in which targets on conveyors are where they are at some times, within their windows."""
+
+    def moved_stop(task: Task, stop: Stop) -> Stop:
+        time = times.get((task.id, stop.action))
+        if time is None or stop.belt is None:
+            return stop
+        return stop.met(min(max(time, stop.belt.passes), stop.belt.last))
 
     def moved(task: Task) -> Task:
-        stops = tuple(
-            stop.met(times[task.id, stop.action]) if (task.id, stop.action) in times else stop
-            for stop in task.stops
-        )
-        return replace(task, stops=stops)
+        return replace(task, stops=tuple(moved_stop(task, stop) for stop in task.stops))
 
     return replace(job, tasks=tuple(moved(task) for task in job.tasks))
 
@@ -94,14 +111,22 @@ def quickest_meeting(
         meeting = Meeting(asked.model, asked.job, timing, dict(delays))
         try:
             found = quickest_clear(asked, _meeting(solve, meeting), timing, progress, clear=clear)
+        except MissedError as error:
+            # About when parts would be met is known better now.
+            failure = failure or error
+            better = met_at(asked.job, error.times)
+            if _off(asked.job, error.times) <= SAME_PLACE:
+                break
+            asked = replace(asked, job=better)
+            continue
         except InfeasibleError as error:
             failure = failure or error
             break
         late = _late(found)
         if not late and (best is None or _length(found) < _length(best)):
             best = found
-        times, off = _times(found, asked.job)
-        if not late and off <= SAME_PLACE:
+        times = met_times(found.cleared.plans)
+        if not late and _off(asked.job, times) <= SAME_PLACE:
             break
         delays = {key: delays.get(key, 0.0) + late.get(key, 0.0) for key in {*delays, *late}}
         progress("planning again with parts where they are met")
@@ -118,15 +143,18 @@ def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
     """Returns a job in which targets on conveyors are about where a simple plan meets them."""
     method = MINIMUM_TIME if problem.turns_for_both and problem.redundancy != NUMERIC else FIXED
     for share in SHARES:
-        job = guessed(problem.job, share)
+        job, known = guessed(problem.job, share), False
         try:
             for _ in range(GUESSES):
                 plans = choose_stages(problem.model, job, method, problem.redundancy, refine=False)
-                job = met_at(job, _met_times(Meeting(problem.model, job, timing).met(plans)))
-        except MissedError:
-            return job
+                try:
+                    times = met_times(Meeting(problem.model, job, timing).met(plans))
+                except MissedError as error:
+                    times = error.times
+                job, known = met_at(job, times), True
         except InfeasibleError:
-            continue
+            if not known:
+                continue
         return job
     return guessed(problem.job)
 
@@ -195,26 +223,12 @@ def _late(found: Found) -> dict[tuple[int, str], float]:
     return late
 
 
-def _times(found: Found, job: Job) -> tuple[Times, float]:
-    """Returns when parts are met by a plan, and how far they then are at most from where the job has them [m]."""
-    guesses: dict[tuple[str, str], OnBelt] = {
-        (task.id, stop.action): stop.belt
+def _off(job: Job, times: Times) -> float:
+    """Returns how far targets on conveyors are at some times at most from where a job has them [m]."""
+    gaps = (
+        stop.belt.conveyor.speed * abs(times[task.id, stop.action] - stop.belt.at)
         for task in job.tasks
         for stop in task.stops
-        if stop.belt is not None
-    }
-    times = _met_times(found.cleared.plans)
-    gaps = (
-        abs(time - guesses[key].at) * guesses[key].conveyor.speed for key, time in times.items()
+        if stop.belt is not None and (task.id, stop.action) in times
     )
-    return times, max(gaps, default=0.0)
-
-
-def _met_times(plans: list[StagePlan]) -> Times:
-    """Returns when parts are met in some stages [s]."""
-    return {
-        (one.task.id, one.stop.action): one.stop.belt.at
-        for plan in plans
-        for one in plan.stops.values()
-        if one.stop.belt is not None
-    }
+    return max(gaps, default=0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,12 +29,24 @@ ROUNDS = 12
 TRIES = 8
 """Parts of a window after which a later time is tried where a part cannot be followed."""
 
+Times = Mapping[tuple[str, str], float]
+"""When targets on conveyors are met [s], by task and action."""
 Delays = Mapping[tuple[int, str], float]
 """By number of the stage and arm, how much later than it thinks it turned out to be there [s]."""
 
 
 class MissedError(InfeasibleError):
-    """A part has gone too far along its conveyor by the time at which an arm can be there."""
+    """A part is out of its window by the time at which an arm can be there, or cannot be followed from then on."""
+
+    def __init__(self, message: str, times: Times) -> None:
+        """Notes about when parts would be met as far as that is known, to guess better the next time.
+
+        Args:
+            message: what is told.
+            times: when parts would be met [s], by task and action.
+        """
+        super().__init__(message)
+        self.times = times
 
 
 @dataclass(frozen=True)
@@ -64,8 +76,7 @@ class Meeting:
             plans: all stages of a plan, none of them mended.
 
         Raises:
-            MissedError: a part is out of its window by the time at which the arm can be there.
-            InfeasibleError: a part that its arm cannot follow anywhere in its window.
+            MissedError: a part that is not met in its window.
         """
         found: list[StagePlan] = []
         clock = 0.0
@@ -73,7 +84,11 @@ class Meeting:
         for k, plan in enumerate(plans):
             begin = None if k == 0 and self.job.start == "free" else position
             goal = found[0].start if found and not plan.stops and self.job.returns else None
-            stage, motion = self._stage(k, plan, begin, goal, clock)
+            try:
+                stage, motion = self._stage(k, plan, begin, goal, clock)
+            except MissedError as error:
+                error.times = {**met_times(found), **error.times}
+                raise
             found.append(stage)
             clock += motion.trajectory.duration
             position = stage.end
@@ -98,9 +113,13 @@ class Meeting:
         for _ in range(ROUNDS):
             stops = dict(plan.stops)
             for name, time in times.items():
-                stops[name], times[name] = self._followed(
-                    plan, plan.stops[name], time, least, tracked.get(name)
-                )
+                try:
+                    stops[name], times[name] = self._followed(
+                        plan, plan.stops[name], time, least, tracked.get(name)
+                    )
+                except InfeasibleError as error:
+                    words = _unfollowed(plan.stops[name], time, error)
+                    raise MissedError(words, _named(plan, times)) from None
                 made = stops[name].tracked
                 assert made is not None  # what is followed has a motion
                 tracked[name] = made
@@ -122,10 +141,12 @@ class Meeting:
                 for name in times
             }
             for name, time in times.items():
-                self._check_window(plan.stops[name], time)
-        raise InfeasibleError(
+                if time > _belt(plan.stops[name]).last:
+                    raise MissedError(_too_late(plan.stops[name], time), _named(plan, times))
+        raise MissedError(
             f"{next(iter(plan.stops.values())).task.place}: no time was found at which the arms meet their parts on "
-            "conveyors; what helps: a slower conveyor, or parts that do not come at the same time for both arms"
+            "conveyors; what helps: a slower conveyor, or parts that do not come at the same time for both arms",
+            _named(plan, times),
         )
 
     def _followed(
@@ -167,7 +188,6 @@ class Meeting:
             limits.select(model.arms[arm_stop.arm].arm.joints),
             job.tool_speed,
             1.0 / job.speed,
-            f"{arm_stop.stop.place}: task '{arm_stop.task.id}' ({arm_stop.stop.action})",
         )
         made, tracked = _solved(asked, near)
         posture = replace(
@@ -216,20 +236,52 @@ class Meeting:
         motion = self._timed(replace(stage, stops=free), clock)
         return {event.arm: clock + event.time for event in motion.events}
 
-    def _check_window(self, arm_stop: ArmStop, time: float) -> None:
-        """Refuses a time at which a part is beyond its window."""
-        belt = _belt(arm_stop)
-        if time <= belt.last:
-            return
-        stop, task = arm_stop.stop, arm_stop.task
-        gone = belt.gone(time) - belt.within
-        raise MissedError(
-            f"{stop.place}: task '{task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
-            f"{time:.3f} s, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: conveyor "
-            f"'{belt.conveyor.name}' ({belt.conveyor.speed:g} m/s) passes at {belt.passes:g} s and is {belt.within:g} m "
-            f"on at {belt.last:.3f} s; what helps: a later 'passes', a longer 'within', a slower conveyor, another "
-            "arm or order (arm: any, order: optimise), or less before it"
-        )
+
+def met_times(plans: Sequence[StagePlan]) -> Times:
+    """Returns when parts are met in some stages [s]."""
+    return {
+        (one.task.id, one.stop.action): one.stop.belt.at
+        for plan in plans
+        for one in plan.stops.values()
+        if one.stop.belt is not None
+    }
+
+
+def _named(plan: StagePlan, times: Mapping[str, float]) -> Times:
+    """Returns times by task and action, of times by arm of a stage."""
+    return {
+        (plan.stops[name].task.id, plan.stops[name].stop.action): time
+        for name, time in times.items()
+    }
+
+
+def _too_late(arm_stop: ArmStop, time: float) -> str:
+    """Returns that a part is beyond its window at a time at which the arm can be there at the earliest."""
+    belt, stop = _belt(arm_stop), arm_stop.stop
+    gone = belt.gone(time) - belt.within
+    return (
+        f"{stop.place}: task '{arm_stop.task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
+        f"{time:.3f} s, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: {_window(belt)}; what helps: a "
+        "later 'passes', a longer 'within', a slower conveyor, another arm or order (arm: any, order: optimise), or "
+        "less before it"
+    )
+
+
+def _unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> str:
+    """Returns that no posture was found that follows a part from a time on."""
+    belt, stop = _belt(arm_stop), arm_stop.stop
+    return (
+        f"{stop.place}: task '{arm_stop.task.id}': no way was found for the {arm_stop.arm} arm to follow the "
+        f"{stop.action} from {time:.3f} s on: {error}; {_window(belt)}; what helps: a 'passes' pose and 'within' "
+        "that leave room before and behind it, a slower conveyor, a shorter approach, retract or dwell, another arm"
+    )
+
+
+def _window(belt: OnBelt) -> str:
+    return (
+        f"conveyor '{belt.conveyor.name}' ({belt.conveyor.speed:g} m/s) passes at {belt.passes:g} s and is "
+        f"{belt.within:g} m on at {belt.last:.3f} s"
+    )
 
 
 def _solved(asked: Tracking, near: Tracked | None) -> tuple[StopPosture, Tracked]:

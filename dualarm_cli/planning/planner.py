@@ -13,8 +13,8 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.planning.conveyor_plan import FREE, guessed, quickest_meeting
 from dualarm_cli.planning.conveyor_plan import NO_BOUND as NO_CONVEYOR_BOUND
+from dualarm_cli.planning.conveyor_plan import conveyor_notes, guessed, quickest_meeting
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.method import MethodProblem
@@ -190,8 +190,9 @@ def _planned(
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 
     if job.has_conveyors:
-        one = paired(stage_by_stage(guessed(job)))
-        return replace(one, notes=(*one.notes, FREE)) if job.mode == "free" else one
+        own = guessed(job)
+        one = paired(stage_by_stage(own) if job.mode == "free" else own)
+        return replace(one, notes=(*one.notes, *conveyor_notes(job, one.duration)))
     if job.mode == "paired":
         return paired(job)
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)

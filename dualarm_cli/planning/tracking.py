@@ -116,8 +116,6 @@ class Tracking:
     """On the tool's speed [m/s], or None."""
     pace: float = 1.0
     """How much slower than at full speed all is."""
-    words: str = ""
-    """Place, task and action, for errors."""
 
     def solve(self, phases: Phases | None = None) -> Tracked:
         """Returns the motion: every phase about as short as the joints' limits allow.
@@ -136,7 +134,7 @@ class Tracking:
         speed = float(np.linalg.norm(self.velocity))
         if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
             raise InfeasibleError(
-                f"{self.words}: the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
+                f"the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
                 "(limits: tool_speed); allow more, or take a slower conveyor"
             )
         short = FIRST_RAMP * self.pace
@@ -152,7 +150,7 @@ class Tracking:
             if self._stays(motion, found):
                 return Tracked(motion, found)
         raise InfeasibleError(
-            f"{self.words}: the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
+            f"the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
             "arm passes too close to a singularity"
         )
 
@@ -172,7 +170,7 @@ class Tracking:
             if phases.edges[-1] - phases.dwell > SLOWEST * self.pace:
                 break
         raise InfeasibleError(
-            f"{self.words}: the arm cannot follow the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its "
+            f"it cannot keep up with the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its "
             f"joints would exceed a limit by a factor of {excess.max():.3g} however gently they begin"
         )
 
@@ -188,8 +186,7 @@ class Tracking:
         q, ok = self._postures(phases, time)
         if not ok:
             raise InfeasibleError(
-                f"{self.words}: the posture cannot follow the conveyor as far as the stop takes: a joint's limit, "
-                "the arm's reach or a singularity is in its way"
+                "a joint's limit, the arm's reach or a singularity is in the way before the stop is over"
             )
         q, v, a = rest_to_rest_spline(time, q)
         return Trajectory(self.limits.joints, time, q, v, a), index
