@@ -142,7 +142,9 @@ class Meeting:
             }
             for name, time in times.items():
                 if time > _belt(plan.stops[name]).last:
-                    raise MissedError(_too_late(plan.stops[name], time), _named(plan, times))
+                    late = self.delays.get((k, name), 0.0)
+                    words = _too_late(plan.stops[name], time, late)
+                    raise MissedError(words, _named(plan, times))
         raise MissedError(
             f"{next(iter(plan.stops.values())).task.place}: no time was found at which the arms meet their parts on "
             "conveyors; what helps: a slower conveyor, or parts that do not come at the same time for both arms",
@@ -255,13 +257,14 @@ def _named(plan: StagePlan, times: Mapping[str, float]) -> Times:
     }
 
 
-def _too_late(arm_stop: ArmStop, time: float) -> str:
+def _too_late(arm_stop: ArmStop, time: float, late: float) -> str:
     """Returns that a part is beyond its window at a time at which the arm can be there at the earliest."""
     belt, stop = _belt(arm_stop), arm_stop.stop
     gone = belt.gone(time) - belt.within
+    why = f" ({late:.3f} s of it to keep clear)" if late > 0.0 else ""
     return (
         f"{stop.place}: task '{arm_stop.task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
-        f"{time:.3f} s, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: {_window(belt)}; what helps: a "
+        f"{time:.3f} s{why}, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: {_window(belt)}; what helps: a "
         "later 'passes', a longer 'within', a slower conveyor, another arm or order (arm: any, order: optimise), or "
         "less before it"
     )

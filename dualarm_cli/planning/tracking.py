@@ -36,6 +36,11 @@ SPEED_MARGIN = 2e-4
 """Share of a cap on the tool's speed that is kept free."""
 CHECKS_PER_KNOT = 4
 """Instants per interval at which the tool is looked at."""
+LEAST_FACTOR, SHRINKS, USED = 0.9, 6, 0.98
+"""Phases are made shorter by this factor at most at a time, so often at most after every limit holds, and no more where
+each of them uses this share of its time's limits."""
+DWELL = 2
+"""Number of the phase that is as long as it is."""
 ROUNDING = 1e-9
 """Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
 
@@ -155,23 +160,32 @@ class Tracking:
         )
 
     def _within_limits(self, phases: Phases, parts: int) -> tuple[Trajectory, Phases]:
-        """Returns the motion with phases made longer until it keeps every limit."""
-        excess = np.ones(5)
+        """Returns the motion with phases made longer until it keeps every limit, and shorter where they can be."""
+        best: tuple[Trajectory, Phases] | None = None
+        shrunk, excess = 0, np.ones(5)
         for _ in range(TRIES):
             motion, index = self._motion(phases, parts)
             excess = self._excess(motion, phases, index)
+            used = excess[[k for k in range(5) if k != DWELL and index[k + 1] > index[k]]]
             if (excess <= 1.0).all():
-                return motion, phases
-            factor = np.where(excess > 1.0, excess * GROWTH, 1.0)
-            if excess[2] > 1.0 + ROUNDING:
+                if best is None or motion.duration < best[0].duration:
+                    best = motion, phases
+                shrunk += 1
+                if shrunk > SHRINKS or used.min() >= USED:
+                    break
+            # A phase too long by much is shortened by some: its neighbours' limits hang together with its own.
+            factor = np.maximum(excess * GROWTH, LEAST_FACTOR)
+            if excess[DWELL] > 1.0 + ROUNDING:
                 # What is too quick in the dwell is helped, if at all, by gentler phases about it.
-                factor = np.maximum(factor, excess[2])
+                factor = np.maximum(factor, excess[DWELL])
             phases = phases.longer(factor)
             if phases.edges[-1] - phases.dwell > SLOWEST * self.pace:
                 break
+        if best is not None:
+            return best
         raise InfeasibleError(
-            f"it cannot keep up with the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its "
-            f"joints would exceed a limit by a factor of {excess.max():.3g} however gently they begin"
+            f"it cannot keep up with the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its joints would "
+            f"exceed a limit by a factor of {excess.max():.3g} however gently they begin"
         )
 
     def _motion(self, phases: Phases, parts: int) -> tuple[Trajectory, list[int]]:
