@@ -10,24 +10,23 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import Job
+from dualarm_cli.planning.conveyor_words import no_time, too_late, unfollowed
+from dualarm_cli.planning.meeting_time import MeetingTime
 from dualarm_cli.planning.motion import Known, Motion, realise
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.tracking import Tracked, Tracking
-from dualarm_cli.redundancy import StopPosture
-from dualarm_cli.redundancy.problem import NoPosture
-from dualarm_cli.redundancy.stop_batch import StopBatch
-from dualarm_cli.redundancy.target_grid import target_postures
+from dualarm_cli.planning.tracking_choice import followed_posture
 from dualarm_cli.timing import TimingSolver
 
-SPARE = 1e-3
-"""By how much an arm is to be earlier than its part at most where nothing else makes it wait [s]."""
-ROUNDS = 12
+ROUNDS = 14
 """So often the time at which a part is met is corrected by when the arm can be there."""
-TRIES = 8
-"""Parts of a window after which a later time is tried where a part cannot be followed."""
+EXACT = 1e-9
+"""An arm that is there so much earlier or later than its part is there with it [s]."""
+TRIES, NARROW = 8, 0.02
+"""Parts of a window after which a later time is tried where a part cannot be followed, and how closely the first time
+at which it can be is found [s]."""
 
 Times = Mapping[tuple[str, str], float]
 """When targets on conveyors are met [s], by task and action."""
@@ -103,23 +102,17 @@ class Meeting:
         clock: float,
     ) -> tuple[StagePlan, Motion]:
         """Returns a stage that meets its parts, and its motion with all that it waits for."""
-        times = {
-            name: max(clock, stop.stop.belt.passes)
+        search = {
+            name: MeetingTime(belt.passes, belt.last, max(clock, belt.passes))
             for name, stop in plan.stops.items()
-            if stop.stop.belt is not None
+            if (belt := stop.stop.belt) is not None
         }
-        least = {name: _belt(plan.stops[name]).passes for name in times}
         tracked: dict[str, Tracked] = {}
+        best: tuple[StagePlan, Motion] | None = None
         for _ in range(ROUNDS):
             stops = dict(plan.stops)
-            for name, time in times.items():
-                try:
-                    stops[name], times[name] = self._followed(
-                        plan, plan.stops[name], time, least, tracked.get(name)
-                    )
-                except InfeasibleError as error:
-                    words = _unfollowed(plan.stops[name], time, error)
-                    raise MissedError(words, _named(plan, times)) from None
+            for name in search:
+                stops[name] = self._followed(plan, plan.stops[name], search, tracked.get(name))
                 made = stops[name].tracked
                 assert made is not None  # what is followed has a motion
                 tracked[name] = made
@@ -127,49 +120,58 @@ class Meeting:
             motion = self._timed(stage, clock)
             there = {event.arm: clock + event.time for event in motion.events}
             # Without any wait for parts; what waits for windows of tasks is waited for.
-            early = self._earliest(stage, clock) if times else {}
-            due = {
-                name: max(least[name], early[name] + self.delays.get((k, name), 0.0))
-                for name in times
-            }
-            exact = all(abs(there[name] - time) <= 1e-9 for name, time in times.items())
-            soon = all(time <= due[name] + SPARE for name, time in times.items())
-            if exact and soon and all(time >= due[name] for name, time in times.items()):
-                return stage, motion
-            times = {
-                name: due[name] if due[name] == least[name] else due[name] + 0.5 * SPARE
-                for name in times
-            }
-            for name, time in times.items():
-                if time > _belt(plan.stops[name]).last:
-                    late = self.delays.get((k, name), 0.0)
-                    words = _too_late(plan.stops[name], time, late)
-                    raise MissedError(words, _named(plan, times))
-        raise MissedError(
-            f"{next(iter(plan.stops.values())).task.place}: no time was found at which the arms meet their parts on "
-            "conveyors; what helps: a slower conveyor, or parts that do not come at the same time for both arms",
-            _named(plan, times),
-        )
+            early = self._earliest(stage, clock) if search else {}
+            soon = [
+                one.note(early[name] + self.delays.get((k, name), 0.0))
+                for name, one in search.items()
+            ]
+            if all(abs(there[name] - one.time) <= EXACT for name, one in search.items()):
+                if best is None or motion.trajectory.duration < best[1].trajectory.duration:
+                    best = stage, motion
+                if all(soon):
+                    return stage, motion
+            for name, one in search.items():
+                if not one.next():
+                    arrival = one.last + (one.too_early[1] if one.too_early else 0.0)
+                    words = too_late(plan.stops[name], arrival, self.delays.get((k, name), 0.0))
+                    raise MissedError(words, _named(plan, search))
+        if best is not None:
+            return best
+        raise MissedError(no_time(plan.stops.values()), _named(plan, search))
 
     def _followed(
         self,
         plan: StagePlan,
         arm_stop: ArmStop,
-        time: float,
-        least: dict[str, float],
+        search: Mapping[str, MeetingTime],
         near: Tracked | None,
-    ) -> tuple[ArmStop, float]:
-        """Returns a stop that follows its part from a time on, or a later one of its window, and that time."""
-        belt = _belt(arm_stop)
-        while True:
+    ) -> ArmStop:
+        """Returns a stop that follows its part from the time that is tried on, or from a later one on of its window."""
+        one = search[arm_stop.arm]
+        before, time, asked = one.time, one.time, one.time
+        found: ArmStop | None = None
+        if time > one.last:
+            words = too_late(arm_stop, time, 0.0)
+            raise MissedError(words, _named(plan, search))
+        while found is None:
             try:
-                return self._tracked(plan, arm_stop, time, near), time
+                found = self._tracked(plan, arm_stop, time, near)
+            except InfeasibleError as error:
+                before, time = time, time + (one.last - one.least) / TRIES
+                if time > one.last:
+                    words = unfollowed(arm_stop, asked, error)
+                    raise MissedError(words, _named(plan, search)) from None
+        while time - before > NARROW:
+            middle = 0.5 * (before + time)
+            try:
+                found, time = self._tracked(plan, arm_stop, middle, near), middle
             except InfeasibleError:
-                later = max(time, belt.passes) + (belt.last - belt.passes) / TRIES
-                if later > belt.last:
-                    raise
-                # No earlier time is tried any more.
-                time = least[arm_stop.arm] = later
+                before = middle
+        one.time = time
+        if before < time:
+            # No earlier time is tried any more.
+            one.least = time
+        return found
 
     def _tracked(
         self, plan: StagePlan, arm_stop: ArmStop, time: float, near: Tracked | None
@@ -191,7 +193,7 @@ class Meeting:
             job.tool_speed,
             1.0 / job.speed,
         )
-        made, tracked = _solved(asked, near)
+        made, tracked = followed_posture(asked, near)
         posture = replace(
             made,
             q_approach=tracked.motion.position[0],
@@ -249,75 +251,12 @@ def met_times(plans: Sequence[StagePlan]) -> Times:
     }
 
 
-def _named(plan: StagePlan, times: Mapping[str, float]) -> Times:
-    """Returns times by task and action, of times by arm of a stage."""
+def _named(plan: StagePlan, search: Mapping[str, MeetingTime]) -> Times:
+    """Returns the times that are tried by task and action."""
     return {
-        (plan.stops[name].task.id, plan.stops[name].stop.action): time
-        for name, time in times.items()
+        (plan.stops[name].task.id, plan.stops[name].stop.action): one.time
+        for name, one in search.items()
     }
-
-
-def _too_late(arm_stop: ArmStop, time: float, late: float) -> str:
-    """Returns that a part is beyond its window at a time at which the arm can be there at the earliest."""
-    belt, stop = _belt(arm_stop), arm_stop.stop
-    gone = belt.gone(time) - belt.within
-    why = f" ({late:.3f} s of it to keep clear)" if late > 0.0 else ""
-    return (
-        f"{stop.place}: task '{arm_stop.task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
-        f"{time:.3f} s{why}, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: {_window(belt)}; what helps: a "
-        "later 'passes', a longer 'within', a slower conveyor, another arm or order (arm: any, order: optimise), or "
-        "less before it"
-    )
-
-
-def _unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> str:
-    """Returns that no posture was found that follows a part from a time on."""
-    belt, stop = _belt(arm_stop), arm_stop.stop
-    return (
-        f"{stop.place}: task '{arm_stop.task.id}': no way was found for the {arm_stop.arm} arm to follow the "
-        f"{stop.action} from {time:.3f} s on: {error}; {_window(belt)}; what helps: a 'passes' pose and 'within' "
-        "that leave room before and behind it, a slower conveyor, a shorter approach, retract or dwell, another arm"
-    )
-
-
-def _window(belt: OnBelt) -> str:
-    return (
-        f"conveyor '{belt.conveyor.name}' ({belt.conveyor.speed:g} m/s) passes at {belt.passes:g} s and is "
-        f"{belt.within:g} m on at {belt.last:.3f} s"
-    )
-
-
-def _solved(asked: Tracking, near: Tracked | None) -> tuple[StopPosture, Tracked]:
-    """Returns the posture that follows a part, and its motion: the decided one, else the quickest to get to that does.
-
-    Raises:
-        InfeasibleError: none does; the words are those about the decided one.
-    """
-    try:
-        return asked.posture, asked.solve(None if near is None else near.phases)
-    except InfeasibleError as error:
-        failure = error
-    if isinstance(asked.problem.arm, GeneralArm):
-        raise failure
-    [others] = target_postures(StopBatch((asked.problem,)))
-    if isinstance(others, NoPosture):
-        raise failure
-    rows = zip(others.target, others.yaw, others.branch, others.psi, strict=True)
-    for target, yaw, branch, psi in rows:
-        posture = replace(
-            asked.posture,
-            target=int(target),
-            yaw=float(yaw),
-            branch=int(branch),
-            psi_target=float(psi),
-            psi_approach=float(psi),
-            psi_retract=float(psi),
-        )
-        try:
-            return posture, replace(asked, posture=posture).solve()
-        except InfeasibleError:
-            continue
-    raise failure
 
 
 def _belt(arm_stop: ArmStop) -> OnBelt:

@@ -181,7 +181,7 @@ def test_a_part_that_comes_at_another_time_is_missed(clean):
 
 
 def test_windows_are_kept_at_both_ends(clean):
-    """The part is 0.1 m before its pose at MET if it passes 0.5 s later; 0.4 m take 2 s: too late if it passed at -0.1."""
+    """If it passes 0.5 s after MET it is met too early; 0.4 m take 2 s: too late by 0.1 s if it passed at -0.1 s."""
     late = _job(passes=MET + 0.5, y=0.5 - BELT * (MET + 0.5 - PASSES))
     [check] = [c for c in verify(clean, late).checks if c.name == "conveyor_windows"]
     assert _failed(clean, late) == {"conveyor_windows"}
@@ -243,7 +243,7 @@ def test_a_line_that_is_not_listed_is_missing(clean):
 
 
 def test_what_an_event_states_excuses_nothing(clean):
-    """A target that stands is left by a moving tool, whatever velocity the event claims; nor is a claim itself right."""
+    """A target that stands is left by a moving tool, whatever velocity the event claims; the claim is wrong too."""
     job = _job(y=0.5 - BELT * (MET - PASSES), belt=None)
     assert {
         "tool_still_in_dwells",
