@@ -9,6 +9,9 @@ SPARE = 1e-3
 SIDE = 0.1
 """A new time is within what is known of both sides by this share of it at least."""
 
+FARTHEST = 8.0
+"""A time is tried no later than by so many times what the arm is late."""
+
 
 @dataclass
 class MeetingTime:
@@ -26,6 +29,10 @@ class MeetingTime:
     """What is tried now [s]."""
     too_early: tuple[float, float] | None = None
     """The latest time known to be too early, and by how much the arm is late for it [s]."""
+    rate: float = 1.0
+    """By how much less late the arm was for a later time that is too early as well, per second."""
+    boldness: float = 1.0
+    """By how many times what the arm is early an earlier time is tried."""
     possible: tuple[float, float] | None = None
     """The earliest time known to be possible, and by how much the arm is early for it [s]."""
 
@@ -38,6 +45,9 @@ class MeetingTime:
         spare = self.time - arrival
         if spare < 0.0:
             if self.too_early is None or self.time > self.too_early[0]:
+                if self.too_early is not None:
+                    closed = (self.too_early[1] + spare) / (self.time - self.too_early[0])
+                    self.rate = min(1.5, max(1.0 / FARTHEST, closed))
                 self.too_early = self.time, -spare
             return False
         if self.possible is None or self.time < self.possible[0]:
@@ -49,11 +59,12 @@ class MeetingTime:
         if self.possible is None:
             assert self.too_early is not None  # one of the two has been noted
             tried, late = self.too_early
-            self.time = min(tried + late + 0.5 * SPARE, self.last)
+            self.time = min(tried + late / self.rate + 0.5 * SPARE, self.last)
             return tried < self.last
         high, spare = self.possible
         if self.too_early is None or self.too_early[0] >= high:
-            self.time = max(self.least, high - spare + 0.5 * SPARE)
+            self.time = max(self.least, high - self.boldness * spare + 0.5 * SPARE)
+            self.boldness = min(2.0 * self.boldness, FARTHEST)
             return True
         low, late = self.too_early
         # Where the arm would just be in time if that went straight from one to the other; a little later.

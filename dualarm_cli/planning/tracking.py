@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,12 +14,13 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.tracking_postures import along_poses
+from dualarm_cli.planning.tracking_shapes import LINE_SHAPES, Phases, line_way, ramp_way
 from dualarm_cli.redundancy import StopPosture, StopProblem
 from dualarm_cli.redundancy.candidates import flange_poses
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
-PARTS = (12, 24, 48, 96)
-"""Knots per phase that are tried until the tool stays with the part."""
+PARTS = (16, 32, 64, 128)
+"""Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
 FIRST_RAMP = 0.04
 """What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
 TRIES = 40
@@ -43,39 +45,6 @@ DWELL = 2
 """Number of the phase that is as long as it is."""
 ROUNDING = 1e-9
 """Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
-
-
-@dataclass(frozen=True)
-class Phases:
-    """How long each part of the stop takes [s]; a line of no length takes none."""
-
-    rise: float
-    """From rest to the belt's velocity."""
-    approach: float
-    """Down to the part, in the belt's frame."""
-    dwell: float
-    """At the part."""
-    retract: float
-    """Up again."""
-    fall: float
-    """From the belt's velocity to rest."""
-
-    @property
-    def edges(self) -> FloatArray:
-        """Where the phases begin and end, from 0 [s], shape (6,)."""
-        lengths = [self.rise, self.approach, self.dwell, self.retract, self.fall]
-        return np.concatenate([[0.0], np.cumsum(lengths)])
-
-    def longer(self, factor: FloatArray) -> Phases:
-        """Returns the phases with each made longer by its factor (5,); the dwell stays as it is."""
-        rise, approach, _, retract, fall = factor
-        return Phases(
-            self.rise * rise,
-            self.approach * approach,
-            self.dwell,
-            self.retract * retract,
-            self.fall * fall,
-        )
 
 
 @dataclass(frozen=True)
@@ -125,9 +94,9 @@ class Tracking:
     def solve(self, phases: Phases | None = None) -> Tracked:
         """Returns the motion: every phase about as short as the joints' limits allow.
 
-        The tool's velocity rises to the belt's by a smooth step of degree 5, its depth above the part changes by one of
-        degree 7, the arm angle with it: all is smooth up to the jerk where phases meet. Postures are exact at knots,
-        a cubic spline joins them; phases are made longer until it keeps every limit, and get more knots until it stays
+        The tool's velocity rises to the belt's by two constant jerks, its depth above the part changes by one of a few
+        double-S shapes, the one that is quickest here; the arm angle changes with both. Postures are exact at knots, a
+        cubic spline joins them; phases are made longer until it keeps every limit, and get more knots until it stays
         with the part. Our own.
 
         Args:
@@ -142,14 +111,7 @@ class Tracking:
                 f"the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
                 "(limits: tool_speed); allow more, or take a slower conveyor"
             )
-        short = FIRST_RAMP * self.pace
-        found = phases or Phases(
-            short,
-            short if self.problem.approach > 0.0 else 0.0,
-            self.dwell,
-            short if self.problem.retract > 0.0 else 0.0,
-            short,
-        )
+        found = phases or self._quickest_shape()
         for parts in PARTS:
             motion, found = self._within_limits(found, parts)
             if self._stays(motion, found):
@@ -158,6 +120,36 @@ class Tracking:
             f"the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
             "arm passes too close to a singularity"
         )
+
+    def _shapes(self) -> Sequence[int]:
+        """Returns the shapes of lines that are tried; where postures are followed by numbers that takes too long."""
+        lines = self.problem.approach > 0.0 or self.problem.retract > 0.0
+        if isinstance(self.problem.arm, GeneralArm) or not lines:
+            return (1,)
+        return range(len(LINE_SHAPES))
+
+    def _quickest_shape(self) -> Phases:
+        """Returns the phases of the shape of lines that is quickest by few knots."""
+        short = FIRST_RAMP * self.pace
+        lines = [
+            short if length > 0.0 else 0.0
+            for length in (self.problem.approach, self.problem.retract)
+        ]
+        best: Phases | None = None
+        failure: InfeasibleError | None = None
+        for shape in self._shapes():
+            first = Phases(short, lines[0], self.dwell, lines[1], short, shape)
+            try:
+                _, found = self._within_limits(first, PARTS[0])
+            except InfeasibleError as error:
+                failure = failure or error
+                continue
+            if best is None or found.edges[-1] < best.edges[-1]:
+                best = found
+        if best is None:
+            assert failure is not None  # there is one shape at least
+            raise failure
+        return best
 
     def _within_limits(self, phases: Phases, parts: int) -> tuple[Trajectory, Phases]:
         """Returns the motion with phases made longer until it keeps every limit, and shorter where they can be."""
@@ -229,9 +221,8 @@ class Tracking:
         reached = phases.rise + phases.approach
         left = reached + phases.dwell
         over = left + phases.retract + phases.fall
-        # The integral of a smooth step of degree 5: half of the ramp's length at its end.
         rise, fall = (
-            ramp * _step_integral(np.clip(share, 0.0, 1.0))
+            ramp * ramp_way(np.clip(share, 0.0, 1.0))
             for ramp, share in (
                 (phases.rise, (phases.rise - time) / phases.rise),
                 (phases.fall, (time - over + phases.fall) / phases.fall),
@@ -242,13 +233,13 @@ class Tracking:
         depth = np.zeros_like(time)
         if phases.approach > 0.0:
             share = np.clip((reached - time) / phases.approach, 0.0, 1.0)
-            depth += self.problem.approach * _smooth(share)
+            depth += self.problem.approach * line_way(share, phases.shape)
         if phases.retract > 0.0:
             share = np.clip((time - left) / phases.retract, 0.0, 1.0)
-            depth += self.problem.retract * _smooth(share)
+            depth += self.problem.retract * line_way(share, phases.shape)
         away = (
-            _smooth(np.clip((reached - time) / reached, 0.0, 1.0)),
-            _smooth(np.clip((time - left) / (over - left), 0.0, 1.0)),
+            line_way(np.clip((reached - time) / reached, 0.0, 1.0), 0),
+            line_way(np.clip((time - left) / (over - left), 0.0, 1.0), 0),
         )
         return along, depth, away
 
@@ -304,16 +295,6 @@ class Tracking:
         dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
         near = off[dwells].max(initial=0.0) <= WITH_PART
         return bool(near and off.max() <= WITH_BELT)
-
-
-def _smooth(share: FloatArray) -> FloatArray:
-    """Returns a step from 0 to 1 over shares from 0 to 1, with three derivatives that vanish at both ends."""
-    return share**4 * (35.0 - share * (84.0 - share * (70.0 - 20.0 * share)))
-
-
-def _step_integral(share: FloatArray) -> FloatArray:
-    """Returns the integral from 0 of a step of degree 5 whose two first derivatives vanish at both ends."""
-    return share**4 * (2.5 - share * (3.0 - share))
 
 
 def _dense(time: FloatArray) -> FloatArray:

@@ -104,7 +104,7 @@ def test_at_any_speed_it_stays_with_the_part_within_limits(srs, velocity):
     _check(asked, found)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(velocity=velocities)
 def test_arms_without_closed_forms_do_the_same(general, velocity):
     """Their postures are followed from the target, the way along the self-motion as the arm angle is."""
@@ -118,11 +118,11 @@ def test_arms_without_closed_forms_do_the_same(general, velocity):
 
 
 def test_no_phase_could_be_much_shorter(srs):
-    """With every moving phase 3 % shorter some limit is exceeded in each of them."""
+    """With every moving phase 5 % shorter some limit is exceeded in each of them."""
     asked = dataclasses.replace(srs, velocity=np.array([0.0, -0.15, 0.0]))
     found = asked.solve()
-    shorter = found.phases.longer(np.full(5, 0.97))
-    motion, index = asked._motion(shorter, 24)
+    shorter = found.phases.longer(np.full(5, 0.95))
+    motion, index = asked._motion(shorter, 32)
     excess = asked._excess(motion, shorter, index)
     assert (excess[[0, 1, 3, 4]] > 1.0).all()
 
