@@ -173,7 +173,7 @@ def _one_job(
     from time import perf_counter
 
     from dualarm_cli.planning.comparison import run_cases
-    from dualarm_cli.planning.planner import job_bound
+    from dualarm_cli.planning.job_bound import job_bound
     from dualarm_cli.reporting.comparison import job_comparison
     from dualarm_cli.verification import verify
 

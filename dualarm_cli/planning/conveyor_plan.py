@@ -26,8 +26,6 @@ SAME_PLACE = 0.08
 """A guess that is off by less than this leads to about the same postures [m]."""
 LATE = 1e-9
 """An arm that is later than its part by no more is there in time [s]."""
-NO_BOUND = "lower bound: none for tasks with conveyors"
-"""What is said where there is no bound."""
 NO_SENSITIVITY = (
     "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
 )
@@ -136,7 +134,8 @@ def quickest_meeting(
             "no plan was found in which the arms keep clear and are in time for the parts on conveyors; what helps: "
             "more room between the arms, other pairs of targets side by side (order: optimise), or a slower conveyor"
         )
-    return best
+    # How near the method came to the bound of its grid is about parts that stand.
+    return replace(best, decided=replace(best.decided, grid_gap=None))
 
 
 def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:

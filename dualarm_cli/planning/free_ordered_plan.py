@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, StopKey
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.free_epochs import (
+    FreeEpochs,
+    epoch_orders,
+    plan_epochs,
+)
 from dualarm_cli.planning.free_orders import FreeOrder, FreeOrders, free_orders
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.motion import Motion
@@ -26,6 +33,8 @@ WAITED = 0.1
 """Without a platform paired arms are looked at where each waits more than this share of the time by its own clock."""
 ANGLES = 3
 """So many orders are planned, if one of them can be."""
+EPOCHS = 2
+"""So many orders with several platform angles are planned."""
 TRIES = 6
 """So many are tried until one can be."""
 
@@ -39,8 +48,8 @@ def plan_by_own_clocks(
 ) -> Schedule:
     """Returns the quickest plan found of arms with clocks of their own.
 
-    The platform stands at one angle while both arms work, or, where that is not quicker, both arms go from stage to
-    stage together as they do where they are paired.
+    The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
+    both arms go from stage to stage together as they do where they are paired.
 
     Args:
         planner: makes plans with a standing platform.
@@ -69,6 +78,19 @@ def plan_by_own_clocks(
             continue
         if best is None or found.duration < best.duration:
             best = replace(found, order_gap=_free_gap(orders))
+    epochs = None
+    if (best is None or not watch.stop()) and _turns(problem.model):
+        least = orders.found[0].total if best is not None else np.inf
+        for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
+            if several.total > (1.0 + PROMISING) * least:
+                continue
+            try:
+                watch.tell(f"planning with {len(several.epochs)} platform angles")
+                found = schedule(plan_epochs(planner, several), several.job)
+            except InfeasibleError:
+                continue
+            if best is None or found.duration < best.duration:
+                best, epochs = found, several
     watch.end()
     together = None
     if best is None or _may_be_quicker(problem.model, best):
@@ -81,8 +103,13 @@ def plan_by_own_clocks(
     if best is None or (together is not None and together.duration < best.duration):
         assert together is not None
         return replace(together, notes=(*together.notes, _why_together(best)))
-    early = early_notes(watch)
-    return replace(best, notes=(*best.notes, *free_notes(orders, together), *early))
+    notes = free_notes(orders, together) if epochs is None else epoch_notes(epochs, together)
+    return replace(best, notes=(*best.notes, *notes, *early_notes(watch)))
+
+
+def _turns(model: CellModel) -> bool:
+    """Returns whether the platform can stand at several angles for two arms with clocks of their own."""
+    return model.platform.is_turntable and len(model.arms) > 1
 
 
 def _why_together(own: Schedule | None) -> str:
@@ -133,7 +160,7 @@ def stage_by_stage(job: Job) -> Job:
 
 def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
     """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
-    if model.platform.is_turntable and len(model.arms) > 1:
+    if _turns(model):
         return True
     waits = [
         sum(
@@ -166,6 +193,25 @@ def _free_gap(orders: FreeOrders) -> float | None:
     return max(0.0, 1.0 - orders.bound / orders.found[0].total)
 
 
+def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
+    """Returns what a reader should know of a plan in which the platform stands at several angles."""
+    stands = ", then ".join(
+        f"at {np.degrees(angle[0]):.0f} deg for {len(tasks)} {'task' if len(tasks) == 1 else 'tasks'}"
+        for angle, tasks in found.epochs
+    )
+    notes = [
+        f"mode: free: the platform stands {stands}; meanwhile each arm goes by its own clock; {found.total:.2f} s by "
+        "the search's own estimate"
+    ]
+    return notes + _together_notes(together)
+
+
+def _together_notes(together: Schedule | None) -> list[str]:
+    if together is None:
+        return []
+    return [f"mode: free: both arms stage by stage together would take {together.duration:.3f} s"]
+
+
 def free_notes(orders: FreeOrders, together: Schedule | None) -> list[str]:
     """Returns what a reader should know of a plan with a standing platform."""
     one = orders.found[0]
@@ -173,13 +219,10 @@ def free_notes(orders: FreeOrders, together: Schedule | None) -> list[str]:
         f"mode: free: the platform stands while tools work, and each arm goes by its own clock; {one.total:.2f} s by "
         "the search's own estimate"
     ]
-    if together is not None:
-        notes.append(
-            f"mode: free: both arms stage by stage together would take {together.duration:.3f} s"
-        )
+    notes += _together_notes(together)
     if orders.exact:
         notes.append(
-            "order: the best of all with the search's platform angles and postures, proven"
+            "order: the best of all with the search's postures and the platform standing at one of its angles, proven"
         )
     elif orders.bound is not None:
         notes.append(

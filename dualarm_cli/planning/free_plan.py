@@ -20,12 +20,14 @@ from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.motion_words import at_knot
 from dualarm_cli.planning.own_clock import OwnClock, Wait
+from dualarm_cli.planning.path_record import Record
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import STEP, StageSamples, which_keep_clear
 from dualarm_cli.planning.transfers import PLATFORM, transfers_within_tool_speed
 from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, distinct_times, hold, merge
+from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SPREADS = (1, 2, 4)
 """By how many steps what is blocked is made larger, one after the other, until all keeps clear."""
@@ -47,6 +49,9 @@ class FreePlanner:
     """Is told what is being done."""
     clear: bool
     """Whether anything has to keep clear."""
+    end: FloatArray | None = None
+    """All joints at the end of the motion, where the job itself does not return [rad], shape (n,); None for wherever
+    the last tasks end."""
 
     def plan(self, angle: FloatArray) -> Motion:
         """Returns the motion with the platform standing at an angle (k,) while tools work.
@@ -67,11 +72,16 @@ class FreePlanner:
             clocks.append(self._own(model, name, work))
         begin = work if job.start == "free" else start
         turn = self._turn(begin, work)
+        back = None
+        if self.end is not None:
+            back = self._turn(work, self.end)
+        elif job.returns and turn.duration > 0.0:
+            back = _reversed(turn)
         cell = None
         if self.clear:
             cell = CellClearance.of(job.cell, job.carried())
         if len(clocks) == 1:
-            return self._joined(model, work, (clocks[0],), turn, ((),), apart=False)
+            return self._joined(model, work, (clocks[0],), (turn, back), ((),), apart=False)
         self.tell("making the arms wait for each other")
         for apart in (False, True) if turn.duration > 0.0 else (False,):
             leave = turn.duration if apart else 0.0
@@ -80,7 +90,7 @@ class FreePlanner:
                 waits = meeting.waits(spread)
                 if waits is None:
                     break
-                motion = self._joined(model, work, tuple(clocks), turn, waits, apart=apart)
+                motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
                 if cell is None or _keeps_clear(job, cell, motion):
                     return motion
         raise InfeasibleError(
@@ -92,7 +102,7 @@ class FreePlanner:
         """Returns one arm's way through its stops, as if it were alone."""
         job, arm = self.problem.job, model.arms[name]
         tasks = tuple(task for task in job.tasks if task.arm == name)
-        if not tasks:
+        if not tasks and self.end is None:
             still = hold(arm.arm.joints, work[arm.columns], 0.0)
             return OwnClock(name, still, (), (), ())
         key = "home" if job.start == "free" else job.start
@@ -101,10 +111,51 @@ class FreePlanner:
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
         alone = replace(job, cell=cell, tasks=free, pairing=None, mode="paired")
         problem = replace(self.problem, model=replace(model, cell=cell), job=alone)
+        motion = self._still(model, work)
+        if tasks:
+            motion = quickest_clear(
+                problem, self.solve, self.timing, lambda _: None, clear=self.clear, crossing=False
+            ).cleared.motion
+        if self.end is not None:
+            motion = self._ended(problem, name, motion)
+        return OwnClock.of(motion, name, arm.arm.joints)
+
+    def _still(self, model: CellModel, work: FloatArray) -> Motion:
+        """Returns no motion at all."""
+        return Motion(hold(model.cell.robot.joints, work, 0.0), (), (), ())
+
+    def _ended(self, problem: MethodProblem, name: str, motion: Motion) -> Motion:
+        """Returns one arm's motion with its way to where it has to be at the end."""
+        assert self.end is not None  # callers have looked
+        columns = self.problem.model.arms[name].columns
+        here = np.asarray(motion.trajectory.position[-1])
+        there = here.copy()
+        there[columns] = self.end[columns]
+        if np.array_equal(here, there):
+            return motion
+        postures = {**problem.job.cell.robot.postures, problem.job.start: here}
+        cell = replace(problem.job.cell, robot=replace(problem.job.cell.robot, postures=postures))
+        alone = replace(problem.job, cell=cell, tasks=(), returns=False)
+        limits = cell.robot.limits.scaled(alone.speed)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
         found = quickest_clear(
-            problem, self.solve, self.timing, lambda _: None, clear=self.clear, crossing=False
+            replace(problem, model=replace(problem.model, cell=cell), job=alone),
+            lambda _: Decided([back]),
+            self.timing,
+            lambda _: None,
+            clear=self.clear,
+            crossing=False,
         )
-        return OwnClock.of(found.cleared.motion, name, arm.arm.joints)
+        record = Record()
+        record.add(motion)
+        record.add(found.cleared.motion)
+        return Motion(
+            concatenate(record.pieces),
+            tuple(record.stages),
+            tuple(record.segments),
+            tuple(record.events),
+        )
 
     def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
         """Returns the platform's motion from the start to where it stands while tools work."""
@@ -128,14 +179,13 @@ class FreePlanner:
         model: CellModel,
         work: FloatArray,
         clocks: tuple[OwnClock, ...],
-        turn: Trajectory,
+        turns: tuple[Trajectory, Trajectory | None],
         waits: tuple[list[Wait] | tuple[()], ...],
         *,
         apart: bool,
     ) -> Motion:
         """Returns the arms' ways with their waits, and the platform's, as one motion."""
-        job = self.problem.job
-        robot = job.cell.robot
+        robot, (turn, back) = self.problem.job.cell.robot, turns
         clocks = tuple(c.with_waits(list(w)) for c, w in zip(clocks, waits, strict=True))
         over = max(clock.last_line() for clock in clocks)
         home = max(clock.duration for clock in clocks)
@@ -143,8 +193,7 @@ class FreePlanner:
         length = home
         if turn.joints:
             pieces = [turn]
-            if job.returns and turn.duration > 0.0:
-                back = _reversed(turn)
+            if back is not None and back.duration > 0.0:
                 leaves = home if apart else max(over, turn.duration)
                 pieces += [hold(turn.joints, turn.position[-1], leaves - turn.duration), back]
                 length = max(length, leaves + back.duration)

@@ -8,24 +8,22 @@ from dataclasses import replace
 from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.planning.conveyor_plan import NO_BOUND as NO_CONVEYOR_BOUND
 from dualarm_cli.planning.conveyor_plan import conveyor_notes, guessed, quickest_meeting
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
 from dualarm_cli.planning.free_plan import FreePlanner
+from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.motion import Motion
-from dualarm_cli.planning.order_bound import own_clocks_bound, shared_bound
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
 from dualarm_cli.planning.path_jobs import SectionPlanner
 from dualarm_cli.planning.path_words import check_followers, path_job_notes
-from dualarm_cli.planning.seam_words import check_seams, seam_bound
-from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.seam_words import check_seams
+from dualarm_cli.planning.section_plans import quickest_of_sections
 from dualarm_cli.planning.serving import (
     cell_model,
     served_settings,
@@ -36,17 +34,10 @@ from dualarm_cli.planning.watch import Watch
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
-PATH_BOUND = (
-    "lower bound: the sections between paths and seams each by itself, from wherever they like; these at full speed; "
-    "the transfers to where they begin and from where they end count nothing"
-)
-"""What a bound with paths assumes."""
 SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
 """What sensitivities of jobs with seams assume."""
 UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
 """What is said of a time limit where nothing was searched."""
-NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
-"""What is said where there is no bound."""
 
 
 def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
@@ -58,45 +49,6 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
     notes = (*schedule.notes, *unneeded, *bound.assumptions)
     return replace(schedule, lower_bound=bound.value, notes=notes)
-
-
-def job_bound(job: Job, effort: str) -> LowerBound:
-    """Returns what no plan of a job can beat.
-
-    Args:
-        job: what is to be done.
-        effort: quick, normal or thorough.
-    """
-    if job.has_conveyors:
-        return LowerBound(None, (NO_CONVEYOR_BOUND,))
-    general = bool(job.cell.robot.without_closed_form)
-    if general and not job.in_sections:
-        return LowerBound(None, (NO_BOUND,))
-    if not job.is_decided and not job.in_sections:
-        return shared_bound(CellModel.from_cell(job.cell), job, effort)
-    if job.mode == "free":
-        return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
-    if not job.in_sections:
-        return lower_bound(sequence_problem(CellModel.from_cell(job.cell), job), effort)
-    value, assumptions = 0.0, dict[str, None]()
-    for section in job.sections():
-        work, seam = section[0].path, section[0].seam
-        if work is not None:
-            value += work.length / (work.speed * job.speed)
-        elif seam is not None:
-            # It begins, its dwell over, no earlier than the file says.
-            value = max(value, seam.not_before - seam.dwell_start) + seam_bound(seam, job.speed)
-        elif not general:
-            # Where a section starts is for the plan to choose, and what comes after it does not count.
-            alone = replace(job, tasks=section, start="free", returns=False)
-            model = CellModel.from_cell(job.cell)
-            if alone.is_decided:
-                bound = lower_bound(sequence_problem(model, alone), effort)
-            else:
-                bound = shared_bound(model, alone, effort)
-            value += bound.value if bound.value is not None else 0.0
-            assumptions |= dict.fromkeys(bound.assumptions)
-    return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
 def _in_time(schedule: Schedule, job: Job) -> Schedule:
@@ -181,7 +133,13 @@ def _planned(
     if job.in_sections:
         check_followers(job, settings.follower)
         check_seams(job)
-        return _with_paths(job, settings, problem, replaced, watch.tell, clear=clear)
+        return quickest_of_sections(
+            problem.model,
+            job,
+            settings.effort,
+            watch,
+            lambda one: _with_paths(one, settings, problem, replaced, watch.tell, clear=clear),
+        )
 
     def paired(one: Job) -> Schedule:
         if one.is_decided:
@@ -255,7 +213,13 @@ def _with_paths(
     """Returns the schedule of a job with paths, planned section after section."""
     method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
     planner = SectionPlanner(
-        problem, method.solve, timing, settings.follower, settings.seam_solver, progress, clear
+        replace(problem, job=job),
+        method.solve,
+        timing,
+        settings.follower,
+        settings.seam_solver,
+        progress,
+        clear,
     )
     planned = planner.plan()
     motion = planned.motion

@@ -31,11 +31,15 @@ class ArmTasks:
     """Joints before the first task [rad], shape (joints,)."""
     law: RestToRest
     """Rest-to-rest times of the joints."""
+    home: FloatArray | None = None
+    """Joints to which it goes back [rad], shape (joints,); None for those before the first task."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
         for name in ("entry", "leaving", "first", "second", "start"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.home is not None:
+            object.__setattr__(self, "home", readonly(self.home))
 
     @property
     def ways(self) -> int:
@@ -61,7 +65,7 @@ class SequencingProblem:
     stops: tuple[int, ...]
     """How many stops each task has, 1 or 2."""
     returns: bool
-    """Whether every arm goes back to its start."""
+    """Whether every arm goes back to its start, or to its home."""
     before: tuple[tuple[int, int], ...] = ()
     """Pairs of tasks of which the first is over before the second begins."""
     sequences: tuple[tuple[int, ...], ...] = ()
@@ -118,7 +122,8 @@ class SequencingProblem:
     def _between(self, arm: ArmTasks) -> FloatArray:
         joints = len(arm.start)
         leaving = np.concatenate([arm.leaving.reshape(-1, joints), arm.start[None]])
-        entry = np.concatenate([arm.entry.reshape(-1, joints), arm.start[None]])
+        back = arm.start if arm.home is None else arm.home
+        entry = np.concatenate([arm.entry.reshape(-1, joints), back[None]])
         n = len(entry)
         found = np.empty((n, n))
         rows = max(1, CHUNK // n)

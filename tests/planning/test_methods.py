@@ -9,9 +9,10 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.planner import job_bound, plan_without_bound
+from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.serving import cell_model, own_redundancy
 from dualarm_cli.reporting.console import summary_lines
 from dualarm_cli.reporting.report import build_report

@@ -1,0 +1,79 @@
+"""Plans of jobs with paths and seams in several orders of their sections; the quickest one is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.planning.ordered_plan import early_notes
+from dualarm_cli.planning.section_orders import section_orders
+from dualarm_cli.planning.watch import SeenEnoughError, Watch
+
+ORDERS = {"quick": 2, "normal": 4, "thorough": 24}
+"""So many orders of sections are planned."""
+
+
+def quickest_of_sections(
+    model: CellModel, job: Job, effort: str, watch: Watch, plan: Callable[[Job], Schedule]
+) -> Schedule:
+    """Returns the quickest plan of some orders of a job's sections; of the file's where it gives the order.
+
+    Args:
+        model: the job's cell.
+        job: with paths or seams.
+        effort: one of ORDERS.
+        watch: is told how it goes, and may end the search.
+        plan: plans the job with its sections in the order of its tasks.
+
+    Raises:
+        InfeasibleError: none of the orders has a plan; why the file's has none.
+    """
+    if job.order == "given":
+        return plan(job)
+    watch.begin()
+    orders = section_orders(model, job, ORDERS[effort])
+    best: Schedule | None = None
+    failure: InfeasibleError | None = None
+    longest, chosen, tried = 0.0, job, 0
+    try:
+        for number, one in enumerate(orders, start=1):
+            if best is not None and watch.stop(longest):
+                break
+            begin, watch.droppable = watch.elapsed(), best is not None
+            watch.tell(f"planning order {number} of {len(orders)} of what takes both arms")
+            tried += 1
+            try:
+                found = plan(one)
+            except InfeasibleError as error:
+                failure = failure or error
+                continue
+            longest = max(longest, watch.elapsed() - begin)
+            watch.found(found.duration)
+            if best is None or found.duration < best.duration:
+                best, chosen = found, one
+    except SeenEnoughError:
+        watch.stop()
+    watch.end()
+    if best is None:
+        assert failure is not None  # there is at least the file's order
+        raise failure
+    notes = (*best.notes, *_order_notes(chosen, orders[0], tried), *early_notes(watch))
+    return replace(best, notes=notes)
+
+
+def _order_notes(chosen: Job, given: Job, tried: int) -> list[str]:
+    """Returns in which order the sections are, where there was a choice."""
+    if tried < 2:
+        return []
+    rows = [
+        "/".join(dict.fromkeys(task.id for task in section))
+        if section[0].alone
+        else f"{len(section)} others"
+        for section in chosen.sections()
+    ]
+    whose = "the file's order of sections" if chosen == given else "sections in another order"
+    return [f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"]
