@@ -10,8 +10,8 @@ from dualarm_cli.planning.stage_plan import StagePlan
 
 ROUNDS = 3
 """So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
-SAME_TIME = 1e-12
-"""Waits that differ by less are one [s]."""
+SAME_TIME, ROUNDING = 1e-9, 1e-12
+"""Waits that differ by less are one, or one but for rounding [s]."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def stage_waits(
         for _ in range(ROUNDS):
             spare = {name: at - there[name] for name, at in meets.items()}
             least = min(spare.values())
-            if max(spare.values()) - least <= SAME_TIME:
+            if max(spare.values()) - least <= ROUNDING:
                 break
             held = {name: held.get(name, 0.0) + more - least for name, more in spare.items()}
             there = arrivals(held)
@@ -78,6 +78,7 @@ def stage_waits(
             due[name] = early, "conveyor"
     wait = max(0.0, *(early for early, _ in due.values()))
     reasons: dict[str, WaitReason] = {
-        name: due[name][1] if name in due and due[name][0] == wait else "partner" for name in arms
+        name: due[name][1] if name in due and wait - due[name][0] <= SAME_TIME else "partner"
+        for name in arms
     }
     return StageWaits(wait, reasons, held)
