@@ -10,8 +10,9 @@ from dualarm_cli.planning.stage_plan import StagePlan
 
 ROUNDS = 3
 """So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
-SAME_TIME, ROUNDING = 1e-9, 1e-12
-"""Waits that differ by less are one, or one but for rounding [s]."""
+ALIKE, ROUNDING = 2e-3, 1e-12
+"""Waits that differ by less are for the same, as parts are met a little later than they could be, or one but for
+rounding [s]."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def stage_waits(
             due[name] = early, "conveyor"
     wait = max(0.0, *(early for early, _ in due.values()))
     reasons: dict[str, WaitReason] = {
-        name: due[name][1] if name in due and wait - due[name][0] <= SAME_TIME else "partner"
+        name: due[name][1] if name in due and wait - due[name][0] <= ALIKE else "partner"
         for name in arms
     }
     return StageWaits(wait, reasons, held)

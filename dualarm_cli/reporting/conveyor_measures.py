@@ -60,8 +60,8 @@ def conveyor_lines(report: dict[str, Any]) -> list[str]:
         report: as built by `build_report`.
     """
     return [
-        f"conveyor {escape(row['conveyor'])}: {escape(row['task'])} {DONE.get(row['action'], row['action'])} by the "
-        f"{row['arm']} arm at {row['time']:.3f} s, {round(row['gone'] * 1e3) + 0:d} mm on of {row['within'] * 1e3:.0f} mm"
+        f"conveyor {escape(row['conveyor'])}: {escape(row['task'])} {DONE[row['action']]} by the "
+        f"{row['arm']} arm at {row['time']:.3f} s, {round(row['gone'] * 1e3)} mm on of {row['within'] * 1e3:.0f} mm"
         + (f"; waited {row['waited']:.2f} s for it" if row["waited"] >= 5e-3 else "")
         for row in report["conveyors"]
     ]
