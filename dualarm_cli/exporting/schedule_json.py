@@ -46,6 +46,7 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
                 "frame": event.frame,
                 **_pose(event.pose),
                 "dwell": event.dwell,
+                **({"velocity": list(event.velocity)} if event.moves else {}),
             }
             for event in schedule.events
         ],

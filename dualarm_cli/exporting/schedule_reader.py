@@ -219,7 +219,17 @@ class _Reader(JsonReader):
             frame=self.text(row, "frame", f"{path}.frame"),
             pose=self.pose(row, path),
             dwell=self.number(row, "dwell", f"{path}.dwell", 0.0) or 0.0,
+            velocity=self.velocity(row.get("velocity"), f"{path}.velocity"),
         )
+
+    def velocity(self, value: object, path: str) -> tuple[float, float, float]:
+        if value is None:
+            return 0.0, 0.0, 0.0
+        found = self.array(value, path, (3,))
+        if not np.isfinite(found).all():
+            self.fail(path, "must be finite")
+        x, y, z = found.tolist()
+        return x, y, z
 
     def segment(self, row: dict[str, Any], path: str) -> Segment:
         kind: Any = self.text(row, "kind", f"{path}.kind")

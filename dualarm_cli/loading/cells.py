@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.errors import InputError
@@ -24,6 +25,7 @@ from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.tool_changes import read_tool_changes
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell, Obstacle, Shape, Tool, ToolChanges
+from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.robot import Robot
 
 
@@ -78,6 +80,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     tools = reader.tools(model, robot)
     changes = read_tool_changes(document, model, tools, frames, reader.shape, findings)
     parts = reader.parts(model)
+    conveyors = reader.conveyors(model, frames)
     if robot is None:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
@@ -100,6 +103,7 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         contacts,
         parts,
         changes,
+        conveyors,
     )
     return cell, tuple(reader.notes)
 
@@ -184,6 +188,17 @@ class _CellReader:
             loc: Loc = ("parts", name, "shapes")
             shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
             found[name] = tuple(s for s in shapes if s)
+        return found
+
+    def conveyors(self, model: CellFile, frames: dict[str, pin.SE3]) -> dict[str, Conveyor]:
+        """Returns the conveyors, their velocities in the world."""
+        found = {}
+        for name, section in model.conveyors.items():
+            loc: Loc = ("conveyors", name, "in")
+            T_world_frame = frame_pose(self.document, loc, section.in_, frames, self.findings)
+            if T_world_frame is not None:
+                velocity = T_world_frame.rotation @ np.array(section.velocity)
+                found[name] = Conveyor(name, velocity)
         return found
 
     def bodies(

@@ -107,6 +107,8 @@ def check_name(text: str) -> str:
 Name = Annotated[str, AfterValidator(check_name)]
 BodyPair = Annotated[list[Name], Field(min_length=2, max_length=2)]
 Vector3 = Annotated[list[Length], Field(min_length=3, max_length=3)]
+BeltSpeed = Annotated[float, Quantity(quantities.SPEED, -10.0, 10.0)]
+Velocity3 = Annotated[list[BeltSpeed], Field(min_length=3, max_length=3)]
 Angles3 = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 
 

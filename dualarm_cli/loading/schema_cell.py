@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
@@ -19,11 +20,14 @@ from dualarm_cli.loading.fields import (
     Section,
     Size,
     ToolSpeed,
+    Velocity3,
     refuse,
 )
 
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
 """Solids that a file can describe."""
+SLOWEST_BELT = 1e-4
+"""Least speed of a conveyor [m/s]."""
 
 
 class RoundSection(Section):
@@ -188,6 +192,26 @@ class ToolChangesSection(Section):
     right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
 
 
+class ConveyorSection(Section):
+    """A belt that moves at one velocity all the time and carries targets past the robot."""
+
+    velocity: Velocity3 = Field(description="Velocity of what lies on it [m/s].")
+    in_: Name | None = Field(
+        default=None,
+        alias="in",
+        description="Named frame in whose axes the velocity is given; default world.",
+    )
+
+    @model_validator(mode="after")
+    def _moves(self) -> ConveyorSection:
+        if math.hypot(*self.velocity) < SLOWEST_BELT:
+            raise refuse(
+                f"a conveyor must move by {SLOWEST_BELT * 1e3:g} mm/s or more; targets on one that stands need none",
+                "velocity",
+            )
+        return self
+
+
 class LimitsSection(Section):
     """Caps on motion, besides those of the joints."""
 
@@ -263,5 +287,8 @@ class CellFile(Section):
     )
     parts: dict[Name, PartSection] = Field(
         default_factory=dict, description="Kinds of parts that tools carry, by name."
+    )
+    conveyors: dict[Name, ConveyorSection] = Field(
+        default_factory=dict, description="Belts that carry targets of tasks, by name."
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")

@@ -14,6 +14,7 @@ from dualarm_cli.loading.fields import (
     Name,
     Pose,
     Section,
+    Size,
     SpeedFraction,
     refuse,
 )
@@ -74,6 +75,38 @@ class TargetSection(FramedPose):
         default=None,
         description="Buffer that a place puts its part into, or a pick takes one out of.",
     )
+    conveyor: Name | None = Field(
+        default=None, description="Conveyor of the cell that the target moves with."
+    )
+    passes: Duration | None = Field(
+        default=None,
+        description="When what is on the conveyor passes this pose, after the start [s].",
+    )
+    within: Size | None = Field(
+        default=None,
+        description="How far beyond this pose along the conveyor the tool may still come to it [m].",
+    )
+
+    @model_validator(mode="after")
+    def _whole_conveyor(self) -> TargetSection:
+        given = [key for key in ("passes", "within") if getattr(self, key) is not None]
+        if self.conveyor is None:
+            if given:
+                raise refuse(f"'{given[0]}' is of a target on a conveyor; add 'conveyor'", given[0])
+            return self
+        if self.joints is not None:
+            raise refuse(
+                "'conveyor' does not go with 'joints', which stand still; give xyz, with rpy or quat",
+                "conveyor",
+            )
+        missing = [key for key in ("passes", "within") if key not in given]
+        if missing:
+            what = {
+                "passes": "when the part passes this pose",
+                "within": "how far beyond it it may be met",
+            }
+            raise refuse(f"'{missing[0]}' is missing: {what[missing[0]]}", "conveyor", code="E202")
+        return self
 
     @model_validator(mode="after")
     def _pose_or_joints(self) -> TargetSection:

@@ -10,10 +10,11 @@ from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.robot_joints import joint_position
 from dualarm_cli.loading.schema_tasks import HandoverSection, TargetSection
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.urdf import UrdfJoint
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import JointTarget, PoseTarget, Target
 from dualarm_cli.model.robot import Robot
 
@@ -31,6 +32,7 @@ class TargetReader:
         """
         self._document, self._findings = document, findings
         self._frames = dict(cell.frames)
+        self._conveyors = dict(cell.conveyors)
         self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
 
     def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
@@ -63,6 +65,30 @@ class TargetReader:
         name = section.at if section.at is not None else section.in_
         T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
         return None if T_world_frame is None else T_world_frame * to_se3(section)
+
+    def belt(self, section: TargetSection, loc: Loc, action: str) -> OnBelt | None:
+        """Returns how a target moves with a conveyor, or None where it does not or after noting what is wrong.
+
+        Args:
+            section: the target as the file has it.
+            loc: where it stands.
+            action: what is done there.
+        """
+        if section.conveyor is None or section.passes is None or section.within is None:
+            return None
+        place: Loc = (*loc, "conveyor")
+        if action == "move":
+            message = "a move goes to a place that stands; 'conveyor' goes with pick and place"
+            self._findings.add(self._document, place, message)
+            return None
+        if section.conveyor not in self._conveyors:
+            known = list(self._conveyors)
+            hint = suggest(section.conveyor, known, "it has") if known else "; it has none"
+            message = f"the cell has no conveyor {quote(section.conveyor)}{hint}"
+            self._findings.add(self._document, place, message)
+            return None
+        conveyor = self._conveyors[section.conveyor]
+        return OnBelt(conveyor, section.passes, section.within, section.passes)
 
     def _configurations(
         self, values: list[object], loc: Loc, joints: list[UrdfJoint]

@@ -63,6 +63,17 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
     handed = [task for task in model.tasks if task.handover is not None]
+    for index, task in enumerate(model.tasks if alone or handed else ()):
+        for action in ("pick", "place"):
+            target = getattr(task, action)
+            if target is not None and target.conveyor is not None:
+                other = (alone or handed)[0].id
+                message = (
+                    f"conveyors do not go with paths, coordinate tasks and hand-overs (task {quote(other)}) in this "
+                    "version; plan them in files of their own"
+                )
+                loc = ("tasks", index, action, "conveyor")
+                findings.add(document, loc, message, NOT_AVAILABLE)
     names = {task.id for task in (*alone, *handed)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):

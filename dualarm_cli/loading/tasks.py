@@ -258,7 +258,8 @@ class _TaskReader:
             line, column = self._document.place((*loc, action))
             place = Place(self._document.source.name, line, column)
             around = self._surroundings(section, action == "move")
-            stops.append(Stop(action, target, *around, place, target_section.buffer or ""))
+            belt = self._targets.belt(target_section, (*loc, action), action)
+            stops.append(Stop(action, target, *around, place, target_section.buffer or "", belt))
         return tuple(stops)
 
     def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:

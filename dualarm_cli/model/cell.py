@@ -8,6 +8,7 @@ from typing import Literal
 
 import pinocchio as pin
 
+from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
 
@@ -123,6 +124,8 @@ class Cell:
     """Solids of each kind of part in the frame of the tool centre point that carries it."""
     tool_changes: Mapping[str, ToolChanges] = field(default_factory=dict)
     """By arm, the tools that it changes by itself; arms that change none are missing."""
+    conveyors: Mapping[str, Conveyor] = field(default_factory=dict)
+    """Belts that carry targets, by name."""
 
     def tool_names(self, arm: str) -> tuple[str, ...]:
         """Returns the tools that an arm may have on, the empty name of none among them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import pinocchio as pin
@@ -12,6 +12,7 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.pairing import side_by_side
 from dualarm_cli.model.path_work import PathWork
@@ -123,6 +124,17 @@ class Stop:
     """Where it is written."""
     buffer: str = ""
     """Name of the buffer that a part is put into or taken out of; empty for none."""
+    belt: OnBelt | None = None
+    """The conveyor that its pose moves with, None where it stands; approach, dwell and retract are in the belt's
+    frame."""
+
+    def met(self, time: float) -> Stop:
+        """Returns the stop with its target where the conveyor has it at a time [s]; the same where nothing moves."""
+        if self.belt is None:
+            return self
+        assert isinstance(self.target, PoseTarget)  # the reader refuses others on conveyors
+        pose, belt = self.belt.moved(self.target.pose, time)
+        return replace(self, target=replace(self.target, pose=pose), belt=belt)
 
     @property
     def stored(self) -> int:
@@ -246,6 +258,11 @@ class Job:
     def has_handovers(self) -> bool:
         """Whether any part goes from arm to arm."""
         return any(task.handover is not None for task in self.tasks)
+
+    @property
+    def has_conveyors(self) -> bool:
+        """Whether any target moves with a conveyor."""
+        return any(stop.belt is not None for task in self.tasks for stop in task.stops)
 
     @property
     def in_sections(self) -> bool:

@@ -16,10 +16,12 @@ from dualarm_cli.model.verification import Verification
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
-WaitReason = Literal["", "platform", "partner", "shared_zone", "after", "window", "buffer", "end"]
+WaitReason = Literal[
+    "", "platform", "partner", "shared_zone", "after", "window", "buffer", "conveyor", "end"
+]
 """Why an arm waits: for the platform to be there; for the other arm to finish the stage; for it to be out of the way;
 for a task that has to be done before; for the time before which a task must not begin; for a part in a buffer or room
-in it; because its work is done."""
+in it; for a part that a conveyor brings; because its work is done."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,13 @@ class Event:
     """Commanded pose of that frame in the world."""
     dwell: float = 0.0
     """How long it stands there [s]."""
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of the conveyor that it moves with from `time` on, for `dwell`, in the world [m/s]; zero where it stands."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the tool is to move with a conveyor instead of standing still."""
+        return any(self.velocity)
 
     @property
     def changes_held(self) -> float:

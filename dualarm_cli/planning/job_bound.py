@@ -19,6 +19,8 @@ PATH_BOUND = (
 """What a bound with paths assumes."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
 """What is said where there is no bound."""
+NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
+"""The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
 
 
 def job_bound(job: Job, effort: str) -> LowerBound:
@@ -28,6 +30,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
+    if job.has_conveyors:
+        return LowerBound(None, (NO_CONVEYOR_BOUND,))
     general = bool(job.cell.robot.without_closed_form)
     job = with_changes(job)
     if general and not job.in_sections:

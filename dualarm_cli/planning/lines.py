@@ -8,7 +8,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.stages import ArmStop
+from dualarm_cli.planning.stage_plan import ArmStop
 from dualarm_cli.redundancy import StopProblem
 from dualarm_cli.redundancy.candidates import line_path
 from dualarm_cli.timing import TimingSolver

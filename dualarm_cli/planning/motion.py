@@ -9,12 +9,13 @@ from itertools import groupby
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.bent_transfers import path_pieces
 from dualarm_cli.planning.motion_words import at_knot, stage_of
 from dualarm_cli.planning.stage_moves import moves_to_lines
 from dualarm_cli.planning.stage_plan import StagePlan, giver_and_taker
+from dualarm_cli.planning.stage_waits import StageWaits, stage_waits
 from dualarm_cli.planning.stop_motion import (
     Key,
     Known,
@@ -55,6 +56,7 @@ def realise(
     known: Known | None = None,
     *,
     windows: bool = True,
+    clock: float = 0.0,
 ) -> Motion:
     """Returns the motion of the decided stages under every limit of the job.
 
@@ -65,6 +67,7 @@ def realise(
         timing: how transfers and lines are timed.
         known: what is timed already; what is new is added.
         windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
+        clock: when the first stage begins [s], for its windows; the motion itself is from 0.
     """
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
@@ -83,9 +86,17 @@ def realise(
             )
         transfers = record.known.transfers[key]
         begin = record.clock
-        if windows and any(stop.task.not_before > begin for stop in plan.stops.values()):
-            _wait_for_windows(record, model, job, plan, transfers, columns, limits, timing)
-        _add_stage(record, model, job, plan, transfers, columns, limits, timing)
+
+        def arrivals(
+            held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
+        ) -> dict[str, float]:
+            alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
+            _add_stage(alone, model, job, plan, transfers, columns, limits, timing, held)
+            return {event.arm: event.time for event in alone.events}
+
+        waits = stage_waits(plan, arrivals, list(model.arms), clock + begin if windows else None)
+        _wait(record, plan, waits, columns, limits.joints)
+        _add_stage(record, model, job, plan, transfers, columns, limits, timing, waits.held)
         record.stages[-1] = replace(record.stages[-1], start=begin)
     for name, index in columns.items():
         if not record.pieces[name]:
@@ -102,38 +113,23 @@ def realise(
     )
 
 
-def _wait_for_windows(
+def _wait(
     record: Recorder,
-    model: CellModel,
-    job: Job,
     plan: StagePlan,
-    transfers: Transfers,
+    waits: StageWaits,
     columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
+    joints: tuple[str, ...],
 ) -> None:
-    """Lets a stage wait before it begins, so that its tools are at the first targets of tasks when they may be.
-
-    All wait together, so that in the stage itself everything stays as it is.
-    """
-    alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
-    _add_stage(alone, model, job, plan, transfers, columns, limits, timing)
-    late = {}
-    for event in alone.events:
-        task = plan.stops[event.arm].task
-        if event.action == task.stops[0].action:
-            late[event.arm] = task.not_before - record.clock - event.time
-    wait = max(late.values(), default=0.0)
-    if wait <= 0.0:
+    """Lets all joints stand before a stage begins, so that in the stage itself everything stays as it is."""
+    if waits.common <= 0.0:
         return
     for name, index in columns.items():
-        joints = tuple(limits.joints[i] for i in index)
-        record.pieces[name].append(hold(joints, plan.start[index], wait))
+        group = tuple(joints[i] for i in index)
+        record.pieces[name].append(hold(group, plan.start[index], waits.common))
         if name != PLATFORM:
-            reason: WaitReason = "window" if late.get(name) == wait else "partner"
-            span = record.clock, record.clock + wait
-            add_segment(record, name, "wait", plan.stops.get(name), *span, reason)
-    record.clock += wait
+            span = record.clock, record.clock + waits.common
+            add_segment(record, name, "wait", plan.stops.get(name), *span, waits.reasons[name])
+    record.clock += waits.common
 
 
 def _add_stage(
@@ -145,6 +141,7 @@ def _add_stage(
     columns: Mapping[str, list[int]],
     limits: JointLimits,
     timing: TimingSolver,
+    held: Mapping[str, float],
 ) -> None:
     """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
     begin, ends = record.clock, dict.fromkeys(columns, 0.0)
@@ -164,6 +161,7 @@ def _add_stage(
             limits,
             timing,
             job.tool_speed,
+            held.get(name, 0.0),
         )
         for reason, run in groupby(moves, key=lambda move: move.reason):
             pieces = [move.motion for move in run]

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import JointTarget, PoseTarget
+from dualarm_cli.model.job import JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import Event, Stage
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 from dualarm_cli.planning.transfers import PLATFORM, Transfers
@@ -66,7 +66,16 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
         frame=f"{name}_tcp",
         pose=pose,
         dwell=arm_stop.stop.dwell.total,
+        velocity=_velocity(arm_stop.stop),
     )
+
+
+def _velocity(stop: Stop) -> tuple[float, float, float]:
+    """Returns the velocity with which a target moves [m/s]."""
+    if stop.belt is None:
+        return 0.0, 0.0, 0.0
+    x, y, z = stop.belt.conveyor.velocity.tolist()
+    return x, y, z
 
 
 def at_knot(event: Event, time: FloatArray) -> Event:

@@ -126,8 +126,9 @@ class PairedSearch:
         Raises:
             InfeasibleError: rules that no order keeps.
         """
-        model = self.order.model
-        if len(model.arms) == 1 and not model.platform.is_turntable:
+        job, model = self.order.job, self.order.model
+        # An arm's own clock knows windows of whole tasks only, not those of parts on conveyors.
+        if len(model.arms) == 1 and not model.platform.is_turntable and not job.has_conveyors:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)
@@ -142,7 +143,10 @@ class PairedSearch:
         )
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
-            why = why_impossible(self.order, of_stages(self.problem))
+            # And with parts on conveyors where they are guessed to be met it proves nothing.
+            why = None
+            if not job.has_conveyors:
+                why = why_impossible(self.order, of_stages(self.problem))
             if why is not None or not found:
                 raise why or InfeasibleError(NOT_FOUND)
         few = is_few(self.problem) and self.start is None
@@ -152,7 +156,7 @@ class PairedSearch:
             if self.problem.stores is not None:
                 how = how.replace("k-th stops side by side", "whoever waits for whom")
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
-        if tasks <= MOST_PROVEN and not watch.stop():
+        if tasks <= MOST_PROVEN and not job.has_conveyors and not watch.stop():
             watch.tell("bounding all orders")
             proof = PROOFS[self.effort]
             relaxed = of_stages(self.problem)

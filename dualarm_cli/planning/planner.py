@@ -13,6 +13,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_numbers import check_stage_levels
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.planning.conveyor_plan import conveyor_notes, guessed, quickest_meeting
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.job_bound import job_bound
@@ -152,6 +153,10 @@ def _planned(
             return _decided_plan(own, settings, replaced, watch, clear=clear)
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 
+    if job.has_conveyors:
+        own = guessed(job)
+        one = paired(stage_by_stage(own) if job.mode == "free" else own)
+        return replace(one, notes=(*one.notes, *conveyor_notes(job, one.duration)))
     if job.mode == "paired":
         return paired(job)
     if job.has_handovers:
@@ -178,7 +183,8 @@ def _decided_plan(
     check_stage_levels(job)
     progress = watch.tell
     progress(f"deciding platform angles and postures ({method.name})")
-    found = quickest_clear(problem, method.solve, timing, progress, clear=clear)
+    quickest = quickest_meeting if job.has_conveyors else quickest_clear
+    found = quickest(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
         *job.notes,

@@ -33,6 +33,10 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         UsageError: there is no such stage, or only one arm works in it.
         UnsupportedError: the robot has no platform of one revolute joint or not two arms.
     """
+    if job.has_conveyors:
+        raise UnsupportedError(
+            "a single move has no time at which a part on a conveyor is met; `dualarm plan` plans the whole of it"
+        )
     model = CellModel.from_cell(job.cell)
     if not model.platform.is_turntable or len(model.arms) != 2:
         raise UnsupportedError(

@@ -81,12 +81,14 @@ def sensitivity(schedule: Schedule) -> list[Sensitivity]:
 
     Args:
         schedule: a planned one; of one without stages, whose stages overlap, since its length is no sum of them then,
-            or that does not say its limits, nothing is returned.
+            or that does not say its limits, nothing is returned; nor of one with conveyors, as quicker arms would meet
+            parts elsewhere.
     """
     limits = schedule.robot.limits.select(schedule.trajectory.joints)
     entries = _entries(limits)
     parts = stage_parts(schedule)
-    if not entries or not parts or overlap(schedule.stages):
+    moving = any(event.moves for event in schedule.events)
+    if not entries or not parts or overlap(schedule.stages) or moving:
         return []
     if not np.isfinite(limits.acceleration).all():
         return []

@@ -39,6 +39,7 @@ def moves_to_lines(
     limits: JointLimits,
     timing: TimingSolver,
     cap: float | None,
+    held: float = 0.0,
 ) -> list[Move]:
     """Returns what a group does from a stage's start until its lines begin, or until it has returned.
 
@@ -53,11 +54,15 @@ def moves_to_lines(
         limits: what the joints may do.
         timing: how transfers are timed.
         cap: largest speed of any tool centre point [m/s], or None.
+        held: how long it stands first, for what a conveyor brings [s].
     """
     index = columns[name]
     joints = tuple(limits.joints[i] for i in index)
     late = plan.waits.get(name, 0.0)
     moves = [Move(hold(joints, plan.start[index], late), "shared_zone")] if late > 0.0 else []
+    if held > 0.0:
+        moves.insert(0, Move(hold(joints, plan.start[index], held), "conveyor"))
+        late += held
     if name in together:
         moves.append(Move(together[name]))
     elif name in plan.detours:

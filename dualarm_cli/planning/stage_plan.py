@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.planning.tracking import Tracked
 from dualarm_cli.redundancy import StopPosture, StopProblem
 
 
@@ -26,6 +27,8 @@ class ArmStop:
     """The stop as the redundancy solver saw it, for the lines."""
     posture: StopPosture
     """How the stop is made."""
+    tracked: Tracked | None = None
+    """Its whole motion where the target moves with a conveyor; None where it stands, or is not met yet."""
 
 
 @dataclass(frozen=True)

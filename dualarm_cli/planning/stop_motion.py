@@ -15,6 +15,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.lines import solve_line
 from dualarm_cli.planning.motion_words import event_of
 from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
+from dualarm_cli.planning.tracking import Tracked
 from dualarm_cli.planning.transfers import Transfers
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
@@ -128,6 +129,8 @@ def add_stop(
         add_segment(record, name, kind, arm_stop, clock, clock + piece.duration)
         clock += piece.duration
 
+    if arm_stop.tracked is not None:
+        return _add_tracked(record, model, plan, arm_stop, arm_stop.tracked, clock)
     if stop.approach > 0:
         add(line("approach"), "approach")
     record.events.append(event_of(model, plan, arm_stop, clock))
@@ -136,6 +139,27 @@ def add_stop(
     if stop.retract > 0:
         add(line("retract"), "retract")
     return clock
+
+
+def _add_tracked(
+    record: Recorder,
+    model: CellModel,
+    plan: StagePlan,
+    arm_stop: ArmStop,
+    tracked: Tracked,
+    clock: float,
+) -> float:
+    """Appends a stop on a conveyor, ramps with the lines beside them; returns when it is over [s]."""
+    name = arm_stop.arm
+    reached, left = clock + tracked.reached, clock + tracked.left
+    over = clock + tracked.motion.duration
+    record.pieces[name].append(tracked.motion)
+    add_segment(record, name, "approach", arm_stop, clock, reached)
+    record.events.append(event_of(model, plan, arm_stop, reached))
+    if left > reached:
+        add_segment(record, name, "dwell", arm_stop, reached, left)
+    add_segment(record, name, "retract", arm_stop, left, over)
+    return over
 
 
 def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:

@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.reporting.buffer_use import buffer_lines
+from dualarm_cli.reporting.conveyor_measures import conveyor_lines
 from dualarm_cli.reporting.path_table import path_lines
 from dualarm_cli.reporting.seam_table import seam_lines
 
@@ -81,6 +82,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines += buffer_lines(report)
     lines += path_lines(report)
     lines += seam_lines(report)
+    lines += conveyor_lines(report)
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")

@@ -46,6 +46,7 @@ REASONS = {
     "after": ("waits: task before", "#e6dcf0", "||||"),
     "window": ("waits: time window", "#fdf0c4", "----"),
     "buffer": ("waits: buffer", "#d9efdc", "++++"),
+    "conveyor": ("waits: conveyor", "#d2e7ec", "////"),
     "end": ("waits: work is done", "#f4f4f4", "...."),
     "": ("waits", "#efefef", ""),
 }

@@ -13,6 +13,7 @@ from dualarm_cli.model.schedule import Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.reporting.buffer_use import buffer_rows
+from dualarm_cli.reporting.conveyor_measures import conveyor_rows
 from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.reporting.seam_measures import seam_measures
@@ -52,6 +53,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "clearance_cost": schedule.clearance_cost,
         "paths": path_measures(schedule, job),
         "seams": seam_measures(schedule, job),
+        "conveyors": conveyor_rows(schedule, job),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {

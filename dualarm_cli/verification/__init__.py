@@ -13,6 +13,7 @@ from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
 from dualarm_cli.verification.buffer_checks import check_buffers
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
+from dualarm_cli.verification.conveyor_checks import check_conveyors, with_belts
 from dualarm_cli.verification.handover_checks import check_handovers
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
@@ -94,6 +95,9 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     known = _of_known_arms(schedule)
     # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.
     done = None if job is None else job_as_done(schedule, job)
+    stated = known.events
+    if done is not None:
+        known = with_belts(known, done)
     # Where tools end on paths is judged with the paths, by their own tolerance.
     stops = known
     if job is not None:
@@ -106,6 +110,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_arms(schedule),
         *check_events(stops, model),
         *check_lines(known, done, model),
+        *check_conveyors(known, stated, done, model),
         *check_paths(schedule, done, model),
         *check_seams(schedule, done, model),
         *check_handovers(known, done, model),

@@ -45,6 +45,8 @@ TORQUE_SLACK = 1e-3
 """Share by which a torque may exceed its limit between the instants that the planner looks at."""
 CLEARANCE_SLACK = 1e-6
 """By how much a distance may fall short of the required clearance [m]."""
+BELT_SPEED = 1e-3
+"""How far a tool's velocity may be from that of the conveyor that it is to move with [m/s]."""
 CONTACT_SLACK = 5e-4
 """How far a carried part may reach into what it lies on, on the lines at both ends of its way [m]."""
 TOOL_SPEED_SLACK = 1e-4

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job, JointTarget, SeamTarget, Stop
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, SeamTarget, Stop
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
@@ -53,10 +53,11 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
         distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
-        if event.dwell > 0:
+        # With a conveyor it moves: see conveyor_checks.
+        if event.dwell > 0 and not event.moves:
             times = dense_times(knots, event.time, event.time + event.dwell)
             _measure(schedule, model, event, times, (still_distance, still_angle), where)
-    none, short = "the schedule lists no events", "no event has a dwell"
+    none, short = "the schedule lists no events", "no event has a dwell in which the tool stands"
     return [
         knot.judge("events_at_knots", tol.SAME_TIME, "s", none),
         distance.judge("tool_position_at_events", tol.POSE_DISTANCE, "m", none),
@@ -86,8 +87,8 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
     stops = job.stops_by_key()
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
-        if stop is None or isinstance(stop.target, SeamTarget):
-            continue  # check_order names it; seams have checks of their own
+        if stop is None or isinstance(stop.target, SeamTarget) or stop.belt is not None:
+            continue  # check_order names it; seams and what moves have checks of their own
         where = f"{event.task} ({event.action})"
         worst.add(_target_error(schedule, job, event, stop), where)
     nothing = "no event is one of the job's"
@@ -102,14 +103,25 @@ def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> flo
         columns = [schedule.trajectory.joints.index(name) for name in names]
         q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
         return float(np.abs(stop.target.configurations - q).max(axis=1).min())
-    error = stop.target.pose.actInv(event.pose)
+    return pose_error(stop.target.pose, stop.target, event.pose)
+
+
+def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3) -> float:
+    """Returns how far a pose is from where a target is, within the target's freedoms [m, rad].
+
+    Args:
+        nominal: where the target is.
+        target: whose freedoms count.
+        pose: what is judged.
+    """
+    error = nominal.actInv(pose)
     off = float(np.linalg.norm(error.translation))
-    if stop.target.free_yaw:
+    if target.free_yaw:
         tilt = np.arctan2(
             np.hypot(error.rotation[0, 2], error.rotation[1, 2]), error.rotation[2, 2]
         )
         return max(off, float(tilt))
-    turns = np.arange(stop.target.symmetry) * (2.0 * np.pi / stop.target.symmetry)
+    turns = np.arange(target.symmetry) * (2.0 * np.pi / target.symmetry)
     angles = [
         float(rotation_angle(error.rotation @ pin.utils.rotate("z", -turn))) for turn in turns
     ]
@@ -129,6 +141,8 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             beside.add(np.inf, f"{where}: no event says where it leads")
             continue
         event = events[key]
+        if event.moves:
+            continue  # straight in its conveyor's frame: see conveyor_checks
         _measure_line(
             schedule, model, segment, event, stops.get(key), (beside, turned, length), where
         )
@@ -182,6 +196,8 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
     """Returns which line that the job asks for is not in the schedule, or an empty string."""
     there = {(s.arm, s.task, s.action, s.kind) for s in lines}
     for (arm, task, action), stop in stops.items():
+        if stop.belt is not None:
+            continue  # see conveyor_checks
         for kind, length in (("approach", stop.approach), ("retract", stop.retract)):
             if length > 0 and (arm, task, action, kind) not in there:
                 return f"{kind} of {task} ({action}) is missing"

@@ -347,7 +347,7 @@ def test_what_nothing_was_measured_of_is_not_passed(clean):
     for name in ("events_at_knots", "tool_position_at_events", "tool_angle_at_events"):
         assert verdicts[name] == ("not checked", "the schedule lists no events")
     for name in ("tool_still_in_dwells", "tool_steady_in_dwells"):
-        assert verdicts[name] == ("not checked", "no event has a dwell")
+        assert verdicts[name] == ("not checked", "no event has a dwell in which the tool stands")
     for name in ("lines_straight", "lines_steady", "line_lengths", "lines_at_events"):
         assert verdicts[name][0] == "not checked"
         assert "no approach or retract" in verdicts[name][1]
