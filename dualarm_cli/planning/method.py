@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.clearance import Barred
+from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.stages import StagePlan
@@ -34,6 +35,8 @@ class MethodProblem:
     """The method's own plan for the same job that does not keep clear, if there is one."""
     touching: tuple[int, ...] = ()
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
+    start: Decisions | None = None
+    """A plan to begin a search with: that which an order was chosen by."""
 
     @property
     def turns_for_both(self) -> bool:

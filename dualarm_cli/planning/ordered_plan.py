@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
@@ -26,7 +27,7 @@ def plan_in_best_order(
     settings: PlanSettings,
     model: CellModel,
     watch: Watch,
-    decided_plan: Callable[[Job], Schedule],
+    decided_plan: Callable[[Job, Decisions | None], Schedule],
     *,
     clear: bool,
 ) -> Schedule:
@@ -37,7 +38,7 @@ def plan_in_best_order(
         settings: as for any plan.
         model: the job's cell.
         watch: is told how it goes, and may end the search.
-        decided_plan: plans a job that says which arm does what in which order.
+        decided_plan: plans a job that says which arm does what in which order, from the search's angles and postures.
         clear: whether anything has to keep clear.
 
     Raises:
@@ -68,7 +69,7 @@ def plan_in_best_order(
 def _quickest(
     orders: list[DecidedOrder],
     watch: Watch,
-    decided_plan: Callable[[Job], Schedule],
+    decided_plan: Callable[[Job, Decisions | None], Schedule],
     pairs: set[StagePair],
 ) -> Schedule:
     """Returns the quickest plan of some orders, at least of the first one that has a plan.
@@ -92,7 +93,7 @@ def _quickest(
             begin = watch.elapsed()
             watch.droppable = best is not None
             try:
-                schedule = decided_plan(one.job)
+                schedule = decided_plan(one.job, one.plan)
             except InfeasibleError as error:
                 failure = failure or error
                 if isinstance(error, BlockedError):

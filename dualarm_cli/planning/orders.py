@@ -10,11 +10,12 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
-from dualarm_cli.planning.stage_order_model import stage_problem, stage_stands
+from dualarm_cli.planning.stage_order_model import StageModel, stage_model, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.sequencing.cp_sat import prove
@@ -26,7 +27,7 @@ from dualarm_cli.sequencing.stage_changes import (
 )
 from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
-from dualarm_cli.sequencing.stage_times import totals
+from dualarm_cli.sequencing.stage_times import totals, with_angles
 
 MOST_PROVEN = 60
 """Of so many tasks at most a bound on all orders is looked for."""
@@ -56,6 +57,8 @@ class DecidedOrder:
     """The job with arms, order and pairing."""
     total: float
     """Its cycle time as far as the search for orders knows [s]."""
+    plan: Decisions | None = None
+    """Platform angles and postures that the search counts on; None where it says none."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,10 @@ class PairedSearch:
 
     order: OrderModel
     """The job's tasks as each arm may do them."""
+    stages: StageModel
+    """Its stages, and what their numbers mean."""
     problem: StageProblem
-    """Its stages as numbers."""
+    """Its stages as the search has them."""
     effort: str
     """One of EFFORTS."""
     seed: int
@@ -114,11 +119,12 @@ class PairedSearch:
         watch.tell("timing each task at every platform angle")
         order = OrderModel.of(model, job, clear=clear)
         check_reach(order)
-        whole = stage_problem(order)
+        stages = stage_model(order)
+        whole = stages.problem
         check_meetings(order, whole)
         stands = stage_stands(order, whole)
         problem = whole if stands is None else with_whole_changes(stands, len(job.tasks))
-        return cls(order, problem, effort, seed, stands=stands)
+        return cls(order, stages, problem, effort, seed, stands=stands)
 
     def orders(self, watch: Watch) -> Orders:
         """Returns the best orders found.
@@ -161,15 +167,16 @@ class PairedSearch:
             proof = PROOFS[self.effort]
             relaxed = of_stages(self.problem)
             bound = prove(relaxed, None, proof, self.seed, watch.stop, watch.bounded).bound or None
-        answers = [self._answer(one.slots, one.total) for one in found]
+        answers = [self._answer(one) for one in found]
         return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound, how)
 
-    def _answer(self, slots: IntArray, total: float) -> DecidedOrder:
+    def _answer(self, found: StageOrder) -> DecidedOrder:
         """Returns an order as a job, with its tool changes in stages that suit them best."""
+        slots, total = found.slots, found.total
         job = decided(self.order.job, self.order.model, slots)
         changed = with_changes(job)
         if self.stands is None or changed is job:
-            return DecidedOrder(job, total)
+            return DecidedOrder(job, total, self.stages.decisions(self.order, found))
         stages = stages_with_changes(self.stands, slots)
         own = float(totals(self.stands.whole, stages[None])[0])
         # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
@@ -178,8 +185,7 @@ class PairedSearch:
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""
         assert self.start is not None  # it goes on from one
-        total = float(totals(self.problem, self.start[None])[0])
-        return Orders((self._answer(self.start, total),), None, SEARCHED)
+        return Orders((self._answer(with_angles(self.problem, self.start)),), None, SEARCHED)
 
     def _is_late(self, found: StageOrder) -> bool:
         """Returns whether an order misses a window, by the search's own times."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
@@ -147,9 +148,9 @@ def _planned(
             lambda one: _with_paths(one, settings, problem, replaced, watch.tell, clear=clear),
         )
 
-    def paired(one: Job) -> Schedule:
+    def paired(one: Job, start: Decisions | None = None) -> Schedule:
         if one.is_decided:
-            own = replace(problem, job=with_changes(one))
+            own = replace(problem, start=start, job=with_changes(one))
             return _decided_plan(own, settings, replaced, watch, clear=clear)
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 

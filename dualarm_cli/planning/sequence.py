@@ -33,6 +33,8 @@ SHORT = range(2, 5)
 the fewer the stages, the less does the grid tell which of many local optima is best."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
+LONG = 50
+"""Orders of more stages than so many are planned from the plan that they were chosen by alone."""
 NEARLY_EXACT = "linearised"
 """In long sequences the search does not start from this method's plan, which is nearly that of `exact`."""
 
@@ -49,6 +51,8 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     model, job = problem.model, problem.job
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
     nearby: list[list[StagePlan]] = []
+    # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
+    given = problem.start is not None and len(job.stages()) > LONG and problem.effort != "thorough"
     if problem.blind:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         blind = decisions_of(numbers, model, list(problem.blind))
@@ -64,9 +68,11 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and problem.effort != "thorough":
-            return Decided(nearby[0], simpler=lambda: _simpler(problem))
-    starts, failure = _starts(problem)
+            return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
+    starts, failure = ({}, None) if given else _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
+    if problem.start is not None:
+        decided.append(problem.start)
     if starts and len(job.stages()) in SHORT:
         decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)

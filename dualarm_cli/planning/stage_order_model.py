@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions
 from dualarm_cli.planning.buffer_numbers import job_stores
 from dualarm_cli.planning.cheapest_postures import cheapest_postures
 from dualarm_cli.planning.handover_postures import handovers_of, met_postures
 from dualarm_cli.planning.meeting import meeting_costs
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.sequencing.stage_changes import StageStands, StageTools
-from dualarm_cli.sequencing.stage_problem import StageProblem
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.tool_stands import NO_TOOL
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -23,8 +26,54 @@ MOST_ANGLES = 12
 """Most platform angles of more stops."""
 
 
+@dataclass(frozen=True)
+class StageModel:
+    """A job's stages as numbers, and what the numbers mean."""
+
+    problem: StageProblem
+    """The numbers; behind the job's tasks are those that leave and take tools at their stands."""
+    stops: tuple[tuple[int, int], ...]
+    """Task and number of every stop."""
+    angles: FloatArray
+    """Platform angles [rad], shape (f, k)."""
+    rows: tuple[IntArray, ...]
+    """By arm, each stop's posture at every angle among its nodes, -1 for none, shape (s, f)."""
+
+    def decisions(self, order: OrderModel, found: StageOrder) -> Decisions | None:
+        """Returns an order's stages as the search over the whole sequence writes them down.
+
+        None where an arm has no closed form, or a platform of several joints carries both.
+
+        Args:
+            order: the job's tasks as each arm may do them.
+            found: the order, of the job's own stops.
+        """
+        if self.angles.shape[1] > 1:
+            return None
+        arms = []
+        for a, (name, rows) in enumerate(zip(order.model.arms, self.rows, strict=True)):
+            start = order.start[order.model.arms[name].columns]
+            own = ArmDecisions.idle(start, len(found.slots))
+            for k, (stop, angle) in enumerate(zip(found.slots[:, a], found.angles, strict=True)):
+                if stop == IDLE:
+                    continue
+                made = order.nodes[name, *self.stops[stop]].decisions
+                if made is None:
+                    return None
+                own = own.put(np.array([k]), made.take(np.array([rows[stop, angle]])))
+            arms.append(own)
+        turns = order.model.platform.is_turntable
+        angle = self.angles[found.angles, 0] if turns else np.zeros(len(found.slots))
+        return Decisions(np.asarray(angle), tuple(arms))
+
+
 def stage_problem(order: OrderModel) -> StageProblem:
-    """Returns the stages as numbers; behind the job's tasks are those that leave and take tools at their stands.
+    """Returns the stages as numbers, see `stage_model`."""
+    return stage_model(order).problem
+
+
+def stage_model(order: OrderModel) -> StageModel:
+    """Returns the stages as numbers with what they mean.
 
     Args:
         order: the job's tasks as each arm may do them.
@@ -38,7 +87,8 @@ def stage_problem(order: OrderModel) -> StageProblem:
         order.angles[angles][None, :, :] - order.angles[angles][:, None, :]
     )
     cheapest = [cheapest_postures(order, name, stops, angles) for name in model.arms]
-    for name, rows_of in zip(model.arms, met_postures(order, stops, angles, cheapest), strict=True):
+    postures = met_postures(order, stops, angles, cheapest)
+    for name, rows_of in zip(model.arms, postures, strict=True):
         joints = len(model.arms[name].columns)
         target = np.full((count, f, joints), np.nan)
         entry = np.full((count, f, joints), np.nan)
@@ -63,7 +113,7 @@ def stage_problem(order: OrderModel) -> StageProblem:
     for task in order.tasks:
         numbers.append(tuple(range(k, k + len(task.stops))))
         k += len(task.stops)
-    return StageProblem(
+    problem = StageProblem(
         tuple(lengths),
         tuple(works),
         turn,
@@ -78,6 +128,7 @@ def stage_problem(order: OrderModel) -> StageProblem:
         meeting_costs(order, stops, chosen),
         job_stores(job),
     )
+    return StageModel(problem, tuple(stops), order.angles[angles], tuple(postures))
 
 
 def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:

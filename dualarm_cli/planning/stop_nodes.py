@@ -10,7 +10,7 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.minimum_time.nodes import Grid, grid_nodes
-from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.problem import ArmDecisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.planning.sampled_stops import SampledStage
@@ -41,6 +41,8 @@ class StopNodes:
     """Joints where the retract ends [rad], shape (N, joints)."""
     work: FloatArray
     """About how long approach, dwell and retract take [s], shape (N,)."""
+    decisions: ArmDecisions | None = None
+    """What the search over the whole sequence calls them, N rows; None for arms without closed forms."""
 
 
 def platform_angles(model: CellModel, job: Job) -> FloatArray:
@@ -103,6 +105,7 @@ def _closed(
                 nodes.decisions.near,
                 nodes.q_retract,
                 nodes.work,
+                nodes.decisions,
             )
     return found
 
