@@ -18,8 +18,9 @@ from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning import free_ordered_plan
+from dualarm_cli.planning import free_ordered_plan, free_plan
 from dualarm_cli.planning.clear_checks import check_start
+from dualarm_cli.planning.clear_plan import quickest_clear
 from dualarm_cli.planning.free_epochs import FreeEpochs, plan_epochs
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.holding import Holding
@@ -235,7 +236,7 @@ def test_the_report_and_the_chart_tell_of_changes(kit):
     assert words[:3] == ["leave fingers", "take suction", "plate-1"]
 
 
-def test_changes_go_on_where_the_platform_stood_before(kit):
+def test_changes_go_on_where_the_platform_stood_before(kit, monkeypatch):
     """Two epochs: suction is on from the first to the second one, fingers are on again at the end of it."""
     job = some(kit, "plate-1", "plate-2", "screw-3", order="given", mode="free")
     model = CellModel.from_cell(job.cell)
@@ -253,7 +254,16 @@ def test_changes_go_on_where_the_platform_stood_before(kit):
     planner = FreePlanner(
         problem, METHODS["sequence"].solve, TIMING_SOLVERS["ruckig"], lambda _: None, clear=True
     )
+    held = []
+
+    def spied(problem, *rest, **kinds):
+        held.append((len(problem.job.tasks), problem.job.held_at_start("left")))
+        return quickest_clear(problem, *rest, **kinds)
+
+    monkeypatch.setattr(free_plan, "quickest_clear", spied)
     schedule = _schedule(found.job, QUICK, plan_epochs(planner, found), ())
+    # The left arm's stops, the right one's, the left one's next and its way back; the right arm is looked at by itself.
+    assert held[:4] == [(3, "fingers"), (1, "fingers"), (3, "suction"), (0, "fingers")]
     assert verify(schedule, job, clearance=True).failures == ()
 
 
@@ -337,7 +347,7 @@ def test_the_tool_of_the_start_is_there_from_the_start(kit):
 
 
 def test_an_arm_by_its_own_clock_holds_what_its_stops_say(kit):
-    """Fingers until they have been left, suction from its stand on, on lines what may lie there; by hand, second by second."""
+    """Fingers until they have been left, suction from its stand on, on lines what may lie there; second by second."""
     job = with_changes(some(kit, "plate-1", order="given", returns=False))
     leave, take, _ = job.tasks
     parts, events = [], []
