@@ -15,7 +15,7 @@ from dualarm_cli.model.cell import Held, Shape
 @pytest.fixture(scope="module")
 def cell(tasks_folder):
     """Two grippers for the left arm of an SDA10F, and a part."""
-    cell = load_cell(tasks_folder / "12_two_grippers" / "cell.yaml").cell
+    cell = load_cell(tasks_folder / "14_two_grippers" / "cell.yaml").cell
     return dataclasses.replace(
         cell, parts={"plate": (Shape("sphere", (0.01,), pin.SE3.Identity()),)}
     )

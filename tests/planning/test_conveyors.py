@@ -49,7 +49,7 @@ def timed(job, windows):
 @pytest.fixture(scope="module")
 def belt(tasks_folder):
     """The shipped job with four parts on a belt."""
-    return load_job(tasks_folder / "12_conveyor" / "tasks.yaml")
+    return load_job(tasks_folder / "15_conveyor" / "tasks.yaml")
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ QUICK = PlanSettings(effort="quick")
 @pytest.fixture(scope="module")
 def flip(tasks_folder):
     """The first hand-over of the example."""
-    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
     return dataclasses.replace(job, tasks=job.tasks[:2])
 
 

@@ -49,7 +49,7 @@ END = "left arm, at the end"
 @pytest.fixture(scope="module")
 def kit(tasks_folder):
     """The shipped job: plates by suction and screws by fingers for the left arm, screws for the right one."""
-    return load_job(tasks_folder / "12_two_grippers" / "tasks.yaml")
+    return load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
 
 
 def some(job, *ids, **changes):

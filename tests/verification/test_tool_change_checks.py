@@ -22,7 +22,7 @@ from dualarm_cli.verification.tool_change_checks import check_tool_changes
 @pytest.fixture(scope="module")
 def job(tasks_folder):
     """A plate by suction, then a screw by fingers, by the left arm; one screw by the right one; as the file has them."""
-    job = load_job(tasks_folder / "12_two_grippers" / "tasks.yaml")
+    job = load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
     tasks = tuple(t for t in job.tasks if t.id in ("plate-1", "screw-1", "screw-3"))
     return dataclasses.replace(job, tasks=tasks, order="given")
 
