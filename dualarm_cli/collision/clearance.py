@@ -32,7 +32,7 @@ class CellClearance:
     columns: tuple[tuple[int, ...], ...]
     """Columns of each arm's joints among the robot's."""
     parts: tuple[str, ...]
-    """Names of all that is ever held, see `Held.name`; the first one is nothing."""
+    """Names of all that is ever held, see `Held.name`; the first one is nothing, tools come before parts in them."""
     crossing: bool = True
     """Whether arms have to keep clear of one another; else each is looked at by itself."""
 

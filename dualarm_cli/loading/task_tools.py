@@ -44,12 +44,23 @@ def check_tool_changes(
                     "in which the tool is always on (tools:)"
                 )
                 findings.add(document, ("tasks", index, kind), message, NOT_YET)
+        _check_name(document, index, task.id, cell, findings)
     if model.limits.tool_speed is not None:
         message = (
             "a cap on the tools' speed does not go with a cell that has tool_changes in this version: it is measured "
             "at what is always on the arm; remove it"
         )
         findings.add(document, ("limits", "tool_speed"), message, NOT_YET)
+
+
+def _check_name(document: Document, index: int, name: str, cell: Cell, findings: Findings) -> None:
+    """Notes an id that could be taken for a visit to a stand."""
+    for changes in cell.tool_changes.values():
+        for tool in changes.tools:
+            if name.startswith((f"take {tool} (", f"leave {tool} (")):
+                message = f"{quote(name)} is what a visit to a stand is called; choose another id"
+                findings.add(document, ("tasks", index, "id"), message)
+                return
 
 
 class ToolChoice:

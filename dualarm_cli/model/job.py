@@ -272,7 +272,8 @@ class Job:
     def carried(self) -> list[tuple[str, str]]:
         """Returns arm and name of everything that an arm may ever hold, each once, tools before parts; see `Held.name`.
 
-        Of an arm that changes tools these are among it, whether its tasks say so yet or not.
+        Of an arm that changes tools these are among it, whether its tasks say so yet or not. They come first: of what
+        is held before and after a stop the later one is the fuller one.
         """
         arms = [arm.name for arm in self.cell.robot.arms]
         tools = [

@@ -210,15 +210,16 @@ def _late(found: Found) -> dict[tuple[int, str], float]:
     late: dict[tuple[int, str], float] = {}
     before = 0.0
     for k, plan in enumerate(found.cleared.plans):
-        most = before
+        here = []
         for name, stop in plan.stops.items():
             if stop.stop.belt is None:
                 continue
             behind = events[name, stop.task.id, stop.stop.action] - stop.stop.belt.at
             if behind > before + LATE:
                 late[k, name] = behind - before
-                most = max(most, behind)
-        before = most
+            here.append(max(0.0, behind))
+        # Where a part was waited for in between, what was late before is made up for.
+        before = max(here, default=before)
     return late
 
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound, lower_bound
+from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.planning.order_bound import own_clocks_bound, shared_bound
 from dualarm_cli.planning.seam_words import seam_bound
-from dualarm_cli.planning.sequence_problem import bound_problem
+from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.tool_changes import with_changes
 
 PATH_BOUND = (
@@ -41,7 +42,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     if job.mode == "free":
         return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
     if not job.in_sections:
-        return lower_bound(bound_problem(CellModel.from_cell(job.cell), job), effort)
+        return _bound(CellModel.from_cell(job.cell), job, effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in _bounded_sections(job):
         work, seam = section[0].path, section[0].seam
@@ -54,10 +55,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
             model = CellModel.from_cell(job.cell)
-            if alone.is_decided:
-                bound = lower_bound(bound_problem(model, alone), effort)
-            else:
-                bound = shared_bound(model, alone, effort)
+            bounded = _bound if alone.is_decided else shared_bound
+            bound = bounded(model, alone, effort)
             value += bound.value if bound.value is not None else 0.0
             assumptions |= dict.fromkeys(bound.assumptions)
     return LowerBound(value, (*assumptions, PATH_BOUND))
@@ -69,3 +68,35 @@ def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
         return job.sections()
     others = tuple(task for task in job.tasks if not task.alone)
     return [*(one for one in job.sections() if one[0].alone), *([others] if others else [])]
+
+
+def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+    """Returns the bound of a decided job.
+
+    It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and
+    dwell: at least what its stop takes by itself from wherever it likes.
+    """
+    problem = sequence_problem(model, job)
+    arms = [list(arm.stops) for arm in problem.arms]
+    for k in problem.together.tolist():
+        least = [_least_work(problem, a, k, effort) for a in range(len(arms))]
+        for a, stops in enumerate(arms):
+            stop = stops[k]
+            if stop is not None:
+                stops[k] = replace(stop, dwell=stop.dwell + sum(least) - least[a])
+    whole = tuple(
+        replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
+    )
+    return lower_bound(replace(problem, arms=whole, handing=()), effort)
+
+
+def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:
+    """Returns what lines and dwell of one arm's stop take at least [s]."""
+    stop = problem.arms[a].stops[k]
+    if stop is None:
+        return 0.0
+    arms = tuple(
+        replace(arm, stops=(stop if i == a else None,)) for i, arm in enumerate(problem.arms)
+    )
+    alone = replace(problem, arms=arms, free_start=True, returns=False, handing=())
+    return max(stop.dwell, lower_bound(alone, effort).value or 0.0)

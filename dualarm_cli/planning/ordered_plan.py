@@ -12,6 +12,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
+from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
 
 CUTS = 3
@@ -118,7 +119,7 @@ def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
     found: set[StagePair] = set()
     for k, work in enumerate(job.stages()):
         if k in stages and len(work) == 2:
-            one, other = ((task.id, stop.action) for task, stop in work.values())
+            one, other = ((stop_name(task), stop.action) for task, stop in work.values())
             # What a hand-over needs cannot be taken apart.
             if "give" not in (one[1], other[1]):
                 found.add((one, other))

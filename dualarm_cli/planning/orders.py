@@ -201,7 +201,7 @@ class PairedSearch:
             pairs: stops of the first and of the second arm, each by task and action.
             near: an order to go on from.
         """
-        numbers, stops = self._stop_numbers(near), self.problem.stops
+        numbers, stops = self._stop_numbers(), self.problem.stops
         cuts = {(numbers[one], numbers[other]) for one, other in pairs}
         stands = self.stands
         if stands is not None:
@@ -220,20 +220,14 @@ class PairedSearch:
         start = apart(slots, cuts)
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
 
-    def _stop_numbers(self, near: Job) -> dict[tuple[str, str], int]:
-        """Returns the number of every stop, by its task and action; a decided job's changes have those of stands."""
-        keys = [(task.id, stop.action) for task in self.order.job.tasks for stop in task.stops]
-        found: dict[tuple[str, str], int] = {key: k for k, key in enumerate(keys)}
-        for task in near.tasks:
-            if task.is_change and self.stands is not None:
-                action = task.stops[0].action
-                stand = self.order.stand(task.arm, task.tool, action)
-                found[task.id, action] = self.stands.whole.tasks[stand][0]
-        return found
+    def _stop_numbers(self) -> dict[tuple[str, str], int]:
+        """Returns the number of every stop, those at stands among them, by the name of its task and its action."""
+        keys = [(task.id, stop.action) for task in self.order.tasks for stop in task.stops]
+        return {key: k for k, key in enumerate(keys)}
 
 
 StagePair = tuple[tuple[str, str], tuple[str, str]]
-"""Task and action of the first arm's stop in a stage and of the second arm's."""
+"""Task (see `stop_name`) and action of the first arm's stop in a stage and of the second arm's."""
 
 
 def _kept_apart(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:

@@ -50,34 +50,6 @@ def sequence_problem(
     return replace(found, clearance=_clearance(model, start, holding, barred))
 
 
-def bound_problem(model: CellModel, job: Job) -> SequenceProblem:
-    """Returns a job's stages for a lower bound, which looks at each arm by itself.
-
-    In a hand-over both dwells follow one another: neither arm is done before both are over.
-
-    Args:
-        model: the job's cell.
-        job: what is to be done.
-    """
-    problem = sequence_problem(model, job)
-    both = {k: sum(_dwell(arm.stops[k]) for arm in problem.arms) for k in problem.together.tolist()}
-    arms = [
-        replace(
-            arm,
-            stops=tuple(
-                replace(stop, dwell=both[k]) if stop is not None and k in both else stop
-                for k, stop in enumerate(arm.stops)
-            ),
-        )
-        for arm in problem.arms
-    ]
-    return replace(problem, arms=tuple(arms), handing=())
-
-
-def _dwell(stop: StopTarget | None) -> float:
-    return 0.0 if stop is None else stop.dwell
-
-
 def stops_problem(
     model: CellModel, job: Job, stops: Mapping[str, Sequence[Stop | None]]
 ) -> SequenceProblem:

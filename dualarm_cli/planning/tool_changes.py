@@ -94,11 +94,22 @@ def stand_tasks(cell: Cell) -> tuple[Task, ...]:
     """Returns the stops at which each arm may leave each of its tools, and take it, as tasks."""
     actions: tuple[Action, ...] = ("leave_tool", "take_tool")
     return tuple(
-        stand_task(cell, arm, tool, action, f"{action.split('_')[0]} {tool} ({arm} arm)")
+        stand_task(cell, arm, tool, action, _stand_name(arm, tool, action))
         for arm, changes in cell.tool_changes.items()
         for tool in changes.tools
         for action in actions
     )
+
+
+def _stand_name(arm: str, tool: str, action: str) -> str:
+    return f"{action.split('_')[0]} {tool} ({arm} arm)"
+
+
+def stop_name(task: Task) -> str:
+    """Returns what a task is called in any order: its id, of a visit to a stand what it is for whatever comes next."""
+    if not task.is_change:
+        return task.id
+    return _stand_name(task.arm, task.tool, task.stops[0].action)
 
 
 def paired_as(job: Job, slots: IntArray) -> Job:

@@ -14,7 +14,13 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.tracking_postures import along_poses
-from dualarm_cli.planning.tracking_shapes import LINE_SHAPES, Phases, line_way, ramp_way
+from dualarm_cli.planning.tracking_shapes import (
+    LINE_SHAPES,
+    Phases,
+    dense,
+    line_way,
+    ramp_way,
+)
 from dualarm_cli.redundancy import StopPosture, StopProblem
 from dualarm_cli.redundancy.candidates import flange_poses
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
@@ -36,8 +42,6 @@ WITH_BELT = 5e-5
 """How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
 SPEED_MARGIN = 2e-4
 """Share of a cap on the tool's speed that is kept free."""
-CHECKS_PER_KNOT = 4
-"""Instants per interval at which the tool is looked at."""
 LEAST_FACTOR, SHRINKS, USED = 0.9, 6, 0.98
 """Phases are made shorter by this factor at most at a time, so often at most after every limit holds, and no more where
 each of them uses this share of its time's limits."""
@@ -204,8 +208,7 @@ class Tracking:
         )
         along, depth, away = self._course(phases, time)
         points = p[0] + along[:, None] * self.velocity - depth[:, None] * z[0]
-        general = isinstance(self.problem.arm, GeneralArm)
-        middle = 0.0 if general else self.posture.psi_target
+        middle = 0.0 if isinstance(self.problem.arm, GeneralArm) else self.posture.psi_target
         first, last = self.posture.psi_approach - middle, self.posture.psi_retract - middle
         psi = middle + away[0] * first + away[1] * last
         start = int(np.searchsorted(time, phases.rise + phases.approach))
@@ -265,7 +268,7 @@ class Tracking:
 
     def _speed(self, motion: Trajectory, rows: slice) -> float:
         """Returns the largest speed of the tool between some knots [m/s], SPEED_MARGIN added."""
-        time = _dense(motion.time[rows])
+        time = dense(motion.time[rows])
         step = 1e-6 * max(1.0, self.pace)
         at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
         before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
@@ -279,7 +282,7 @@ class Tracking:
 
     def _stays(self, motion: Trajectory, phases: Phases) -> bool:
         """Returns whether the tool is where it should be between the knots."""
-        time = _dense(motion.time)
+        time = dense(motion.time)
         R, p = self._tool(motion.at(time)[0])
         R_target, p_target, z = flange_poses(
             self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
@@ -295,10 +298,3 @@ class Tracking:
         dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
         near = off[dwells].max(initial=0.0) <= WITH_PART
         return bool(near and off.max() <= WITH_BELT)
-
-
-def _dense(time: FloatArray) -> FloatArray:
-    """Returns instants between knots, and the knots."""
-    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
-    inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
-    return np.append(inside, time[-1])

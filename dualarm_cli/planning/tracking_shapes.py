@@ -12,6 +12,9 @@ LINE_SHAPES = ((2, 0), (1, 2), (1, 1), (1, 0))
 """Double-S shapes of lines: length of their jerks, and of constant acceleration between two of them, in eighths of the
 line's time; what is left in the middle is passed at one speed."""
 
+CHECKS_PER_KNOT = 4
+"""Instants per interval at which the tool is looked at."""
+
 
 @dataclass(frozen=True)
 class Phases:
@@ -87,3 +90,10 @@ def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
     lengths = np.concatenate([ramp, [cruise] if cruise else [], ramp])
     jerks = [*signs, *([0.0] if cruise else []), *(-sign for sign in signs)]
     return np.concatenate([[0.0], np.cumsum(lengths) / 8.0]), np.array(jerks)
+
+
+def dense(time: FloatArray) -> FloatArray:
+    """Returns instants between knots, and the knots."""
+    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
+    inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
+    return np.append(inside, time[-1])

@@ -149,6 +149,7 @@ def test_the_tool_is_where_the_file_has_the_target(changing: Path, change: Chang
         ("retract: 60 mm,", "retract: 60 mm, tool: suction,", "tasks.yaml:10:74: E300 turns about the z axis of tool 'suction' are left open here"),
         ("id: b", "id: b\n    tool: gripper", "right changes no tools; remove 'tool'"),
         ("arm: right\n    move: {joints: [0.5, -90 deg]}", "path: {arm: right, speed: 100 mm/s, through: [{xyz: [1, 0, 0]}, {xyz: [1, 1, 0]}]}", "E310 'path' does not go with a cell that has tool_changes"),
+        ("id: b", "id: take gripper (a)", "tasks.yaml:12:9: E300 'take gripper (a)' is what a visit to a stand is called"),
         ("start: bent", "start: bent\nlimits: {tool_speed: 0.2 m/s}", "E310 a cap on the tools' speed"),
     ],
 )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,11 @@ from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning import conveyor_plan
+from dualarm_cli.planning.clear_plan import quickest_clear
+from dualarm_cli.planning.clearing import Cleared
 from dualarm_cli.planning.meeting_time import MeetingTime
+from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.planner import plan, plan_without_bound
 from dualarm_cli.planning.platform_moves import stage_move
 from dualarm_cli.reporting.conveyor_measures import conveyor_lines, conveyor_rows
@@ -44,7 +49,7 @@ def timed(job, windows):
 @pytest.fixture(scope="module")
 def belt(tasks_folder):
     """The shipped job with four parts on a belt."""
-    return load_job(tasks_folder / "12_conveyor" / "tasks.yaml")
+    return load_job(tasks_folder / "15_conveyor" / "tasks.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -209,3 +214,49 @@ def test_a_single_move_does_not_know_when_parts_are_met(belt):
     """`dualarm platform` has no clock."""
     with pytest.raises(UnsupportedError, match="conveyor"):
         stage_move(belt, 1)
+
+
+def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatch):
+    """Keeping clear lets the left arm wait 0.3 s each time: the plan is made again with that much more time."""
+    calls = []
+
+    def mended(problem, solve, timing, progress, **how):
+        found = quickest_clear(problem, solve, timing, progress, **how)
+        first, *others = found.cleared.plans
+        plans = [dataclasses.replace(first, waits={"left": 0.3}), *others]
+        motion = realise(problem.model, problem.job, plans, timing)
+        calls.append(motion.events[0])
+        return dataclasses.replace(found, cleared=Cleared(plans, motion, ()))
+
+    job = dataclasses.replace(belt, tasks=belt.tasks[:1])
+    monkeypatch.setattr(conveyor_plan, "quickest_clear", mended)
+    found = plan_without_bound(job, GREEDY, clear=False)
+    assert len(calls) >= 2
+    # The first one was late for the part, and no check would have passed it.
+    assert verify(found, job).passed
+    [wait] = [s for s in found.segments if s.reason == "shared_zone"]
+    assert wait.end - wait.start == pytest.approx(0.3)
+
+
+def test_lateness_counts_where_it_comes_up():
+    """0.2 s late in a first stage and 0.3 s in a third: 0.2 and 0.1 s more; all of it if it was in time between."""
+
+    def stop(task, at):
+        belt = SimpleNamespace(at=at)
+        return SimpleNamespace(
+            stop=SimpleNamespace(action="pick", belt=belt), task=SimpleNamespace(id=task)
+        )
+
+    def event(task, time):
+        return SimpleNamespace(arm="left", task=task, action="pick", time=time)
+
+    plans = [
+        SimpleNamespace(stops={"left": stop(task, at)})
+        for task, at in zip("abc", (1.0, 3.0, 4.0), strict=True)
+    ]
+    late = SimpleNamespace(events=[event("a", 1.2), event("b", 3.2), event("c", 4.3)])
+    found = SimpleNamespace(cleared=SimpleNamespace(plans=plans, motion=late))
+    assert conveyor_plan._late(found) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.1})
+    back = SimpleNamespace(events=[event("a", 1.2), event("b", 3.0), event("c", 4.3)])
+    again = SimpleNamespace(cleared=SimpleNamespace(plans=plans, motion=back))
+    assert conveyor_plan._late(again) == pytest.approx({(0, "left"): 0.2, (2, "left"): 0.3})

@@ -13,13 +13,14 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.handovers import handover_shares
 from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.minimum_time.bound import lower_bound
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clearing import Clearing
 from dualarm_cli.planning.holding import Holding
-from dualarm_cli.planning.job_bound import job_bound
+from dualarm_cli.planning.job_bound import _least_work, job_bound
 from dualarm_cli.planning.method import MethodProblem
 from dualarm_cli.planning.motion import realise
 from dualarm_cli.planning.planner import plan_without_bound
@@ -39,7 +40,7 @@ QUICK = PlanSettings(effort="quick")
 @pytest.fixture(scope="module")
 def flip(tasks_folder):
     """The first hand-over of the example."""
-    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
     return dataclasses.replace(job, tasks=job.tasks[:2])
 
 
@@ -111,9 +112,18 @@ def test_the_search_knows_how_long_handovers_last(flip):
 
 
 def test_no_plan_is_quicker_than_the_bound(flip, schedule):
-    """It knows at least all four dwells, one after the other, and the line of a hand-over's slower arm."""
+    """It knows all four dwells, one after the other, and what the other arm's line takes at least."""
     bound = job_bound(flip, "quick").value
     assert 4 * 0.15 < bound < schedule.duration
+    problem = sequence_problem(CellModel.from_cell(flip.cell), flip)
+    blind = lower_bound(dataclasses.replace(problem, handing=()), "quick").value
+    assert bound > blind + 0.15
+    for a, (arm, action, line) in enumerate(
+        (("left", "give", "retract"), ("right", "take", "approach"))
+    ):
+        parts = parts_of(schedule, arm, action)
+        spent = sum(parts[kind][1] - parts[kind][0] for kind in ("dwell", line))
+        assert 0.15 < _least_work(problem, a, 1, "quick") <= spent
 
 
 def test_sensitivities_know_both_arms_lines(schedule):

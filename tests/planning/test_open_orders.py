@@ -193,7 +193,7 @@ def test_a_target_that_no_arm_reaches_is_said_with_its_place(packing, mode):
 @pytest.fixture(scope="module")
 def handed(tasks_folder):
     """A hand-over with one task of each arm, in any order; who gives is left open."""
-    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
     packing = load_job(tasks_folder / "04_packing" / "tasks.yaml")
     shares = tuple(
         dataclasses.replace(

@@ -24,7 +24,7 @@ JOBS = [
     "03_bottin_planar",
     "04_packing",
     "05_two_robots",
-    "12_hand_over",
+    "13_hand_over",
 ]
 
 

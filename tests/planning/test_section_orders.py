@@ -135,7 +135,7 @@ def test_precedence_between_paths_and_parts_is_kept_by_the_plan(job):
 
 def test_both_shares_of_a_handover_stay_in_one_run(job, tasks_folder):
     """Whatever the order of the paths: else the arms would not meet."""
-    handed = load_job(tasks_folder / "12_hand_over" / "tasks.yaml").tasks[:2]
+    handed = load_job(tasks_folder / "13_hand_over" / "tasks.yaml").tasks[:2]
     more = replace(job, tasks=(*job.tasks[:2], *handed, *job.tasks[2:]), order="optimise")
     orders = section_orders(CellModel.from_cell(more.cell), more, 24)
     assert len(orders) > 1

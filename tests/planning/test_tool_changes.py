@@ -18,8 +18,9 @@ from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning import free_ordered_plan
+from dualarm_cli.planning import free_ordered_plan, free_plan
 from dualarm_cli.planning.clear_checks import check_start
+from dualarm_cli.planning.clear_plan import quickest_clear
 from dualarm_cli.planning.free_epochs import FreeEpochs, plan_epochs
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.holding import Holding
@@ -28,9 +29,11 @@ from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.order_bound import least_visits, shared_bound
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import check_reach
+from dualarm_cli.planning.orders import PairedSearch
 from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.planner import _schedule, plan_without_bound
 from dualarm_cli.planning.tool_changes import changes_of, with_changes
+from dualarm_cli.planning.watch import Watch
 from dualarm_cli.reporting.console import summary_lines
 from dualarm_cli.reporting.gantt_labels import task_words
 from dualarm_cli.reporting.report import build_report
@@ -46,7 +49,7 @@ END = "left arm, at the end"
 @pytest.fixture(scope="module")
 def kit(tasks_folder):
     """The shipped job: plates by suction and screws by fingers for the left arm, screws for the right one."""
-    return load_job(tasks_folder / "12_two_grippers" / "tasks.yaml")
+    return load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
 
 
 def some(job, *ids, **changes):
@@ -235,7 +238,7 @@ def test_the_report_and_the_chart_tell_of_changes(kit):
     assert words[:3] == ["leave fingers", "take suction", "plate-1"]
 
 
-def test_changes_go_on_where_the_platform_stood_before(kit):
+def test_changes_go_on_where_the_platform_stood_before(kit, monkeypatch):
     """Two epochs: suction is on from the first to the second one, fingers are on again at the end of it."""
     job = some(kit, "plate-1", "plate-2", "screw-3", order="given", mode="free")
     model = CellModel.from_cell(job.cell)
@@ -253,7 +256,16 @@ def test_changes_go_on_where_the_platform_stood_before(kit):
     planner = FreePlanner(
         problem, METHODS["sequence"].solve, TIMING_SOLVERS["ruckig"], lambda _: None, clear=True
     )
+    held = []
+
+    def spied(problem, *rest, **kinds):
+        held.append((len(problem.job.tasks), problem.job.held_at_start("left")))
+        return quickest_clear(problem, *rest, **kinds)
+
+    monkeypatch.setattr(free_plan, "quickest_clear", spied)
     schedule = _schedule(found.job, QUICK, plan_epochs(planner, found), ())
+    # The left arm's stops, the right one's, the left one's next and its way back; the right arm is looked at by itself.
+    assert held[:4] == [(3, "fingers"), (1, "fingers"), (3, "suction"), (0, "fingers")]
     assert verify(schedule, job, clearance=True).failures == ()
 
 
@@ -370,3 +382,27 @@ def test_an_arm_by_its_own_clock_holds_what_its_stops_say(kit):
         (f"suction{at}", False),  # on the way that is a tool like any other
     ]
     assert found == [cell.held(*one) for one in expected]
+
+
+def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit):
+    """What the right arm did beside a visit it does not do beside it in the next order."""
+    job = some(kit, "plate-1", "screw-1", "screw-3")
+    watch = Watch()
+    search = PairedSearch.of(CellModel.from_cell(job.cell), job, "quick", 0, watch, clear=False)
+    first = search.orders(watch).found[0].job
+    beside = {}
+    for work in first.stages():
+        if len(work) == 2 and work["left"][0].is_change:
+            task, stop = work["right"]
+            beside[work["left"][0].tool, work["left"][1].action] = task.id, stop.action
+    assert beside
+    (tool, action), other = next(iter(beside.items()))
+    pair = ((f"{action.split('_')[0]} {tool} (left arm)", action), other)
+    found = search.without({pair}, first).orders(watch).found[0].job
+    visits = 0
+    for work in found.stages():
+        task, stop = work.get("left", (None, None))
+        if task is not None and (task.tool, stop.action) == (tool, action):
+            visits += 1
+            assert "right" not in work or (work["right"][0].id, work["right"][1].action) != other
+    assert visits == 1

@@ -19,7 +19,7 @@ NAMES = ("handover_order", "handover_grip", "handover_still")
 @pytest.fixture(scope="module")
 def flip(tasks_folder):
     """The first hand-over of the example."""
-    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
     return dataclasses.replace(job, tasks=job.tasks[:2])
 
 
@@ -64,7 +64,7 @@ def test_a_plan_passes(flip, schedule):
 
 def test_without_handovers_nothing_is_checked(tasks_folder, schedule):
     """They say so."""
-    job = load_job(tasks_folder / "12_hand_over" / "tasks.yaml")
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
     alone = dataclasses.replace(job, tasks=())
     for one in (None, alone):
         checks = {c.name: c.verdict for c in verify(schedule, one).checks}

@@ -22,7 +22,7 @@ from dualarm_cli.verification.tool_change_checks import check_tool_changes
 @pytest.fixture(scope="module")
 def job(tasks_folder):
     """A plate by suction, then a screw by fingers, by the left arm; one screw by the right one; as the file has them."""
-    job = load_job(tasks_folder / "12_two_grippers" / "tasks.yaml")
+    job = load_job(tasks_folder / "14_two_grippers" / "tasks.yaml")
     tasks = tuple(t for t in job.tasks if t.id in ("plate-1", "screw-1", "screw-3"))
     return dataclasses.replace(job, tasks=tasks, order="given")
 
@@ -211,6 +211,8 @@ def test_tools_count_only_while_they_are_on(schedule, job):
         judged[name] = [stage for stage in found.clearances if stage.margin < 0.0]
     begin, end = (next(e.time for e in schedule.events if e.task == task) for task in (TAKE, BACK))
     assert judged["suction"]
+    placed = next(e.time for e in schedule.events if (e.task, e.action) == ("plate-1", "place"))
+    assert any(stage.time > placed + 1.0 for stage in judged["suction"])
     assert all(begin - 1e-6 <= stage.time <= end + 0.8 + 1e-6 for stage in judged["suction"])
     assert judged["fingers"]
     left = next(e.time for e in schedule.events if e.task == LEAVE) + 0.8
