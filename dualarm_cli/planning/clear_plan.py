@@ -140,7 +140,7 @@ def quickest_clear(
             found = Found(decided, tried, reference, replanned=True)
         bars = _bars(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
-        if decided.hopeless or not bars:
+        if decided.hopeless or not bars or (tried.blocked and not problem.patient):
             break
         if before is not None and same_postures(decided.stages, before):
             break

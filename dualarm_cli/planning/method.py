@@ -37,6 +37,9 @@ class MethodProblem:
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
+    patient: bool = True
+    """Whether stages that do not keep clear, whatever is done about them, are decided once more; else the order will be
+    changed, which is what helps most."""
 
     @property
     def turns_for_both(self) -> bool:

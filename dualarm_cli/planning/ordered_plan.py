@@ -15,8 +15,12 @@ from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, Stag
 from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
 
+Planner = Callable[[Job, Decisions | None, bool], Schedule]
+"""Plans a decided job from a plan to begin with; whether what does not keep clear is decided again."""
 CUTS = 3
 """So often orders are searched for anew without pairs of stops that turned out to touch."""
+FEWER_CUTS = 2
+"""The same for long orders."""
 LONG = 40
 """Of orders with more stages only the best one is planned."""
 PROMISING = 0.04
@@ -28,7 +32,7 @@ def plan_in_best_order(
     settings: PlanSettings,
     model: CellModel,
     watch: Watch,
-    decided_plan: Callable[[Job, Decisions | None], Schedule],
+    decided_plan: Planner,
     *,
     clear: bool,
 ) -> Schedule:
@@ -49,19 +53,22 @@ def plan_in_best_order(
     search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
     orders = search.orders(watch)
     pairs: set[StagePair] = set()
-    for tries in range(CUTS + 1):
+    long = len(orders.found[0].job.stages()) > LONG
+    cuts = FEWER_CUTS if long else CUTS
+    for tries in range(cuts + 1):
         try:
-            best = _quickest(_promising(orders.found), watch, decided_plan, pairs)
+            patient = tries == cuts or not long
+            best = _quickest(_promising(orders.found), watch, decided_plan, pairs, patient=patient)
             break
         except BlockedError as error:
-            if tries == CUTS or not pairs or watch.stop():
+            if tries == cuts or not pairs or watch.stop():
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
             first = orders.found[0].job
             watch.tell(f"keeping {len(pairs)} pairs of stops apart: {error.stages}")
             search = search.without(pairs, first)
             # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
-            found = search.orders(watch) if tries < CUTS - 1 else search.as_it_is()
+            found = search.orders(watch) if tries < cuts - 1 else search.as_it_is()
             orders = replace(found, bound=orders.bound)
     watch.end()
     return replace(best, order_gap=orders.gap, notes=(*best.notes, *order_notes(orders, watch)))
@@ -70,8 +77,10 @@ def plan_in_best_order(
 def _quickest(
     orders: list[DecidedOrder],
     watch: Watch,
-    decided_plan: Callable[[Job, Decisions | None], Schedule],
+    decided_plan: Planner,
     pairs: set[StagePair],
+    *,
+    patient: bool,
 ) -> Schedule:
     """Returns the quickest plan of some orders, at least of the first one that has a plan.
 
@@ -80,6 +89,7 @@ def _quickest(
         watch: is told how it goes.
         decided_plan: plans a decided job.
         pairs: what turns out not to keep clear side by side is added.
+        patient: whether what does not keep clear is decided again.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
@@ -94,7 +104,7 @@ def _quickest(
             begin = watch.elapsed()
             watch.droppable = best is not None
             try:
-                schedule = decided_plan(one.job, one.plan)
+                schedule = decided_plan(one.job, one.plan, patient)
             except InfeasibleError as error:
                 failure = failure or error
                 if isinstance(error, BlockedError):

@@ -148,9 +148,9 @@ def _planned(
             lambda one: _with_paths(one, settings, problem, replaced, watch.tell, clear=clear),
         )
 
-    def paired(one: Job, start: Decisions | None = None) -> Schedule:
+    def paired(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
         if one.is_decided:
-            own = replace(problem, start=start, job=with_changes(one))
+            own = replace(problem, start=start, patient=patient, job=with_changes(one))
             return _decided_plan(own, settings, replaced, watch, clear=clear)
         return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
 

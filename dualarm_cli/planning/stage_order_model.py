@@ -105,7 +105,15 @@ def stage_model(order: OrderModel) -> StageModel:
     handovers = handovers_of(order)
     works = _met(works, stops, handovers)
     lengths = [
-        _lengths(order, name, ways[0], ways[2], work, order.start[model.arms[name].columns], turn)
+        _lengths(
+            order,
+            name,
+            ways[0],
+            _where_idle(ways[2], order.angles[angles]),
+            work,
+            order.start[model.arms[name].columns],
+            turn,
+        )
         for name, ways, work in zip(model.arms, chosen, works, strict=True)
     ]
     index = {task.id: t for t, task in enumerate(job.tasks)}
@@ -186,6 +194,23 @@ def _few_angles(order: OrderModel, stops: int) -> IntArray:
         by_angle = useful[np.argsort(order.angles[useful, 0])] if order.angles.size else useful
         useful = by_angle[np.unique(np.linspace(0, len(useful) - 1, most - 1).round().astype(int))]
     return np.concatenate([[0], np.sort(useful[useful != 0])])
+
+
+def _where_idle(leaving: FloatArray, angles: FloatArray) -> FloatArray:
+    """Returns joints where retracts end with those at the nearest angle where a stop is out of reach (s, f, joints).
+
+    An arm that is idle while the platform turns on stays as it left its last stop, though from there it may be out of
+    reach. For stops that are made there nothing changes: they cannot be.
+
+    Args:
+        leaving: the same, NaN where a stop is out of reach.
+        angles: the platform's [rad], shape (f, k).
+    """
+    away = np.abs(angles[:, None] - angles[None]).max(axis=-1, initial=0.0)
+    out = np.isnan(leaving[..., 0])
+    distance = np.where(out[:, None, :], np.inf, away)
+    nearest = distance.argmin(axis=-1)
+    return np.take_along_axis(leaving, nearest[..., None], axis=1)
 
 
 def _lengths(
