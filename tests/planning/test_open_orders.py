@@ -275,3 +275,15 @@ def test_arms_with_clocks_of_their_own_meet_stage_by_stage(handed, order):
     times = {(e.task, e.action): e.time + e.dwell for e in schedule.events}
     begins = min(s.start for s in schedule.segments if s.task == "left-01" and s.kind == "approach")
     assert begins > times["flip-1", "place"]
+
+
+def test_an_idle_arm_stays_as_it_was_left_wherever_the_platform_turns():
+    """Where its last stop is out of reach it is taken as it is at the nearest angle from which that is in reach."""
+    from dualarm_cli.planning.stage_order_model import _where_idle
+
+    angles = np.array([[0.0], [-1.0], [-0.4], [0.5]])
+    seen = np.array([[0.0, np.nan, 2.0, np.nan], [np.nan] * 4, [np.nan, 1.0, np.nan, np.nan]])
+    found = _where_idle(seen[..., None], angles)[..., 0]
+    np.testing.assert_array_equal(found[0], [0.0, 2.0, 2.0, 0.0])
+    assert np.isnan(found[1]).all()
+    np.testing.assert_array_equal(found[2], [1.0, 1.0, 1.0, 1.0])
