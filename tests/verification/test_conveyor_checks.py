@@ -64,7 +64,7 @@ def _job(velocity: float = -BELT, passes: float = PASSES, y: float = 0.5, **stop
     belt = OnBelt(Conveyor("belt", np.array([0.0, velocity, 0.0])), passes, 0.4, passes)
     target = PoseTarget(pin.SE3(DOWN, np.array([PART[0], y, PART[2]])))
     place = Place("tasks.yaml", 3, 5)
-    pick = Stop("pick", target, LINE, LINE, Dwell(gripper=DWELL), place, belt)
+    pick = Stop("pick", target, LINE, LINE, Dwell(gripper=DWELL), place, belt=belt)
     pick = dataclasses.replace(pick, **stop)
     task = Task("part", "left", (pick,), place=place)
     return Job(Cell(robot, identity, {"left": Tool(identity)}), (task,), "home", False)
