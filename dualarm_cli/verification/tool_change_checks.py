@@ -67,16 +67,17 @@ def check_tool_changes(schedule: Schedule, job: Job) -> Check:
     """
     if not job.cell.tool_changes:
         return not_checked(NAME, "the cell has no tools to change")
+    faults: list[str] = []
+    for arm in job.cell.tool_changes:
+        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
+        faults += _Hand(arm, job).faults_of(events)
     # What bears the name of another one is judged by nothing else: targets, lines and dwells go by names.
     named = Counter(event.task for event in schedule.events if is_change(event, job))
-    faults = [
+    faults += [
         f"{task} is what {count} visits to stands are called"
         for task, count in named.items()
         if count > 1
     ]
-    for arm in job.cell.tool_changes:
-        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
-        faults += _Hand(arm, job).faults_of(events)
     where = faults[0] if faults else "every task with its tool on"
     return judge(NAME, len(faults), 0, "", where)
 

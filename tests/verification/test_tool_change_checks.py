@@ -94,7 +94,7 @@ HOME = [("leave suction 2", "leave_tool"), ("take fingers 2", "take_tool")]
     ("events", "fault"),
     [
         ([*THERE, *PLATE, *HOME, *SCREW], ""),
-        ([THERE[0], (THERE[0][0], "take_tool"), *PLATE, *HOME, *SCREW], "leave fingers 1 is what 2 visits to stands are called"),
+        ([*THERE, *PLATE, (THERE[1][0], "leave_tool"), HOME[1], *SCREW], "take suction 1 is what 2 visits to stands are called"),
         ([*SCREW, *THERE, *PLATE, *HOME], ""),
         ([*PLATE, *SCREW], "plate-1 pick is done with tool fingers on, tool suction is due"),
         ([*THERE, *PLATE, *SCREW], "screw-1 pick is done with tool suction on, tool fingers is due"),
