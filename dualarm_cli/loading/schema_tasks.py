@@ -18,6 +18,7 @@ from dualarm_cli.loading.fields import (
     SpeedFraction,
     refuse,
 )
+from dualarm_cli.loading.schema_buffers import BufferSection
 from dualarm_cli.loading.schema_cell import LimitsSection
 from dualarm_cli.loading.schema_paths import PathSection
 from dualarm_cli.loading.schema_seams import CoordinateSection
@@ -26,8 +27,6 @@ CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
     "type": "array",
 }
-MOST_PARTS = 1_000_000
-"""Most parts of a buffer."""
 _KINDS = ("pick", "handover", "place", "move", "coordinate", "path")
 _HANDOVER = ["pick", "handover", "place"]
 _NO_FREEDOM = {
@@ -225,26 +224,6 @@ class TaskSection(Section):
             raise refuse("'arm' is missing", code="E202")
         if self.arm is None and given[0] not in ("coordinate", "path"):
             raise refuse("'arm' is missing", code="E202")
-        return self
-
-
-class BufferSection(Section):
-    """Room for parts that are all alike, on the way from one task to another."""
-
-    capacity: Annotated[int, Field(ge=1, le=MOST_PARTS)] = Field(
-        description="How many parts it has room for."
-    )
-    initial: Annotated[int, Field(ge=0, le=MOST_PARTS)] = Field(
-        default=0, description="How many parts are in it at the start."
-    )
-
-    @model_validator(mode="after")
-    def _room_for_all(self) -> BufferSection:
-        if self.initial > self.capacity:
-            text = (
-                f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
-            )
-            raise refuse(text, "initial")
         return self
 
 

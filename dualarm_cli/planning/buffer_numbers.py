@@ -119,6 +119,8 @@ def _names(ids: Sequence[str]) -> str:
 def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
     """Returns the stages of a decided job in which each arm makes its next stop as soon as buffers and `after` let it.
 
+    Both arms make the stops of a hand-over in one stage.
+
     Raises:
         InfeasibleError: in the order that is given arms wait for parts, for room or for one another for ever.
     """
@@ -136,6 +138,11 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
         [[number[task.id, stop.action] for stop in task.stops] for task in job.tasks],
         [(index[name], t) for t, task in enumerate(job.tasks) for name in task.after],
         queues,
+        [
+            (number[task.id, "give"], number[task.id, "take"])
+            for task in job.tasks
+            if task.stops[-1].action == "give"
+        ],
     )
     if not found.is_whole:
         waiting = [
@@ -154,6 +161,8 @@ def _waiting_for_ever(job: Job, levels: Sequence[int], waiting: Sequence[tuple[T
     parts = []
     for task, stop in waiting:
         what = "for tasks that come later"
+        if stop.action in ("give", "take"):
+            what = "for the other arm"
         if stop.buffer:
             what = f"for {'room in' if stop.stored > 0 else 'a part in'} buffer '{stop.buffer}'"
             what += f" ({holds[stop.buffer]} of at most {job.buffers[stop.buffer].capacity})"

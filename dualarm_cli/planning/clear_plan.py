@@ -282,9 +282,8 @@ def clearance_notes(found: Found, first: int = 1) -> list[str]:
         done.append("a slower plan was taken that touches nothing")
     costs = f"this costs {found.cost:.3f} s"
     if found.cost < 0.0:
-        costs = (
-            f"it is {-found.cost:.3f} s shorter: the method does not find the quickest plan of all"
-        )
+        shorter = f"it is {-found.cost:.3f} s shorter"
+        costs = f"{shorter}: the method does not find the quickest plan of all"
     notes = [
         f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) {costs}"
     ]

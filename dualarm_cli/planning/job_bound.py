@@ -49,8 +49,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         if work is not None:
             value += work.length / (work.speed * job.speed)
         elif seam is not None:
-            # It begins, its dwell over, no earlier than the file says.
-            value = max(value, seam.not_before - seam.dwell_start) + seam_bound(seam, job.speed)
+            value = max(value, _opens(section)) + seam_bound(seam, job.speed)
         elif not general:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
@@ -67,7 +66,15 @@ def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
     if job.order == "given":
         return job.sections()
     others = tuple(task for task in job.tasks if not task.alone)
-    return [*(one for one in job.sections() if one[0].alone), *([others] if others else [])]
+    alone = sorted((one for one in job.sections() if one[0].alone), key=_opens)
+    # Of works that each open at some time no order is over sooner than that in which they open.
+    return [*([others] if others else []), *alone]
+
+
+def _opens(section: tuple[Task, ...]) -> float:
+    """Returns when a section may begin at the earliest [s]: a seam so that its dwell is over when the file says."""
+    seam = section[0].seam
+    return 0.0 if seam is None else max(0.0, seam.not_before - seam.dwell_start)
 
 
 def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:

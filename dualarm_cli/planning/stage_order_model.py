@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,7 +134,7 @@ def stage_model(order: OrderModel) -> StageModel:
         job.order == "given",
         handovers,
         meeting_costs(order, stops, chosen),
-        job_stores(job),
+        job_stores(replace(job, tasks=order.tasks)),
     )
     return StageModel(problem, tuple(stops), order.angles[angles], tuple(postures))
 

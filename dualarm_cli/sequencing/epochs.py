@@ -89,6 +89,7 @@ class EpochProblem:
                 return EpochOrder(epochs, (), np.inf, np.inf)
             key = (
                 one,
+                here,
                 last,
                 iterations,
                 round(clock, 6) if problem.windows else 0.0,

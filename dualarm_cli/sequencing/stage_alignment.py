@@ -1,4 +1,4 @@
-"""Which stops of two arms come side by side where buffers make one wait for the other: any way at all, and the best."""
+"""Which stops of arms come side by side where the order of each is given: any way at all, and the best."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def any_alignment(
     tasks: Sequence[Sequence[int]],
     before: Sequence[tuple[int, int]],
     queues: Sequence[Queue],
+    meetings: Sequence[tuple[int, int]] = (),
 ) -> Aligned:
     """Returns stages that keep buffers and precedence, or the most stops that can be made where not all can.
 
@@ -46,8 +47,9 @@ def any_alignment(
         tasks: stops of each task.
         before: pairs of tasks of which the first is over before the second begins.
         queues: stops by arm.
+        meetings: pairs of stops that two arms make in one stage: those of hand-overs.
     """
-    rules = _Rules(stores, tasks, before, queues)
+    rules = _Rules(stores, tasks, before, queues, meetings)
     end = tuple(len(queue) for queue in queues)
     start = tuple(0 for _ in queues)
     path, tries = [start], [rules.moves(start)]
@@ -89,8 +91,10 @@ class _Rules:
         tasks: Sequence[Sequence[int]],
         before: Sequence[tuple[int, int]],
         queues: Sequence[Queue],
+        meetings: Sequence[tuple[int, int]],
     ) -> None:
         self._stores, self._queues = stores, queues
+        self._partner = {a: b for one, other in meetings for a, b in ((one, other), (other, one))}
         self._levels = [
             np.concatenate([[0 * stores.initial], np.cumsum(change, axis=0)])
             for change in (stores.change[list(queue)] for queue in queues)
@@ -117,8 +121,10 @@ class _Rules:
         ready.sort(key=lambda a: (share[a], a))
         some = [ready] if len(ready) > 1 else []
         for arms in [*some, *([a] for a in ready)]:
-            stops = np.array([self._queues[a][at[a]] for a in arms])
-            if int(self._stores.fits(level, stops)) == 0:
+            stops = [self._queues[a][at[a]] for a in arms]
+            if any(self._partner.get(stop, stop) not in stops for stop in stops):
+                continue
+            if int(self._stores.fits(level, np.array(stops))) == 0:
                 yield tuple(int(a in arms) for a in range(len(at)))
 
     def _may_begin(self, a: int, at: tuple[int, ...]) -> bool:
@@ -131,25 +137,32 @@ class _Rules:
 class Alignments:
     """The best stages of many rows at once: how far both arms have got, as a dynamic programme over the angles."""
 
-    def __init__(self, problem: StageProblem, queues: Sequence[IntArray]) -> None:
+    def __init__(
+        self, problem: StageProblem, queues: Sequence[IntArray], early: float = 0.0
+    ) -> None:
         """Prepares rows.
 
         Args:
-            problem: with buffers.
+            problem: what is asked, without hand-overs.
             queues: by arm, stops of b rows, shape (b, n).
+            early: what it counts that an arm with stops left is idle for a stage [s].
         """
-        assert problem.stores is not None  # callers have looked
-        self._problem, self._queues = problem, queues
+        assert not problem.handovers  # callers have looked
+        self._problem, self._queues, self._early = problem, queues, early
         self._b = len(queues[0])
         self._sizes = tuple(own.shape[1] for own in queues)
-        change = [problem.stores.change[own] for own in queues]
-        zero = np.zeros((self._b, 1, len(problem.stores.initial)), dtype=np.int64)
-        self._levels = [np.concatenate([zero, np.cumsum(one, axis=1)], axis=1) for one in change]
+        self._levels = [] if problem.stores is None else self._changes(problem.stores)
         self._over = [self._ends(own) for own in queues]
         self._first: dict[int, list[int]] = {}
         for one, other in problem.before:
             self._first.setdefault(problem.tasks[other][0], []).append(one)
         self._values: dict[tuple[int, ...], FloatArray] = {}
+
+    def _changes(self, stores: Stores) -> list[IntArray]:
+        """Returns, by arm, by how much its first stops change the buffers together, shape (b, n + 1, K)."""
+        zero = np.zeros((self._b, 1, len(stores.initial)), dtype=np.int64)
+        change = [stores.change[own] for own in self._queues]
+        return [np.concatenate([zero, np.cumsum(one, axis=1)], axis=1) for one in change]
 
     def _ends(self, own: IntArray) -> IntArray:
         """Returns after how many stops of a row each task is over, one more than there are where it is not there."""
@@ -205,16 +218,18 @@ class Alignments:
             axis=1,
         )
         over, angle = stage_values(self._problem, stops, self._came(before), self._values[before])
+        waiting = zip(self._sizes, before, move, strict=True)
+        over = over + self._early * sum(k < n and not one for n, k, one in waiting)
         return np.where(self._allowed(before, stops)[:, None], over, np.inf), angle
 
     def _allowed(self, before: tuple[int, ...], stops: IntArray) -> BoolArray:
         """Returns whether stops may be made side by side where both arms are, shape (b,)."""
-        stores = self._problem.stores
-        assert stores is not None
-        level = stores.initial + sum(
-            levels[:, k] for levels, k in zip(self._levels, before, strict=True)
-        )
-        found: BoolArray = stores.fits(level, stops) == 0
+        stores, found = self._problem.stores, np.ones(self._b, dtype=np.bool_)
+        if stores is not None:
+            level = stores.initial + sum(
+                levels[:, k] for levels, k in zip(self._levels, before, strict=True)
+            )
+            found = stores.fits(level, stops) == 0
         for stop, tasks in self._first.items():
             begins = (stops == stop).any(axis=1)
             for task in tasks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -58,7 +59,7 @@ def check_tool_changes(schedule: Schedule, job: Job) -> Check:
     """Checks that each arm does every task with its tool on, and changes tools in a way that can be, never for nothing.
 
     A tool is taken where none is on, and left at its own stand, never within a task; in a cycle that of the
-    start is on again at its end.
+    start is on again at its end. Every visit to a stand has a name of its own.
 
     Args:
         schedule: what is judged.
@@ -70,6 +71,13 @@ def check_tool_changes(schedule: Schedule, job: Job) -> Check:
     for arm in job.cell.tool_changes:
         events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
         faults += _Hand(arm, job).faults_of(events)
+    # What bears the name of another one is judged by nothing else: targets, lines and dwells go by names.
+    named = Counter(event.task for event in schedule.events if is_change(event, job))
+    faults += [
+        f"{task} is what {count} visits to stands are called"
+        for task, count in named.items()
+        if count > 1
+    ]
     where = faults[0] if faults else "every task with its tool on"
     return judge(NAME, len(faults), 0, "", where)
 

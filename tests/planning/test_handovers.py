@@ -16,6 +16,7 @@ from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.minimum_time.bound import lower_bound
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
+from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.clearing import Clearing
@@ -287,3 +288,23 @@ def test_lines_that_are_just_long_enough_are_planned(flip):
     job = relined(flip, 0.0121, 0.0121)
     found = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
     assert [check.name for check in verify(found, job, clearance=True).failures] == []
+
+
+@pytest.mark.parametrize("changes", [{"mode": "free"}, {"order": "optimise"}])
+def test_parts_out_of_a_buffer_are_handed_over(tasks_folder, changes):
+    """Two parts that are there at the start: the arms meet in one stage all the same, and the judge says so."""
+    job = load_job(tasks_folder / "13_hand_over" / "tasks.yaml")
+    tasks = tuple(
+        dataclasses.replace(
+            task,
+            stops=tuple(
+                dataclasses.replace(stop, buffer="infeed" if stop.action == "pick" else "")
+                for stop in task.stops
+            ),
+        )
+        for task in job.tasks
+    )
+    buffers = {"infeed": Buffer(capacity=2, initial=2)}
+    job = dataclasses.replace(job, tasks=tasks, buffers=buffers, returns=False, **changes)
+    schedule = plan_without_bound(job, QUICK, clear=False)
+    assert [check.name for check in verify(schedule, job).failures] == []

@@ -146,3 +146,21 @@ def test_both_shares_of_a_handover_stay_in_one_run(job, tasks_folder):
             assert shares in ([], ["pick", "take"])
         met = [stage for stage in one.stages() if "give" in {s.action for _, s in stage.values()}]
         assert [{s.action for _, s in stage.values()} for stage in met] == [{"give", "take"}]
+
+
+def test_seams_that_open_late_bound_open_orders_by_the_best_one(tasks_folder):
+    """The bound of all orders is that of the best of them, not of the file's: what waits may be done last."""
+    whole = load_job(tasks_folder / "10_seam" / "tasks.yaml")
+    seam = next(task for task in whole.tasks if task.seam is not None)
+    opens = {"late": 100.0, "early": 0.0, "middle": 40.0}
+    rows = [
+        replace(seam, id=name, seam=replace(seam.seam, not_before=time))
+        for name, time in opens.items()
+    ]
+    least = min(
+        job_bound(replace(whole, tasks=tasks, order="given"), "quick").value
+        for tasks in permutations(rows)
+    )
+    found = job_bound(replace(whole, tasks=tuple(rows), order="optimise"), "quick").value
+    assert found == pytest.approx(least, rel=1e-12)
+    assert found < job_bound(replace(whole, tasks=tuple(rows), order="given"), "quick").value

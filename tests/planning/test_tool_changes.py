@@ -13,6 +13,7 @@ import pytest
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Held, Shape
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.schedule import Event, Segment
@@ -406,3 +407,31 @@ def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit
             visits += 1
             assert "right" not in work or (work["right"][0].id, work["right"][1].action) != other
     assert visits == 1
+
+
+def test_orders_with_tool_changes_keep_buffers(kit):
+    """The right arm takes what the left one puts, plate by plate; changes of tools are in between."""
+    job = some(kit, "plate-1", "screw-1", "plate-2", "screw-3", "screw-4", order="optimise")
+    uses = {("plate", "place"), ("screw-3", "pick"), ("screw-4", "pick")}
+    tasks = tuple(
+        dataclasses.replace(
+            task,
+            stops=tuple(
+                dataclasses.replace(stop, buffer="tray")
+                if {(task.id, stop.action), (task.id[:5], stop.action)} & uses
+                else stop
+                for stop in task.stops
+            ),
+        )
+        for task in job.tasks
+    )
+    job = dataclasses.replace(job, tasks=tasks, buffers={"tray": Buffer(1)})
+    model, watch = CellModel.from_cell(job.cell), Watch()
+    search = PairedSearch.of(model, job, "quick", 0, watch, clear=False)
+    for one in search.orders(watch).found:
+        assert any(task.is_change for task in one.job.tasks)
+        levels = [0]
+        for work in one.job.stages():
+            levels.append(levels[-1] + sum(stop.stored for _, stop in work.values()))
+            assert sum(bool(stop.buffer) for _, stop in work.values()) < 2
+        assert set(levels) == {0, 1}

@@ -196,3 +196,16 @@ def test_what_an_epoch_leaves_in_a_buffer_is_there_in_the_next(by_clocks):
     assert len(own.lasts) == made.stops[1] + made.stops[2]
     rows = [*range(first[1], first[3])]
     assert own.stores.change[:-1].tolist() == change[rows].tolist()
+
+
+def test_where_the_platform_comes_from_counts_though_the_arms_stand_alike(by_clocks):
+    """Joint targets are the same from every angle: what was found after one turn is no answer after a longer one."""
+    same = by_clocks(3, "", 2, 1, restricted=False)
+    open_to_all = tuple(replace(arm, first=np.full_like(arm.first, 0.5)) for arm in same.arms)
+    alike = dict.fromkeys(ANGLES, replace(same, arms=open_to_all))
+    turn = np.array([[0.0, 40.0, 1.0], [40.0, 0.0, 20.0], [1.0, 20.0, 0.0]])
+    near, far = ((Epoch(f, (0,)), Epoch(2, (1,))) for f in (0, 1))
+    both = EpochProblem(alike, turn, 0)
+    for epochs in (near, far):
+        alone = EpochProblem(alike, turn, 0).evaluated(epochs, 5).total
+        assert both.evaluated(epochs, 5).total == alone

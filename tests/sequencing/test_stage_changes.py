@@ -18,6 +18,7 @@ from dualarm_cli.sequencing.stage_changes import (
 from dualarm_cli.sequencing.stage_exact import best_of_all
 from dualarm_cli.sequencing.stage_problem import IDLE
 from dualarm_cli.sequencing.stage_times import totals
+from dualarm_cli.sequencing.stores import Stores
 from dualarm_cli.sequencing.tool_stands import NO_TOOL
 
 
@@ -152,3 +153,26 @@ def test_the_best_order_of_stages_groups_tools(in_stages):
         row = [tools.tool[s] for s in best_of_all(one).slots[:, 0].tolist()]
         counted.append(sum(a != b for a, b in pairwise([0, *row, 0])))
     assert counted[0] == 2 < counted[1]
+
+
+def test_visits_to_stands_keep_buffers(in_stages):
+    """The other arm's stop takes the part that a stop of the second tool puts: it is made after that, never before."""
+    stands = with_stands(in_stages, 6)
+    change = np.zeros((len(stands.whole.work[0]) + 1, 1), dtype=np.int64)
+    change[1], change[2] = 1, -1
+    whole = replace(stands.whole, stores=Stores(change, np.array([1]), np.array([0])))
+    stands = replace(stands, whole=whole)
+    plain = with_whole_changes(stands, 3)
+    np.testing.assert_array_equal(plain.stores.change, change[[0, 1, 2, 7]])
+    stages = stages_with_changes(stands, np.array([[0, IDLE], [1, IDLE], [IDLE, 2]]))
+    own = [[0, 3, 6, 1, 5, 4], [2]]
+    at = {stop: k for k, row in enumerate(stages.tolist()) for stop in row}
+    assert at[1] < at[2]
+    kept = [s for s in all_stages(own) if _first(s, 1) < _first(s, 2)]
+    least = min(float(totals(whole, s[None])[0]) for s in kept)
+    assert float(totals(whole, stages[None])[0]) == pytest.approx(least, abs=1e-3)
+
+
+def _first(stages, stop):
+    """Returns the stage in which a stop is made."""
+    return int(np.flatnonzero((stages == stop).any(axis=1))[0])

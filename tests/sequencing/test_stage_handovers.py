@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -14,6 +15,7 @@ from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals
 from dualarm_cli.sequencing.stage_units import stage_units
+from dualarm_cli.sequencing.stores import Stores
 
 PICK, GIVE, TAKE, PUT = 0, 1, 2, 3
 TASKS = ((PICK, GIVE), (TAKE, PUT), (4, 5), (6,))
@@ -210,3 +212,36 @@ def test_long_orders_are_improved_in_stretches_and_arms_still_meet():
         assert faults(problem, one.slots) == []
     assert found.total < first.total
     assert totals(problem, found.slots[None])[0] == pytest.approx(found.total, rel=1e-12)
+
+
+def with_parts(problem, changes, capacity, initial):
+    """The problem with one buffer, by stop what is put or taken."""
+    change = np.zeros((problem.stops + 1, 1), dtype=np.int64)
+    for stop, by in changes.items():
+        change[stop] = by
+    return replace(problem, stores=Stores(change, np.array([capacity]), np.array([initial])))
+
+
+@pytest.mark.parametrize("in_file_order", [True, False])
+def test_arms_meet_where_buffers_make_them_wait(in_file_order):
+    """What is handed over comes out of a buffer that another task fills: both rules are kept by all that is found."""
+    for seed in range(4):
+        problem = with_parts(made(seed, in_file_order=in_file_order), {PICK: -1, 5: 1}, 1, 0)
+        units = stage_units(problem)
+        meeting = next(unit for unit in units if unit.meets)
+        others = [unit for unit in units if not unit.meets]
+        giving, taking = meeting.shares(0)
+        slots = side_by_side(problem, [[giving], [*others, taking]])
+        assert faults(replace(problem, in_file_order=False), slots) == []
+        assert problem.stores.missing(slots[None])[0] == 0.0
+        for one in good_orders(problem, StageEffort(2, 200, 1.0), seed):
+            assert faults(problem, one.slots) == []
+            assert problem.stores.missing(one.slots[None])[0] == 0.0
+
+
+def test_an_arm_that_would_wait_for_the_other_to_meet_for_ever_is_told():
+    """The part for the hand-over is put by the giving arm itself, later: there is no way."""
+    problem = with_parts(made(0), {PICK: -1, 5: 1}, 1, 0)
+    other = next(unit for unit in stage_units(problem) if unit.stops == (4, 5))
+    giving, taking = next(unit for unit in stage_units(problem) if unit.meets).shares(0)
+    assert side_by_side(problem, [[giving, other], [taking]]) is None

@@ -94,6 +94,7 @@ HOME = [("leave suction 2", "leave_tool"), ("take fingers 2", "take_tool")]
     ("events", "fault"),
     [
         ([*THERE, *PLATE, *HOME, *SCREW], ""),
+        ([*THERE, *PLATE, (THERE[1][0], "leave_tool"), HOME[1], *SCREW], "take suction 1 is what 2 visits to stands are called"),
         ([*SCREW, *THERE, *PLATE, *HOME], ""),
         ([*PLATE, *SCREW], "plate-1 pick is done with tool fingers on, tool suction is due"),
         ([*THERE, *PLATE, *SCREW], "screw-1 pick is done with tool suction on, tool fingers is due"),
@@ -232,3 +233,16 @@ def test_changes_of_a_schedule_become_tasks_before_what_they_are_for(schedule, j
     plain = dataclasses.replace(job, cell=dataclasses.replace(job.cell, tool_changes={}))
     assert [task.id for task in job_as_done(schedule, plain).tasks] == [t.id for t in job.tasks]
     assert "order" in failed(schedule, plain)
+
+
+def test_a_visit_with_the_name_of_another_one_is_no_way_around_the_stand(schedule, job):
+    """Taken half a metre beside its stand under the name of what was left: all other checks know visits by name."""
+
+    def elsewhere(event):
+        if event.task != TAKE:
+            return event
+        pose = pin.SE3(event.pose.rotation, event.pose.translation + np.array([0.0, 0.0, 0.5]))
+        return dataclasses.replace(event, task=LEAVE, pose=pose, dwell=0.0)
+
+    fooled = with_events(schedule, elsewhere)
+    assert "tool_changes" in [check.name for check in verify(fooled, job).failures]
