@@ -121,6 +121,8 @@ def stage_model(order: OrderModel) -> StageModel:
     for task in order.tasks:
         numbers.append(tuple(range(k, k + len(task.stops))))
         k += len(task.stops)
+    stores = job_stores(job)
+    at_stands = count - sum(len(task.stops) for task in job.tasks)
     problem = StageProblem(
         tuple(lengths),
         tuple(works),
@@ -134,7 +136,7 @@ def stage_model(order: OrderModel) -> StageModel:
         job.order == "given",
         handovers,
         meeting_costs(order, stops, chosen),
-        job_stores(job),
+        None if stores is None else stores.with_more(at_stands),
     )
     return StageModel(problem, tuple(stops), order.angles[angles], tuple(postures))
 

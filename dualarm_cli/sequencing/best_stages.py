@@ -23,13 +23,14 @@ def best_stages(problem: StageProblem, rows: Sequence[Sequence[int]]) -> IntArra
     those of one arm after those of the other.
 
     Args:
-        problem: what is asked; its own rules of order are kept but for precedence on one arm, which the rows say.
+        problem: what is asked; its own rules of order are kept but for precedence on one arm, which the rows say;
+            so are its buffers.
         rows: by arm, its stops one after the other.
     """
     if len(rows) == 1:
         return np.array(rows[0], dtype=np.int64).reshape(-1, 1)
     n, m, f = len(rows[0]), len(rows[1]), len(problem.turn)
-    needs = _needs(problem, rows)
+    needs, levels = _needs(problem, rows), _levels(problem, rows)
     values = np.full((n + 1, m + 1, f), np.inf)
     values[0, 0, slice(None) if problem.free_start else 0] = 0.0
     move = np.full((n + 1, m + 1, f), -1)
@@ -43,9 +44,11 @@ def best_stages(problem: StageProblem, rows: Sequence[Sequence[int]]) -> IntArra
                     continue
                 if (one and needs[0][i] > j) or (other and needs[1][j] > i):
                     continue
+                stops = np.array([[rows[0][i] if one else IDLE, rows[1][j] if other else IDLE]])
+                if problem.stores is not None and problem.stores.fits(levels[i, j], stops[0]):
+                    continue
                 over = _over(problem, rows, (i, j), (one, other), values[i, j])
                 best, start = over.min(axis=0), over.argmin(axis=0)
-                stops = np.array([[rows[0][i] if one else IDLE, rows[1][j] if other else IDLE]])
                 best = in_windows(problem, stops, best[None])[0]
                 better = best < values[i + one, j + other]
                 values[i + one, j + other][better] = best[better]
@@ -92,6 +95,15 @@ def _needs(problem: StageProblem, rows: Sequence[Sequence[int]]) -> list[list[in
             if first in places[a] and last in places[1 - a]:
                 k = places[a][first]
                 found[a][k] = max(found[a][k], places[1 - a][last] + 1)
+    return found
+
+
+def _levels(problem: StageProblem, rows: Sequence[Sequence[int]]) -> IntArray:
+    """Returns how many parts are in each of K buffers after so many stops of each arm, shape (n + 1, m + 1, K)."""
+    if problem.stores is None:
+        return np.zeros((len(rows[0]) + 1, len(rows[1]) + 1, 0), dtype=np.int64)
+    changes = [problem.stores.change[np.array([IDLE, *row])].cumsum(axis=0) for row in rows]
+    found: IntArray = problem.stores.initial + changes[0][:, None] + changes[1][None]
     return found
 
 

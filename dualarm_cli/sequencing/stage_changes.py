@@ -76,6 +76,7 @@ def with_whole_changes(stands: StageStands, tasks: int) -> StageProblem:
         not_before=None if whole.not_before is None else whole.not_before[:stops],
         not_after=None if whole.not_after is None else whole.not_after[:stops],
         apart=apart,
+        stores=None if whole.stores is None else whole.stores.of(range(stops), ()),
     )
 
 

@@ -46,6 +46,12 @@ class Stores:
             np.append(other.initial, self.initial),
         )
 
+    def with_more(self, count: int) -> Stores:
+        """Returns the buffers where so many stops more, which change nothing, come behind all others."""
+        none = np.zeros((count, len(self.initial)), dtype=np.int64)
+        change = np.concatenate([self.change[:-1], none, self.change[-1:]])
+        return Stores(change, self.capacity, self.initial)
+
     @property
     def is_possible(self) -> bool:
         """Returns whether what there is at the start, and after all stops, is no less than nothing and has room."""
