@@ -127,6 +127,7 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
     stops = [(task, stop) for task in job.tasks for stop in task.stops]
     number = {(task.id, stop.action): k for k, (task, stop) in enumerate(stops)}
     index = {task.id: t for t, task in enumerate(job.tasks)}
+    taking = {task.id: t for t, task in enumerate(job.tasks) if task.stops[0].action == "take"}
     queues = [
         [number[task.id, stop.action] for task, stop in job.stops_of(arm.name)]
         for arm in job.cell.robot.arms
@@ -136,6 +137,11 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
         [[number[task.id, stop.action] for stop in task.stops] for task in job.tasks],
         [(index[name], t) for t, task in enumerate(job.tasks) for name in task.after],
         queues,
+        [
+            (t, taking[task.id])
+            for t, task in enumerate(job.tasks)
+            if task.stops[-1].action == "give"
+        ],
     )
     if not found.is_whole:
         waiting = [

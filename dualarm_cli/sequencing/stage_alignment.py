@@ -36,6 +36,7 @@ def any_alignment(
     tasks: Sequence[Sequence[int]],
     before: Sequence[tuple[int, int]],
     queues: Sequence[Queue],
+    handovers: Sequence[tuple[int, int]] = (),
 ) -> Aligned:
     """Returns stages that keep buffers and precedence, or the most stops that can be made where not all can.
 
@@ -46,8 +47,10 @@ def any_alignment(
         tasks: stops of each task.
         before: pairs of tasks of which the first is over before the second begins.
         queues: stops by arm.
+        handovers: pairs of tasks of which the last stop of the first and the first stop of the second are made side by
+            side.
     """
-    rules = _Rules(stores, tasks, before, queues)
+    rules = _Rules(stores, tasks, before, queues, handovers)
     end = tuple(len(queue) for queue in queues)
     start = tuple(0 for _ in queues)
     path, tries = [start], [rules.moves(start)]
@@ -89,8 +92,11 @@ class _Rules:
         tasks: Sequence[Sequence[int]],
         before: Sequence[tuple[int, int]],
         queues: Sequence[Queue],
+        handovers: Sequence[tuple[int, int]],
     ) -> None:
         self._stores, self._queues = stores, queues
+        meets = [(tasks[one][-1], tasks[other][0]) for one, other in handovers]
+        self._partner = dict([*meets, *((take, give) for give, take in meets)])
         self._levels = [
             np.concatenate([[0 * stores.initial], np.cumsum(change, axis=0)])
             for change in (stores.change[list(queue)] for queue in queues)
@@ -118,8 +124,14 @@ class _Rules:
         some = [ready] if len(ready) > 1 else []
         for arms in [*some, *([a] for a in ready)]:
             stops = np.array([self._queues[a][at[a]] for a in arms])
+            if not self._meet(stops.tolist()):
+                continue
             if int(self._stores.fits(level, stops)) == 0:
                 yield tuple(int(a in arms) for a in range(len(at)))
+
+    def _meet(self, stops: Sequence[int]) -> bool:
+        """Returns whether both arms are there for every hand-over that is made."""
+        return all(self._partner.get(stop, stop) in stops for stop in stops)
 
     def _may_begin(self, a: int, at: tuple[int, ...]) -> bool:
         if at[a] == len(self._queues[a]):

@@ -126,7 +126,7 @@ def side_by_side(problem: StageProblem, rows: Sequence[Sequence[Unit]]) -> IntAr
     """
     if problem.stores is not None:
         own = [[stop for unit in row for stop in unit.stops] for row in rows]
-        found = any_alignment(problem.stores, problem.tasks, problem.before, own)
+        found = any_alignment(problem.stores, problem.tasks, problem.before, own, problem.handovers)
         return found.slots if found.is_whole else None
     queues = [
         [(t, stop) for unit in row for t in unit.tasks for stop in problem.tasks[t]] for row in rows
