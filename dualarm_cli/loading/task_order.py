@@ -51,7 +51,7 @@ def check_order(
             if ANY in (arm, spans[name][0]):
                 if ids.index(name) < ids.index(task.id):
                     continue
-            elif spans[name][0] != arm:
+            elif spans[name][0] != arm and (begun_by[name][0] != arm or begun_by[name][1] < first):
                 if mode == "free":
                     continue
                 notes.append(

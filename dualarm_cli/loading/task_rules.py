@@ -9,8 +9,9 @@ from dualarm_cli.errors import did_you_mean
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.schema_tasks import TaskSection, TasksFile
 from dualarm_cli.loading.text_source import quote, suggest
-from dualarm_cli.loading.yaml_source import Document
+from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Task
 
 NOT_AVAILABLE = "E310"
 """Code of what the format has and this version has not."""
@@ -124,6 +125,32 @@ def _check_window(document: Document, index: int, task: TaskSection, findings: F
         if getattr(task, key) is not None and (task.path is not None or task.coordinate):
             message = f"'{key}' goes with picks, places and moves only; remove it"
             findings.add(document, ("tasks", index, key), message)
+
+
+def check_belt_windows(document: Document, loc: Loc, task: Task, findings: Findings) -> None:
+    """Notes a window that has nothing in common with the time in which a part on a conveyor may be met.
+
+    Args:
+        document: the task file.
+        loc: where the task stands.
+        task: as it was read.
+        findings: where errors are noted.
+    """
+    for stop in task.stops:
+        belt = stop.belt
+        if belt is None:
+            continue
+        if task.not_before > belt.last:
+            key, says = "not_before", f"not_before: {task.not_before:g} s is after"
+        elif task.not_after < belt.passes:
+            key, says = "not_after", f"not_after: {task.not_after:g} s is before"
+        else:
+            continue
+        message = (
+            f"{says} the part of the {stop.action} may be met on conveyor {quote(belt.conveyor.name)}, from "
+            f"{belt.passes:g} s (passes) to {belt.last:.3f} s (within)"
+        )
+        findings.add(document, (*loc, key), message)
 
 
 def check_sequences(

@@ -27,6 +27,7 @@ from dualarm_cli.loading.schema_tasks import (
 from dualarm_cli.loading.targets import TargetReader
 from dualarm_cli.loading.task_order import check_order
 from dualarm_cli.loading.task_rules import (
+    check_belt_windows,
     check_settings,
     check_start,
     check_tasks,
@@ -180,6 +181,7 @@ class _TaskReader:
             arm, tool = self._tools.choose(section, loc, arm)
             stops = self._stops(section, loc, arm, tool)
             task = self._task(section, loc, arm, stops, self._part(section, loc))
+            check_belt_windows(self._document, loc, task, self._findings)
             found.append(replace(task, tool=tool))
         return tuple(found)
 

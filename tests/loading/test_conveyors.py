@@ -123,6 +123,28 @@ def test_each_mistake_is_told_at_its_place(
     assert f"{file}:{line}:" in found[0]
 
 
+@pytest.mark.parametrize(
+    ("window", "message"),
+    [
+        ("not_before: 6.5 s", ""),
+        ("not_before: 6.6 s", "not_before: 6.6 s is after the part of the pick may be met on conveyor 'belt', from 2.5 s (passes) to 6.500 s (within)"),
+        ("not_after: 2.5 s", ""),
+        ("not_after: 2.4 s", "not_after: 2.4 s is before the part of the pick may be met"),
+    ],
+)  # fmt: skip
+def test_a_window_has_to_have_the_part_in_it(
+    belt: Path, change: Change, messages: Messages, window: str, message: str
+) -> None:
+    """600 mm at 150 mm/s are four seconds after 2.5 s."""
+    change("tasks.yaml", "    arm: left\n", f"    arm: left\n    {window}\n")
+    if not message:
+        assert load_job("tasks.yaml").tasks[0].stops[0].belt is not None
+        return
+    [found] = messages(lambda: load_job("tasks.yaml"))
+    assert message in found
+    assert "tasks.yaml:7:" in found
+
+
 def test_conveyors_do_not_go_with_paths(belt: Path, messages: Messages) -> None:
     """What has no one time at which it begins cannot wait for parts yet: E310, at the conveyor."""
     (belt / "tasks.yaml").write_text(SEAM)

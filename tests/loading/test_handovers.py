@@ -154,6 +154,20 @@ def test_what_comes_after_a_handover_is_after_its_place(flip: Path, change: Chan
     assert load_job("tasks.yaml").notes == ()
 
 
+@pytest.mark.parametrize("mode", ["paired", "free"])
+def test_a_giver_that_begins_later_cannot_be_over_before(
+    flip: Path, change: Change, messages: Messages, mode: str
+) -> None:
+    """One arm gives in both: in the file's order the first one is begun before the second one is over, whoever waits."""
+    second = (flip / "tasks.yaml").read_text().split("  - id: next\n")[0].split("  - id: flip\n")[1]
+    change("tasks.yaml", "  - id: next\n", f"  - id: again\n{second}  - id: next\n")
+    change("tasks.yaml", "  - id: flip\n", "  - id: flip\n    after: [again]\n")
+    if mode == "free":
+        change("tasks.yaml", "dualarm: tasks/1\n", "dualarm: tasks/1\nmode: free\n")
+    [text] = messages(lambda: load_job("tasks.yaml"))
+    assert "task 'flip' is to come after 'again', but order: given does it first" in text
+
+
 def test_grips_are_rigid(flip: Path) -> None:
     """The grip in the noun is the file's."""
     work = load_job("tasks.yaml").tasks[0].handover

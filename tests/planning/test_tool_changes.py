@@ -219,6 +219,23 @@ def test_orders_group_tools_and_plans_pass_every_check(kit, mode, monkeypatch):
     assert sum(b and not a for a, b in pairwise([False, *visits])) == 2
 
 
+def test_an_arm_with_tools_fills_a_buffer_that_the_other_one_empties(kit):
+    """In the file's order the screw is taken out first; the right arm waits until the left one has put it in."""
+    job = some(kit, "screw-3", "plate-1", "screw-1", buffers={"tray": Buffer(1, 0)})
+    take, plate, put = job.tasks
+    stops = {"pick": (take, 0), "place": (put, 1)}
+    for action, (task, k) in stops.items():
+        own = list(task.stops)
+        assert own[k].action == action
+        own[k] = dataclasses.replace(own[k], buffer="tray")
+        stops[action] = dataclasses.replace(task, stops=tuple(own))
+    job = dataclasses.replace(job, tasks=(stops["pick"], plate, stops["place"]))
+    schedule = plan_without_bound(job, QUICK)
+    assert verify(schedule, job, clearance=True).failures == ()
+    when = {(e.task, e.action): e.time for e in schedule.events}
+    assert when["screw-1", "place"] < when["screw-3", "pick"]
+
+
 def test_the_report_and_the_chart_tell_of_changes(kit):
     """How often, how many visits, and how long: transfers to stands, lines and dwells there."""
     job = some(kit, "plate-1", order="given", returns=False)

@@ -72,6 +72,50 @@ def test_two_rows_of_stops_are_put_side_by_side_as_is_quickest(in_stages, kind):
     assert compared > 5
 
 
+def keeps_levels(change, capacity, initial, stages):
+    """Returns whether a buffer has a part for each pick and room for each place, whichever arm is the first."""
+    level = initial
+    for row in stages.tolist():
+        puts = sum(change[stop] == 1 for stop in row if stop != IDLE)
+        takes = sum(change[stop] == -1 for stop in row if stop != IDLE)
+        if takes > level or level + puts > capacity:
+            return False
+        level += puts - takes
+    return True
+
+
+def test_two_rows_of_stops_keep_a_buffer(in_stages):
+    """The first arm's stops put parts into a buffer for one, the second arm's take them out, against all ways."""
+    waited = 0
+    for seed in range(8):
+        tables = replace(in_stages(seed, "", 6, one_stop=True), apart=None)
+        lengths = [np.where(np.isinf(x) & (x > 0), 2.0, x) for x in tables.length]
+        change = [1, 1, 1, -1, -1, -1]
+        stores = Stores(np.array([*change, 0])[:, None], np.array([1]), np.array([0]))
+        problem = replace(tables, length=tuple(lengths), stores=stores)
+        rows = [[0, 1, 2], [3, 4, 5]]
+        every = [s for s in all_stages(rows) if keeps_levels(change, 1, 0, s)]
+        plain = replace(problem, stores=None)
+        least = min(float(totals(plain, s[None])[0]) for s in every)
+        found = best_stages(problem, rows)
+        assert keeps_levels(change, 1, 0, found)
+        assert float(totals(plain, found[None])[0]) <= least + EARLY * len(found)
+        waited += not keeps_levels(change, 1, 0, best_stages(plain, rows))
+    assert waited == 8
+
+
+def test_stops_at_stands_leave_buffers_alone(in_stages):
+    """Task 1 puts the part in that task 2 takes out: the other arm waits for the tool change that is between."""
+    stands = with_stands(in_stages, 6)
+    change = [0, 1, -1, 0, 0, 0, 0]
+    stores = Stores(np.array([*change, 0])[:, None], np.array([1]), np.array([0]))
+    stands = replace(stands, whole=replace(stands.whole, stores=stores))
+    assert with_whole_changes(stands, 3).stores.change[:, 0].tolist() == [0, 1, -1, 0]
+    stages = stages_with_changes(stands, np.array([[0, IDLE], [1, IDLE], [IDLE, 2]]))
+    assert [s for s in stages[:, 0].tolist() if s != IDLE] == [0, 3, 6, 1, 5, 4]
+    assert keeps_levels(change, 1, 0, stages)
+
+
 def test_one_arms_stops_have_stages_of_their_own(in_stages):
     """One after the other."""
     problem = in_stages(0, "", 3, 1)

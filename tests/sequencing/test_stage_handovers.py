@@ -8,6 +8,7 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
+from dualarm_cli.sequencing.stage_alignment import any_alignment
 from dualarm_cli.sequencing.stage_exact import side_by_side
 from dualarm_cli.sequencing.stage_insertion import Insertions, meeting_places
 from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, is_few, never_touching
@@ -141,6 +142,24 @@ def test_all_rules_are_kept(rules):
             assert faults(problem, one.slots) == []
             assert totals(problem, one.slots[None])[0] == pytest.approx(one.total, rel=1e-12)
         assert found.total <= first.total + 1e-9
+
+
+def test_arms_meet_where_buffers_make_them_wait_as_well():
+    """What is handed over is put into a buffer for one, from which the giver takes it: against all ways."""
+    seen = set()
+    for initial, order in product((0, 1), permutations((0, 2, 3))):
+        problem = made(1, giver=0)
+        # The taker puts in, task 2 takes out and puts back, task 3 takes out; the other arm has the rest.
+        change = np.array([0, 0, 0, 1, -1, 1, -1, 0])[:, None]
+        stores = Stores(change, np.array([1]), np.array([initial]))
+        queues = [[s for t in order for s in problem.tasks[t]], [TAKE, PUT]]
+        possible = [w for w in woven(*queues) if stores.missing(np.array([w]))[0] == 0.0]
+        found = any_alignment(stores, problem.tasks, (), queues, [(GIVE, TAKE)])
+        assert found.is_whole == bool(possible)
+        seen.add(found.is_whole)
+        if found.is_whole:
+            assert found.slots.tolist() in possible
+    assert seen == {True, False}
 
 
 def test_a_handover_put_in_costs_what_all_stages_cost():
