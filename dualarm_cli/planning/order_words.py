@@ -153,7 +153,7 @@ def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
         def comes(p: Relaxation, pair: tuple[int, int] = pair) -> Relaxation:
             return replace(p, before=(*p.before, pair))
 
-        found[f"'{ids[pair[1]]}' after '{ids[pair[0]]}'"] = comes
+        _add(found, f"'{ids[pair[1]]}' after '{ids[pair[0]]}'", comes)
     for row in problem.sequences:
         names = ", ".join(f"'{ids[t]}'" for t in row)
 
@@ -170,7 +170,7 @@ def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
                 window[t] = value
                 return replace(p, not_before=window)
 
-            found[f"'{ids[t]}' not_before: {tasks[t].not_before:g} s"] = opens
+            _add(found, f"'{ids[t]}' not_before: {tasks[t].not_before:g} s", opens)
     if problem.not_after is not None:
         for t in np.flatnonzero(np.isfinite(problem.not_after)).tolist():
             value = float(problem.not_after[t])
@@ -180,8 +180,14 @@ def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
                 window[t] = value
                 return replace(p, not_after=window)
 
-            found[f"'{ids[t]}' not_after: {tasks[t].not_after:g} s"] = closes
+            _add(found, f"'{ids[t]}' not_after: {tasks[t].not_after:g} s", closes)
     return found
+
+
+def _add(found: dict[str, Rule], name: str, rule: Rule) -> None:
+    """Adds a rule; both shares of a hand-over have the same ones, which go together."""
+    other = found.get(name)
+    found[name] = rule if other is None else lambda problem: rule(other(problem))
 
 
 def _buffer_rules(problem: Relaxation, job: Job) -> dict[str, Rule]:

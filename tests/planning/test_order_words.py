@@ -153,6 +153,16 @@ def test_random_rules_are_left_out_one_by_one():
     assert looked > 8
 
 
+def test_the_rules_of_both_shares_of_a_handover_are_one():
+    """Tasks 0 and 1 are one task of the file: after 2, which is after it; a window of task 3 is no matter of that."""
+    problem = tasks_of(4, before=((2, 0), (2, 1), (0, 2)), not_before=np.array([0.0, 0, 0, 1.0]))
+    order = job(4)
+    order.job.tasks[1].id = order.job.tasks[0].id
+    assert impossible(problem)
+    text = str(why_impossible(order, problem))
+    assert text.endswith("'a' after 'c'; 'c' after 'a'")
+
+
 def test_the_place_is_that_of_the_first_task_concerned():
     """Not that of the first task of the file."""
     late = np.array([np.inf, np.inf, 1.0, 50.0])
