@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.minimum_time.clearance import Barred
 from dualarm_cli.planning.clear_checks import check_grips, check_parts, check_start
-from dualarm_cli.planning.clear_words import why_blocked
+from dualarm_cli.planning.clear_words import refuse_touching_lines, why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
@@ -135,6 +135,8 @@ def quickest_clear(
             failure = error
             break
         timed = _timed(problem, decided, timing, known)
+        if not problem.patient:
+            refuse_touching_lines(clearing, *timed[0])
         tried = _cleared(clearing, timed)
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
@@ -164,8 +166,7 @@ def quickest_clear(
 
 def _is_dear(found: Found) -> bool:
     """Returns whether simpler plans are worth a look: this one does not keep clear, or at a cost."""
-    dear = found.cost is not None and found.cost > RIVALS * found.blind
-    return dear or bool(found.cleared.blocked)
+    return bool(found.cleared.blocked) or (found.cost or 0.0) > RIVALS * found.blind
 
 
 def _with_rivals(
@@ -209,7 +210,7 @@ def _cleared(
         if best is not None and best.is_done_within(motion.trajectory.duration):
             break
         best = _better(best, clearing.cleared(plans, motion, clearing.touching(plans, motion)))
-    assert best is not None  # a method always has a plan of its own
+    assert best  # a method always has a plan of its own
     return best
 
 

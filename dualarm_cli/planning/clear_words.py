@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.errors import BlockedError
 from dualarm_cli.planning.clearing import Cleared, Clearing
+from dualarm_cli.planning.motion import Motion
+from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.stage_samples import stage_samples
 
 ADVICE = (
@@ -12,6 +15,22 @@ ADVICE = (
     "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
 )
 """What a person can do about it."""
+
+
+def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
+    """Refuses stages in which both arms' lines touch: no mending helps them as much as another order.
+
+    Args:
+        clearing: the job.
+        plans: its stages.
+        motion: theirs.
+
+    Raises:
+        BlockedError: with those stages.
+    """
+    apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
+    if apart:
+        raise BlockedError(why_blocked(clearing, Cleared(plans, motion, apart)), apart)
 
 
 def why_blocked(clearing: Clearing, found: Cleared | None) -> str:

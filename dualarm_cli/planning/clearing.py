@@ -120,6 +120,16 @@ class Clearing:
             return Cleared(found, motion, tuple(blocked))
         return Cleared(found, self.timed(found), tuple(blocked))
 
+    def side_by_side(self, plans: Sequence[StagePlan], touching: Sequence[int]) -> list[int]:
+        """Returns the stages of two arms in which these touch where they work, not on their ways only."""
+        return [
+            k
+            for k in touching
+            if k < len(plans)
+            and len(plans[k].stops) == 2
+            and not _lines_apart(self._context(plans[k], k))
+        ]
+
     def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns a stage that keeps clear, None where nothing that was tried does."""
         tried, first = plan, self._context(plan, k)

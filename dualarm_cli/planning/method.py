@@ -38,8 +38,8 @@ class MethodProblem:
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
     patient: bool = True
-    """Whether stages that do not keep clear, whatever is done about them, are decided once more; else the order will be
-    changed, which is what helps most."""
+    """Whether stages in which arms touch while they work side by side are mended and decided once more; else the order
+    will be changed, which is what helps most."""
 
     @property
     def turns_for_both(self) -> bool:

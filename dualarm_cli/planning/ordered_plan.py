@@ -17,10 +17,10 @@ from dualarm_cli.planning.watch import SeenEnoughError, Watch
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]
 """Plans a decided job from a plan to begin with; whether what does not keep clear is decided again."""
-CUTS = 3
-"""So often orders are searched for anew without pairs of stops that turned out to touch."""
-FEWER_CUTS = 2
-"""The same for long orders."""
+SEARCHES, SEARCHES_OF_LONG = 2, 1
+"""So often orders are searched for anew without pairs of stops that turned out to touch; fewer of long ones."""
+TAKEN_APART = 3
+"""So often after that only what touches is taken apart."""
 LONG = 40
 """Of orders with more stages only the best one is planned."""
 PROMISING = 0.04
@@ -54,21 +54,24 @@ def plan_in_best_order(
     orders = search.orders(watch)
     pairs: set[StagePair] = set()
     long = len(orders.found[0].job.stages()) > LONG
-    cuts = FEWER_CUTS if long else CUTS
-    for tries in range(cuts + 1):
+    searches = SEARCHES_OF_LONG if long else SEARCHES
+    for tries in range(searches + TAKEN_APART + 1):
+        known = len(pairs)
         try:
-            patient = tries == cuts or not long
+            # There is no other order to hope for where nothing more is searched.
+            patient = not long or tries > searches or watch.stop()
             best = _quickest(_promising(orders.found), watch, decided_plan, pairs, patient=patient)
             break
         except BlockedError as error:
-            if tries == cuts or not pairs or watch.stop():
+            if tries == searches + TAKEN_APART or len(pairs) == known:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
             first = orders.found[0].job
             watch.tell(f"keeping {len(pairs)} pairs of stops apart: {error.stages}")
             search = search.without(pairs, first)
             # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
-            found = search.orders(watch) if tries < cuts - 1 else search.as_it_is()
+            again = tries < searches and not watch.stop()
+            found = search.orders(watch) if again else search.as_it_is()
             orders = replace(found, bound=orders.bound)
     watch.end()
     return replace(best, order_gap=orders.gap, notes=(*best.notes, *order_notes(orders, watch)))
