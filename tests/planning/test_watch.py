@@ -79,7 +79,7 @@ def planned(durations, watch, clock=None, takes=1.0):
     """The quickest of some plans, and how many were made; negative durations have no plan, 0 is interrupted."""
     made = []
 
-    def plan(job):
+    def plan(job, _start, _patient):
         made.append((job, watch.droppable, watch.endable))
         if clock is not None:
             clock.now += takes
@@ -94,7 +94,7 @@ def planned(durations, watch, clock=None, takes=1.0):
     watch.begin()
     watch.found(1.0)
     orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
-    return _quickest(orders, watch, plan, set()), made
+    return _quickest(orders, watch, plan, set(), patient=True), made
 
 
 def test_an_interruption_drops_the_plan_that_is_made_and_keeps_the_best():
