@@ -33,7 +33,7 @@ def touching_path(holding: Holding, found: Followed) -> Refused | None:
     one, other, missing = holding.cell.nearest(position[k], held[k])
     share = float(found.clock.at(time[k : k + 1])[0][0])
     return Refused(
-        f"after {time[k]:.3f} s {one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance",
+        f"after {time[k]:.3f} s {one} and {other} lack {max(1e-4, -missing) * 1e3:.1f} mm of clearance",
         share,
         "clear",
     )

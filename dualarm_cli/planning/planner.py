@@ -65,11 +65,13 @@ def _in_time(schedule: Schedule, job: Job) -> Schedule:
         InfeasibleError: a task whose window closes before it is done.
     """
     tasks = {task.id: task for task in job.tasks}
+    # Of a task's events the last one counts.
+    done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
     late = [
-        f"{tasks[e.task].place}: task '{e.task}' is done at {e.time:.3f} s, {e.time - tasks[e.task].not_after:.3f} s "
-        f"after its window closes (not_after: {tasks[e.task].not_after:g} s)"
-        for e in schedule.events
-        if e.task in tasks and e.time > tasks[e.task].not_after + 1e-9
+        f"{task.place}: task '{name}' is done at {done[name]:.3f} s, {done[name] - task.not_after:.3f} s after its "
+        f"window closes (not_after: {task.not_after:g} s)"
+        for name, task in tasks.items()
+        if name in done and done[name] > task.not_after + 1e-9
     ]
     if late:
         raise InfeasibleError(

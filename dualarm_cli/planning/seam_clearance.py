@@ -44,7 +44,7 @@ def nearest_words(holding: Holding) -> Callable[[FloatArray], str]:
     def words(position: FloatArray) -> str:
         held = np.zeros(len(holding.cell.arms), dtype=np.int64)
         one, other, missing = holding.cell.nearest(position, held)
-        return f"{one} and {other} lack {max(0.0, -missing) * 1e3:.1f} mm of clearance"
+        return f"{one} and {other} lack {max(1e-4, -missing) * 1e3:.1f} mm of clearance"
 
     return words
 
