@@ -10,11 +10,16 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from hypothesis import settings
 
 # As the command does for itself, and before numpy is loaded: small matrices, one thread.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parent.parent
+# The same examples every time, so that a change fails for what it did; DUALARM_EXPLORE=1 looks for others.
+settings.register_profile("same", derandomize=True)
+if not os.environ.get("DUALARM_EXPLORE"):
+    settings.load_profile("same")
 
 
 def pytest_configure(config: pytest.Config) -> None:
