@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
+from dualarm_cli.sequencing.nearest import nearest_stages
 from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_search import StageSearch
@@ -108,7 +109,7 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
     if start is not None:
         return with_angles(search.problem, start)
     tries: list[StageOrder] = []
-    for plain in (in_file_order, by_suited_arms) if in_order else ():
+    for plain in (in_file_order, by_suited_arms, by_nearest) if in_order else ():
         given = plain(search.problem, search.units)
         if given is not None:
             tries.append(with_angles(search.problem, never_touching(search.problem, given)))
@@ -150,6 +151,15 @@ def by_suited_arms(problem: StageProblem, units: list[Unit]) -> IntArray | None:
         soonest = {a: problem.length[a][problem.stops, unit.stops[0]].min() for a in unit.arms}
         _append(rows, unit, min(soonest, key=lambda a: (soonest[a], a)))
     return side_by_side(problem, rows)
+
+
+def by_nearest(problem: StageProblem, _units: list[Unit]) -> IntArray | None:
+    """Returns the tasks by the nearest neighbour; None where there are rules, which it knows nothing of."""
+    windows = problem.not_before is not None or problem.not_after is not None
+    rules = problem.before or problem.sequences or problem.in_file_order or problem.handovers
+    if len(problem.length) != 2 or rules or windows or problem.stores is not None:
+        return None
+    return nearest_stages(problem)
 
 
 def _append(rows: list[list[Unit]], unit: Unit, a: int) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.sequencing.nearest import nearest_stages
 from dualarm_cli.sequencing.stage_exact import best_of_all
 from dualarm_cli.sequencing.stage_orders import (
     StageEffort,
@@ -170,3 +171,23 @@ def test_stops_that_touch_everywhere_are_never_side_by_side(in_stages):
     found = good_orders(lonely, StageEffort(1, 100, 0.5), 0)
     assert len(found[0].slots) == problem.stops
     assert np.isfinite(found[0].total)
+
+
+def test_the_search_is_never_worse_than_the_nearest_neighbour_that_it_may_begin_with(in_stages):
+    """Without rules; an arm that can do nothing more is idle, and what no arm can do has no order."""
+    seen = 0
+    for seed in range(6):
+        problem = in_stages(seed, "", 9, 2)
+        nearest = nearest_stages(problem)
+        if nearest is None:
+            continue
+        assert sorted(k for row in nearest.tolist() for k in row if k != IDLE) == list(
+            range(problem.stops)
+        )
+        least = float(totals(problem, nearest[None])[0])
+        found = good_orders(problem, StageEffort(1, 1, 0.0), seed)
+        seen += np.isfinite(least)
+        assert found[0].total <= least + 1e-9
+    assert seen >= 3
+    never = tuple(np.full_like(x, np.inf) for x in problem.length)
+    assert nearest_stages(replace(problem, length=never)) is None
