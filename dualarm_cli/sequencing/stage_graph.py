@@ -1,0 +1,207 @@
+"""Stages as the nodes of a graph: an order is a path through it that has every stop once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
+from dualarm_cli.sequencing.stage_ways import Ways, ways_of
+
+ROWS_AT_ONCE = 256
+"""Nodes whose ways to all others are computed at once."""
+
+
+@dataclass(frozen=True)
+class StageGraph:
+    """What may be done in one stage at one platform angle, and how long it takes right after something else.
+
+    Where an arm is idle in a stage, what it did before is forgotten: it then comes from wherever it likes. So no path
+    takes longer than its order, and a path without idle arms takes as long. Windows, stores and the order that
+    `before` asks for are left out but for what comes right after one another.
+    """
+
+    problem: StageProblem
+    """What is asked; two arms."""
+    stops: IntArray
+    """Stops of each node by arm, IDLE for none, shape (m, 2)."""
+    angle: IntArray
+    """Number of each node's platform angle, shape (m,)."""
+    weight: IntArray
+    """How many stops are made, shape (m,)."""
+    first: FloatArray
+    """Length of a stage that comes first [s], shape (m,)."""
+    last: FloatArray
+    """Length of the way back after a stage that comes last [s], shape (m,)."""
+    ways: Ways
+    """Lengths of stages right after other ones [s], infinite where rules forbid it."""
+
+    @classmethod
+    def of(cls, problem: StageProblem, *, singles: bool) -> StageGraph:
+        """Returns the graph of a problem.
+
+        Args:
+            problem: what is asked; two arms.
+            singles: whether an arm may be idle in a stage; without, only orders in which none ever is are paths.
+        """
+        stops, angle = _nodes(problem, singles=singles)
+        came = np.where(stops == IDLE, problem.stops + 1, stops)
+        lengths = [_with_forgotten(length) for length in problem.length]
+        apart = np.zeros((1, 1, 1)) if problem.apart is None else problem.apart
+        i, j = (stops[:, 0], stops[:, 1]) if problem.apart is not None else (0, 0)
+        beside = apart[i, j, angle if problem.apart is not None else 0]
+        start = [
+            length[problem.stops, own].min(axis=1)
+            if problem.free_start
+            else length[problem.stops, own, 0]
+            for length, own in zip(lengths, stops.T, strict=True)
+        ]
+        every = np.arange(len(angle))
+        first = np.maximum(start[0][every, angle], start[1][every, angle]) + beside
+        first[~_may_be_first(problem, stops)] = np.inf
+
+        def rows() -> Iterator[FloatArray]:
+            for k in range(0, len(angle), ROWS_AT_ONCE):
+                v = slice(k, k + ROWS_AT_ONCE)
+                own = [
+                    length[came[None, :, a], stops[v, a, None], angle[None], angle[v, None]]
+                    for a, length in enumerate(lengths)
+                ]
+                whole = np.maximum(own[0], own[1]) + beside[v, None]
+                whole[~_may_follow(problem, stops, stops[v]).T] = np.inf
+                yield whole
+
+        weight = (stops != IDLE).sum(axis=1)
+        back = _way_back(problem, lengths, stops, angle)
+        ways = ways_of(rows(), len(angle))
+        return cls(problem, stops, angle, weight, first, back, ways)
+
+    @property
+    def nodes(self) -> int:
+        """How many."""
+        return len(self.angle)
+
+    def kept(self, which: BoolArray) -> StageGraph:
+        """Returns the graph of some of its nodes, shape (m,)."""
+        return replace(
+            self,
+            stops=self.stops[which],
+            angle=self.angle[which],
+            weight=self.weight[which],
+            first=self.first[which],
+            last=self.last[which],
+            ways=self.ways.part(np.flatnonzero(which), np.flatnonzero(which)),
+        )
+
+
+def count_nodes(problem: StageProblem) -> int:
+    """Returns how many nodes a problem's graph has at most."""
+    one, other = (np.isfinite(work).sum(axis=0) for work in problem.work)
+    return int((one * other + one + other).sum())
+
+
+def followers(problem: StageProblem) -> tuple[IntArray, IntArray]:
+    """Returns what the same arm makes right after each stop, and right before it, IDLE for anything, shape (s,)."""
+    after = np.full(problem.stops, IDLE)
+    before = np.full(problem.stops, IDLE)
+    within = {t for row in problem.sequences for t in row}
+    rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)) if t not in within)]
+    for row in rows:
+        for one, other in pairwise(stop for t in row for stop in problem.tasks[t]):
+            after[one], before[other] = other, one
+    return after, before
+
+
+def task_of(problem: StageProblem) -> IntArray:
+    """Returns the task of each stop, shape (s,)."""
+    found = np.zeros(problem.stops, dtype=np.int64)
+    for t, own in enumerate(problem.tasks):
+        found[list(own)] = t
+    return found
+
+
+def _nodes(problem: StageProblem, *, singles: bool) -> tuple[IntArray, IntArray]:
+    """Returns stops (m, 2) and angles (m,) of all stages that may be, those of both arms first."""
+    can = [np.isfinite(work) for work in problem.work]
+    both = can[0][:, None, :] & can[1][None, :, :]
+    task = task_of(problem)
+    both &= (task[:, None] != task[None, :])[:, :, None]
+    if problem.apart is not None:
+        both &= np.isfinite(problem.apart[: problem.stops, : problem.stops])
+    meets = np.zeros(problem.stops, dtype=np.bool_)
+    for one, other in problem.handovers:
+        give, take = problem.tasks[one][-1], problem.tasks[other][0]
+        for stop, partner in ((give, take), (take, give)):
+            meets[stop] = True
+            others = np.arange(problem.stops) != partner
+            both[stop, others] = both[others, stop] = False
+    found = np.argwhere(both)
+    stops, angle = [found[:, :2]], [found[:, 2]]
+    if singles:
+        for a, own in enumerate(can):
+            found = np.argwhere(own & ~meets[:, None])
+            alone = np.full((len(found), 2), IDLE)
+            alone[:, a] = found[:, 0]
+            stops.append(alone)
+            angle.append(found[:, 1])
+    return np.concatenate(stops), np.concatenate(angle)
+
+
+def _with_forgotten(length: FloatArray) -> FloatArray:
+    """Returns lengths with one more row, from wherever is best: shape (s + 2, s + 2, f, f)."""
+    return np.concatenate([length, length.min(axis=0, keepdims=True)])
+
+
+def _way_back(
+    problem: StageProblem, lengths: list[FloatArray], stops: IntArray, angle: IntArray
+) -> FloatArray:
+    """Returns the least length of the way back after each node [s], shape (m,)."""
+    found: FloatArray = np.zeros(len(angle))
+    if not problem.returns:
+        return found
+    if not problem.free_start:
+        found = problem.turn[angle, 0].astype(np.float64)
+    for a, length in enumerate(lengths):
+        there = stops[:, a] != IDLE
+        back = length[stops[there, a], problem.stops, angle[there], 0]
+        found[there] = np.maximum(found[there], back)
+    return found
+
+
+def _may_be_first(problem: StageProblem, stops: IntArray) -> BoolArray:
+    """Returns which nodes an order may begin with, shape (m,)."""
+    _, before = followers(problem)
+    begins = np.append(before == IDLE, True)
+    free = np.ones(problem.stops + 1, dtype=np.bool_)
+    for _, other in problem.before:
+        free[problem.tasks[other][0]] = False
+    return np.asarray((begins & free)[stops].all(axis=1))
+
+
+def _may_follow(problem: StageProblem, came: IntArray, goes: IntArray) -> BoolArray:
+    """Returns which nodes (n, 2) may come right after which (m, 2), shape (m, n)."""
+    after, before = (np.append(row, IDLE) for row in followers(problem))
+    task = np.append(task_of(problem), IDLE)
+    found = np.ones((len(came), len(goes)), dtype=np.bool_)
+    for a in range(2):
+        own, then = came[:, a, None], goes[None, :, a]
+        for b in range(2):
+            made = came[:, b, None]
+            found &= (then == IDLE) | (made != then)
+        due, needed = after[own], before[then]
+        found &= (due == IDLE) | (then == due) | (then == IDLE)
+        found &= (needed == IDLE) | (own == needed) | (own == IDLE)
+        if problem.in_file_order:
+            found &= (own == IDLE) | (then == IDLE) | (task[then] >= task[own])
+    if problem.before:
+        wrong = np.zeros((len(problem.tasks) + 1,) * 2, dtype=np.bool_)
+        for one, other in problem.before:
+            wrong[other, one] = True
+        for a in range(2):
+            for b in range(2):
+                found &= ~wrong[task[came[:, a, None]], task[goes[None, :, b]]]
+    return found

@@ -1,0 +1,258 @@
+"""Orders of stages by dynamic programming over the stops made so far, with bounds for what is yet to come.
+
+Of what cannot become an order that is quicker than a known one nothing is kept, so that few enough remain for orders of
+some twenty stops to be proven best. Where too many remain only the most promising are kept, and what the others might
+have become is the bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.sequencing.stage_graph import StageGraph
+from dualarm_cli.sequencing.stage_prices import ROUNDING, Paths, Prices
+from dualarm_cli.sequencing.stage_problem import IDLE
+
+MOST_STOPS = 62
+"""Stops made are bits of one integer."""
+TRIED = 12
+"""So many continuations are looked at for each label that is kept at most."""
+HALVINGS = 12
+"""So often a threshold is halved to keep as many as there is room for."""
+MIXED = np.uint64(0x9E3779B97F4A7C15)
+"""An odd number: times it, modulo 2^64, no two integers become one."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What the search among labels found."""
+
+    stops: IntArray | None
+    """Stages of the best order, shape (n, 2); None where none is quicker than what was known."""
+    bound: float
+    """No order takes less [s]."""
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """Beginnings of orders that have as many stops."""
+
+    made: IntArray
+    """Stops made, as bits, shape (n,)."""
+    node: IntArray
+    """The node of the last stage, shape (n,)."""
+    over: FloatArray
+    """When that is over at the earliest [s], shape (n,)."""
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+    def take(self, rows: IntArray | BoolArray) -> _Labels:
+        """Returns some of them."""
+        return _Labels(self.made[rows], self.node[rows], self.over[rows])
+
+
+class LabelSearch:
+    """One search."""
+
+    def __init__(self, graph: StageGraph, prices: Prices, upper: float, most: int) -> None:
+        """Prepares bounds.
+
+        Args:
+            graph: stages; at most MOST_STOPS stops.
+            prices: prices of stops that prove much.
+            upper: length of a known order [s]; only quicker ones are looked for.
+            most: labels with the same number of stops that are kept.
+        """
+        self.graph, self.upper, self.most = graph, upper, most
+        self._count = graph.problem.stops
+        paths = Paths(graph)
+        self._paid = paths.paid(prices.price)
+        self._whole = float(prices.price.sum()) - ROUNDING
+        self._rest = paths.backward(prices.price)
+        self._price = prices.price
+        stop_bits = np.append(np.int64(1) << np.arange(self._count, dtype=np.int64), 0)
+        self._bits = stop_bits[graph.stops].sum(axis=1)
+        self._needs = self._needed_before()
+        self._dropped = np.inf
+
+    def run(self) -> Searched:
+        """Returns the best order that is quicker than the known one, and what is proven."""
+        layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
+        for k in range(1, self._count + 1):
+            found = [self._begun(k)]
+            found += [
+                self._grown(layers[k - w], k - w, w) for w in (1, 2) if k > w and len(layers[k - w])
+            ]
+            layers[k] = self._fewer(_joined(found), k)
+        last = layers[self._count]
+        whole = last.over + self.graph.last[last.node]
+        bound = min(self.upper, self._dropped)
+        if not len(last) or float(whole.min()) >= self.upper:
+            return Searched(None, bound)
+        best = int(whole.argmin())
+        nodes = self._way(layers, best)
+        return Searched(self.graph.stops[nodes], min(bound, float(whole[best])))
+
+    def _begun(self, k: int) -> _Labels:
+        """Returns first stages of k stops."""
+        graph = self.graph
+        rows = np.flatnonzero((graph.weight == k) & np.isfinite(graph.first))
+        begun = _Labels(self._bits[rows], rows, graph.first[rows])
+        return self._on_time(begun)
+
+    def _grown(self, labels: _Labels, k: int, weight: int) -> _Labels:
+        """Returns labels with one more stage of so many stops that may still become a quicker order."""
+        graph, left = self.graph, self._count - k - weight
+        then = np.flatnonzero((graph.weight == weight) & np.isfinite(self._rest[left]))
+        if not len(then):
+            return _none()
+        labels = labels.take(np.argsort(labels.node, kind="stable"))
+        came, begin = np.unique(labels.node, return_index=True)
+        # What a continuation adds to the least that a label may become, cheapest first.
+        onto = graph.ways.rows(came)
+        more = onto[:, then] - self._paid[then] + self._rest[left, then]
+        order = np.argsort(more, axis=1)
+        more = np.take_along_axis(more, order, axis=1)
+        room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
+        spans = list(zip(begin, [*begin[1:], len(labels)], strict=True))
+        room, lost = self._less_room(more, room, spans)
+        self._dropped = min(self._dropped, self.upper - lost)
+        counts = np.concatenate(
+            [np.searchsorted(row, room[a:b]) for row, (a, b) in zip(more, spans, strict=True)]
+        )
+        label = np.repeat(np.arange(len(labels)), counts)
+        rank = np.arange(len(label)) - np.repeat(np.cumsum(counts) - counts, counts)
+        row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))[label]
+        node = then[order[row, rank]]
+        fits = (labels.made[label] & self._bits[node]) == 0
+        fits &= (self._needs[node] & ~labels.made[label]) == 0
+        label, node = label[fits], node[fits]
+        over = labels.over[label] + onto[row[fits], node]
+        grown = _Labels(labels.made[label] | self._bits[node], node, over)
+        return self._on_time(grown)
+
+    def _less_room(
+        self, more: FloatArray, room: FloatArray, spans: list[tuple[int, int]]
+    ) -> tuple[FloatArray, float]:
+        """Returns what continuations may add, with less room where they would be too many, and how much less [s]."""
+
+        def count(less: float) -> int:
+            return sum(
+                int(np.searchsorted(row, room[a:b] - less).sum())
+                for row, (a, b) in zip(more, spans, strict=True)
+            )
+
+        most = TRIED * self.most
+        if count(0.0) <= most:
+            return room, 0.0
+        low, high = 0.0, float(room.max() - more.min())
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if count(middle) > most else (low, middle)
+        return room - high, high
+
+    def _fewer(self, labels: _Labels, k: int) -> _Labels:
+        """Returns the best label of each node and stops made, and of these the most promising."""
+        labels = _best_of_same(labels)
+        bound = self._bound(labels, k)
+        kept = bound < self.upper
+        labels, bound = labels.take(kept), bound[kept]
+        if len(labels) <= self.most:
+            return labels
+        order = np.argpartition(bound, self.most)
+        self._dropped = min(self._dropped, float(bound[order[self.most :]].min()))
+        return labels.take(np.sort(order[: self.most]))
+
+    def _bound(self, labels: _Labels, k: int) -> FloatArray:
+        """Returns the least that labels of k stops may become [s], shape (n,)."""
+        rest = self._rest[self._count - k, labels.node]
+        least = labels.over - self._paid_for(labels.made) + rest + self._whole
+        return np.asarray(least)
+
+    def _paid_for(self, made: IntArray) -> FloatArray:
+        """Returns the prices of all stops made [s], shape (n,)."""
+        found: FloatArray = np.zeros(len(made))
+        for stop, price in enumerate(self._price.tolist()):
+            found += price * ((made >> stop) & 1)
+        return found
+
+    def _on_time(self, labels: _Labels) -> _Labels:
+        """Returns labels after their stops have waited for windows, without those that are late."""
+        problem, over = self.graph.problem, labels.over
+        stops, angle = self.graph.stops[labels.node], self.graph.angle[labels.node]
+        kept = np.ones(len(labels), dtype=np.bool_)
+        for a in range(2):
+            does = stops[:, a] != IDLE
+            own, f = stops[does, a], angle[does]
+            if problem.not_before is not None:
+                opens = problem.not_before[own]
+                waits = np.where(opens > 0.0, opens + problem.work[a][own, f], 0.0)
+                over = np.array(over)
+                over[does] = np.maximum(over[does], waits)
+        if problem.not_after is not None:
+            for a in range(2):
+                does = stops[:, a] != IDLE
+                kept[does] &= over[does] <= problem.not_after[stops[does, a]] + ROUNDING
+        return _Labels(labels.made, labels.node, over).take(kept)
+
+    def _needed_before(self) -> IntArray:
+        """Returns which stops have to be made before each node, as bits, shape (m,)."""
+        problem = self.graph.problem
+        needs = np.zeros(problem.stops + 1, dtype=np.int64)
+        for one, other in problem.before:
+            needs[problem.tasks[other][0]] |= np.int64(1) << np.int64(problem.tasks[one][-1])
+        stops = self.graph.stops
+        return np.asarray(needs[stops[:, 0]] | needs[stops[:, 1]])
+
+    def _way(self, layers: list[_Labels], best: int) -> IntArray:
+        """Returns the nodes of a whole order."""
+        k, row = self._count, best
+        nodes: list[int] = []
+        while True:
+            labels = layers[k]
+            node, made, over = int(labels.node[row]), labels.made[row], labels.over[row]
+            nodes.append(node)
+            k -= int(self.graph.weight[node])
+            if k == 0:
+                return np.array(nodes[::-1])
+            rows = np.flatnonzero(layers[k].made == made ^ self._bits[node])
+            came = layers[k].take(rows)
+            then = self._on_time(
+                _Labels(
+                    came.made | self._bits[node],
+                    np.full(len(rows), node),
+                    came.over + self.graph.ways.one_by_one(came.node, np.full(len(rows), node)),
+                )
+            )
+            # None of them is too late, as the label that came of the best one is not.
+            row = int(rows[np.abs(then.over - over).argmin()])
+
+
+def _none() -> _Labels:
+    return _Labels(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+
+
+def _joined(found: list[_Labels]) -> _Labels:
+    return _Labels(
+        np.concatenate([one.made for one in found]),
+        np.concatenate([one.node for one in found]),
+        np.concatenate([one.over for one in found]),
+    )
+
+
+def _best_of_same(labels: _Labels) -> _Labels:
+    """Returns the one that is over soonest of those with the same stops made and the same node."""
+    if not len(labels):
+        return labels
+    key = labels.made.astype(np.uint64) * MIXED ^ labels.node.astype(np.uint64)
+    order = np.argsort(key)
+    key, made, node = key[order], labels.made[order], labels.node[order]
+    # Where two keys happen to be the same both labels stay.
+    new = (key[1:] != key[:-1]) | (made[1:] != made[:-1]) | (node[1:] != node[:-1])
+    begin = np.flatnonzero(np.append(True, new))
+    over = np.minimum.reduceat(labels.over[order], begin)
+    return _Labels(made[begin], node[begin], over)
