@@ -38,17 +38,19 @@ class Holding:
     """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
 
     @classmethod
-    def of(cls, job: Job, *, crossing: bool = True) -> Holding:
+    def of(cls, job: Job, *, crossing: bool = True, cell: CellClearance | None = None) -> Holding:
         """Prepares a job.
 
         Args:
             job: what is to be done.
+            cell: its cell with all that it carries, where that is at hand.
             crossing: whether arms have to keep clear of one another; else each is looked at by itself.
 
         Raises:
             InputError: a mesh of the cell that cannot be used.
         """
-        cell = replace(CellClearance.of(job.cell, job.carried()), crossing=crossing)
+        cell = cell or CellClearance.of(job.cell, job.carried())
+        cell = replace(cell, crossing=crossing)
         holds = {arm: job.held_at_start(arm) for arm in cell.arms}
         rows = []
         for work in job.stages():

@@ -11,6 +11,7 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.order_trials import most_promising
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
@@ -23,6 +24,8 @@ TAKEN_APART = 3
 """So often after that only what touches is taken apart."""
 LONG = 40
 """Of orders with more stages only the best one is planned."""
+WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
+"""Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 PROMISING = 0.04
 """Orders are planned that are estimated to be slower than the best one by less than this share."""
 
@@ -60,7 +63,8 @@ def plan_in_best_order(
         try:
             # There is no other order to hope for where nothing more is searched.
             patient = not long or tries > searches or watch.stop()
-            best = _quickest(_promising(orders.found), watch, decided_plan, pairs, patient=patient)
+            promising = _promising(search, orders.found, settings, watch)
+            best = _quickest(promising, watch, decided_plan, pairs, patient=patient)
             break
         except BlockedError as error:
             if tries == searches + TAKEN_APART or len(pairs) == known:
@@ -139,17 +143,27 @@ def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
     return found
 
 
-def _promising(found: tuple[DecidedOrder, ...]) -> list[DecidedOrder]:
-    """Returns the orders that are worth planning."""
+def _promising(
+    search: PairedSearch, found: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
+) -> list[DecidedOrder]:
+    """Returns the orders that are worth planning, the most promising one first."""
     if len(found[0].job.stages()) > LONG:
         return [found[0]]
-    return [one for one in found if one.total <= (1.0 + PROMISING) * found[0].total]
+    windows = search.problem.not_before is not None or search.problem.not_after is not None
+    if settings.platform in WHOLE_SEQUENCES and not windows:
+        found = most_promising(search, found, settings.effort, watch)
+    least = min(_expected(one) for one in found)
+    return [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
+
+
+def _expected(order: DecidedOrder) -> float:
+    """Returns about how long a plan in an order will take [s]."""
+    return order.total if order.expected is None else order.expected
 
 
 def order_notes(orders: Orders, watch: Watch) -> list[str]:
     """Returns how the order was found, what is proven of it, and that the search was ended early, if it was."""
-    total = orders.found[0].total
-    notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
+    notes = [f"order: {orders.how}; {orders.total:.2f} s by the search's own estimate"]
     if orders.bound is not None:
         notes.append(
             f"order bound: no order takes less than {orders.bound:.2f} s on the search's own grid of platform angles "

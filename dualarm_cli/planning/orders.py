@@ -25,7 +25,13 @@ from dualarm_cli.sequencing.stage_changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
+from dualarm_cli.sequencing.stage_orders import (
+    StageEffort,
+    apart,
+    different_orders,
+    good_orders,
+    is_few,
+)
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_proof import ProofEffort, StageProof, can_prove, prove_order
 from dualarm_cli.sequencing.stage_times import totals, with_angles
@@ -51,9 +57,9 @@ EFFORTS = {
 PROOFS = {"quick": 1.0, "normal": 4.0, "thorough": 30.0}
 """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
 STAGE_PROOFS = {
-    "quick": ProofEffort(40, 20_000),
-    "normal": ProofEffort(80, 200_000),
-    "thorough": ProofEffort(150, 1_500_000),
+    "quick": ProofEffort(40, 20_000, 60),
+    "normal": ProofEffort(80, 200_000, 300),
+    "thorough": ProofEffort(150, 1_500_000, 1_000),
 }
 """How hard a bound on orders of stages is tried where there is room for it."""
 SHORTER = 4
@@ -70,6 +76,8 @@ class DecidedOrder:
     """Its cycle time as far as the search for orders knows [s]."""
     plan: Decisions | None = None
     """Platform angles and postures that the search counts on; None where it says none."""
+    expected: float | None = None
+    """About how long its plan will take, off the search's grid and clear of everything [s]; None where not tried."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,12 @@ class Orders:
         """By what share the best one is above the bound, both on the search's grid; None without a bound."""
         if self.bound is None:
             return None
-        return max(0.0, 1.0 - self.bound / self.found[0].total)
+        return max(0.0, 1.0 - self.bound / self.total)
+
+    @property
+    def total(self) -> float:
+        """The least total found on the search's grid [s]."""
+        return min(one.total for one in self.found)
 
 
 @dataclass(frozen=True)
@@ -180,8 +193,8 @@ class PairedSearch:
             watch.tell("bounding all orders, and looking for better ones on the way")
             proven = self._proven(found[0], watch)
             bound = None if job.has_conveyors else proven.bound
-            if proven.order.total < found[0].total:
-                found, how = [proven.order, *found], DYNAMIC
+            how = DYNAMIC if proven.orders[0].total < found[0].total else how
+            found = different_orders([*proven.orders, *found])
         timed = not provable or of_stages(self.problem).timed
         if tasks <= MOST_PROVEN and not job.has_conveyors and timed and not watch.stop():
             watch.tell("bounding all orders")

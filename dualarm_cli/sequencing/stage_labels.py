@@ -7,7 +7,9 @@ have become is the bound.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 
@@ -20,6 +22,8 @@ MOST_STOPS = 62
 """Stops made are bits of one integer."""
 TRIED = 12
 """So many continuations are looked at for each label that is kept at most."""
+MOST_LOOKED_AT = 20_000
+"""So many labels at most are followed back to the start for different orders."""
 HALVINGS = 12
 """So often a threshold is halved to keep as many as there is room for."""
 MIXED = np.uint64(0x9E3779B97F4A7C15)
@@ -30,8 +34,9 @@ MIXED = np.uint64(0x9E3779B97F4A7C15)
 class Searched:
     """What the search among labels found."""
 
-    stops: IntArray | None
-    """Stages of the best order, shape (n, 2); None where none is quicker than what was known."""
+    orders: tuple[IntArray, ...]
+    """Stages of the best orders, shape (n, 2) each, the best one first; none where none is quicker than what was
+    known."""
     bound: float
     """No order takes less [s]."""
 
@@ -78,10 +83,15 @@ class LabelSearch:
         self._bits = stop_bits[graph.stops].sum(axis=1)
         self._needs = self._needed_before()
         self._dropped = np.inf
+        self._layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
 
-    def run(self) -> Searched:
-        """Returns the best order that is quicker than the known one, and what is proven."""
-        layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
+    def run(self, count: int = 1) -> Searched:
+        """Returns the best orders that are quicker than the known one, and what is proven.
+
+        Args:
+            count: how many different orders to return at most.
+        """
+        layers = self._layers
         for k in range(1, self._count + 1):
             found = [self._begun(k)]
             found += [
@@ -90,12 +100,8 @@ class LabelSearch:
             layers[k] = self._fewer(_joined(found), k)
         last = layers[self._count]
         whole = last.over + self.graph.last[last.node]
-        bound = min(self.upper, self._dropped)
-        if not len(last) or float(whole.min()) >= self.upper:
-            return Searched(None, bound)
-        best = int(whole.argmin())
-        nodes = self._way(layers, best)
-        return Searched(self.graph.stops[nodes], min(bound, float(whole[best])))
+        bound = min(self.upper, self._dropped, float(whole.min(initial=np.inf)))
+        return Searched(tuple(self._orders(whole, count)), bound)
 
     def _begun(self, k: int) -> _Labels:
         """Returns first stages of k stops."""
@@ -161,11 +167,11 @@ class LabelSearch:
         bound = self._bound(labels, k)
         kept = bound < self.upper
         labels, bound = labels.take(kept), bound[kept]
-        if len(labels) <= self.most:
-            return labels
-        order = np.argpartition(bound, self.most)
-        self._dropped = min(self._dropped, float(bound[order[self.most :]].min()))
-        return labels.take(np.sort(order[: self.most]))
+        if len(labels) > self.most:
+            order = np.argpartition(bound, self.most)
+            self._dropped = min(self._dropped, float(bound[order[self.most :]].min()))
+            labels = labels.take(order[: self.most])
+        return labels.take(np.lexsort((labels.node, labels.made)))
 
     def _bound(self, labels: _Labels, k: int) -> FloatArray:
         """Returns the least that labels of k stops may become [s], shape (n,)."""
@@ -182,22 +188,24 @@ class LabelSearch:
 
     def _on_time(self, labels: _Labels) -> _Labels:
         """Returns labels after their stops have waited for windows, without those that are late."""
-        problem, over = self.graph.problem, labels.over
+        over = self._waited(labels)
+        return _Labels(labels.made, labels.node, over).take(np.isfinite(over))
+
+    def _waited(self, labels: _Labels) -> FloatArray:
+        """Returns when labels are over after their stops have waited for windows [s], infinite where too late, (n,)."""
+        problem, over = self.graph.problem, np.array(labels.over)
         stops, angle = self.graph.stops[labels.node], self.graph.angle[labels.node]
-        kept = np.ones(len(labels), dtype=np.bool_)
         for a in range(2):
             does = stops[:, a] != IDLE
             own, f = stops[does, a], angle[does]
             if problem.not_before is not None:
                 opens = problem.not_before[own]
                 waits = np.where(opens > 0.0, opens + problem.work[a][own, f], 0.0)
-                over = np.array(over)
                 over[does] = np.maximum(over[does], waits)
         if problem.not_after is not None:
-            for a in range(2):
-                does = stops[:, a] != IDLE
-                kept[does] &= over[does] <= problem.not_after[stops[does, a]] + ROUNDING
-        return _Labels(labels.made, labels.node, over).take(kept)
+            closes = np.append(problem.not_after, np.inf)[stops].min(axis=1)
+            over[over > closes + ROUNDING] = np.inf
+        return over
 
     def _needed_before(self) -> IntArray:
         """Returns which stops have to be made before each node, as bits, shape (m,)."""
@@ -208,28 +216,49 @@ class LabelSearch:
         stops = self.graph.stops
         return np.asarray(needs[stops[:, 0]] | needs[stops[:, 1]])
 
-    def _way(self, layers: list[_Labels], best: int) -> IntArray:
-        """Returns the nodes of a whole order."""
-        k, row = self._count, best
-        nodes: list[int] = []
-        while True:
-            labels = layers[k]
-            node, made, over = int(labels.node[row]), labels.made[row], labels.over[row]
-            nodes.append(node)
-            k -= int(self.graph.weight[node])
-            if k == 0:
-                return np.array(nodes[::-1])
-            rows = np.flatnonzero(layers[k].made == made ^ self._bits[node])
-            came = layers[k].take(rows)
-            then = self._on_time(
-                _Labels(
-                    came.made | self._bits[node],
-                    np.full(len(rows), node),
-                    came.over + self.graph.ways.one_by_one(came.node, np.full(len(rows), node)),
-                )
-            )
-            # None of them is too late, as the label that came of the best one is not.
-            row = int(rows[np.abs(then.over - over).argmin()])
+    def _orders(self, whole: FloatArray, count: int) -> Iterator[IntArray]:
+        """Yields the stages of different orders, the quickest first: every way that leads to the last labels.
+
+        Args:
+            whole: how long the orders take that the last labels are [s].
+            count: how many to yield at most.
+        """
+        # What an order takes, its number of stops up to the label, the label, and its nodes from there on.
+        heap: list[tuple[float, int, int, tuple[int, ...]]] = [
+            (float(whole[row]), self._count, row, (int(self._layers[-1].node[row]),))
+            for row in np.flatnonzero(whole < self.upper).tolist()
+        ]
+        heapify(heap)
+        seen: set[bytes] = set()
+        for _ in range(MOST_LOOKED_AT):
+            if not heap or len(seen) == count:
+                return
+            total, k, row, nodes = heappop(heap)
+            came = k - int(self.graph.weight[nodes[0]])
+            if came == 0:
+                stops = self.graph.stops[list(nodes)]
+                if stops.tobytes() not in seen:
+                    seen.add(stops.tobytes())
+                    yield stops
+                continue
+            for before, later in self._came_from(k, row):
+                if total + later < self.upper:
+                    node = int(self._layers[came].node[before])
+                    heappush(heap, (total + later, came, before, (node, *nodes)))
+
+    def _came_from(self, k: int, row: int) -> Iterator[tuple[int, float]]:
+        """Yields the labels that a label may come from, and how much later it is over from each [s]."""
+        labels = self._layers[k]
+        node, made = int(labels.node[row]), labels.made[row] ^ self._bits[labels.node[row]]
+        others = self._layers[k - int(self.graph.weight[node])]
+        # Labels are sorted by the stops made.
+        begin, end = np.searchsorted(others.made, [made, made + 1])
+        came = others.take(np.arange(begin, end))
+        ways = self.graph.ways.one_by_one(came.node, np.full(len(came), node))
+        every = _Labels(came.made | self._bits[node], np.full(len(came), node), came.over + ways)
+        later = self._waited(every) - labels.over[row]
+        for number in np.flatnonzero(np.isfinite(later)).tolist():
+            yield int(begin) + number, max(0.0, float(later[number]))
 
 
 def _none() -> _Labels:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,10 +91,13 @@ def good_orders(
         # What the file says is an answer as well, and may turn out to be the quickest one.
         plain = with_angles(problem, given)
         found += [plain] if np.isfinite(plain.total) else []
-    found = [one for one in found if _has_all_parts(problem, one)]
-    found.sort(key=lambda one: one.total)
+    return different_orders([one for one in found if _has_all_parts(problem, one)])
+
+
+def different_orders(found: Sequence[StageOrder]) -> list[StageOrder]:
+    """Returns orders without those that are there already, the best one first."""
     kept: dict[bytes, StageOrder] = {}
-    for one in found:
+    for one in sorted(found, key=lambda one: one.total):
         kept.setdefault(one.slots.tobytes(), one)
     return list(kept.values())
 

@@ -18,6 +18,8 @@ MOST_NODES = 8000
 """Of so many nodes at most a table of all ways from node to node has room."""
 FIRST_LOOK = 4000
 """Labels that are kept to find a better order before anything else is done."""
+NEAR = 0.02
+"""By less than this share an order is longer than another one that is nearly as good."""
 SAME = 1e-4
 """Totals that differ by less are the same [s]."""
 
@@ -30,6 +32,8 @@ class ProofEffort:
     """Steps for better prices."""
     labels: int
     """Labels that are kept."""
+    near: int = 0
+    """How many other orders to find that are nearly as good."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,8 @@ class StageProof:
 
     bound: float
     """No order takes less [s]."""
-    order: StageOrder
-    """The best order known."""
-
-    @property
-    def is_best(self) -> bool:
-        """Whether no order is better."""
-        return self.bound >= self.order.total - SAME
+    orders: tuple[StageOrder, ...]
+    """The best order known, and others that are nearly as good."""
 
 
 def can_prove(problem: StageProblem) -> bool:
@@ -61,7 +60,7 @@ def prove_order(
     better: Callable[[float], None] = lambda _: None,
     bounded: Callable[[float], None] = lambda _: None,
 ) -> StageProof:
-    """Returns a bound on all orders, and the best one known then.
+    """Returns a bound on all orders, and the best ones known then.
 
     Args:
         problem: what is asked; `can_prove`.
@@ -78,40 +77,56 @@ def prove_order(
         prices = best_prices(graph, best.total, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
-            best = _looked_at(graph, prices, best, min(FIRST_LOOK, effort.labels), better)[0]
+            looked = LabelSearch(graph, prices, best.total, min(FIRST_LOOK, effort.labels)).run()
+            best = _best(problem, best, looked.orders, better)
     if stop():
-        return StageProof(0.0, best)
+        return StageProof(0.0, (best,))
     graph = StageGraph.of(problem, singles=True)
     # Where no arm is ever idle in a good order its prices serve here too.
     steps = effort.steps if price is None else max(1, effort.steps // 5)
     prices = best_prices(graph, best.total, steps, price, stop)
     bound = min(prices.bound, best.total)
     bounded(bound)
-    if stop() or bound >= best.total - SAME:
-        return StageProof(bound, best)
-    graph = graph.kept(needed(graph, prices, best.total))
-    found, least = _looked_at(graph, prices, best, effort.labels, better)
-    bound = max(bound, min(least, found.total))
-    bounded(bound)
-    return StageProof(bound, found)
+    if not stop() and bound < best.total - SAME:
+        fewer = graph.kept(needed(graph, prices, best.total))
+        looked = LabelSearch(fewer, prices, best.total, effort.labels).run()
+        best = _best(problem, best, looked.orders, better)
+        bound = max(bound, min(looked.bound, best.total))
+        bounded(bound)
+    if stop() or not effort.near:
+        return StageProof(bound, (best,))
+    return StageProof(bound, _near(graph, prices, best, effort))
 
 
-def _looked_at(
-    graph: StageGraph,
-    prices: Prices,
+def _best(
+    problem: StageProblem,
     best: StageOrder,
-    most: int,
+    found: tuple[IntArray, ...],
     better: Callable[[float], None],
-) -> tuple[StageOrder, float]:
-    """Returns the better one of an order and what labels find, and the bound that they prove."""
-    found = LabelSearch(graph, prices, best.total, most).run()
-    if found.stops is None or not _keeps_rules(graph.problem, found.stops):
-        return best, found.bound
-    order = with_angles(graph.problem, found.stops)
-    if order.total >= best.total:
-        return best, found.bound
-    better(order.total)
-    return order, found.bound
+) -> StageOrder:
+    """Returns the best one of an order and those found that keep all rules."""
+    for slots in found:
+        order = with_angles(problem, slots)
+        if order.total < best.total and _keeps_rules(problem, slots):
+            better(order.total)
+            best = order
+    return best
+
+
+def _near(
+    graph: StageGraph, prices: Prices, best: StageOrder, effort: ProofEffort
+) -> tuple[StageOrder, ...]:
+    """Returns the best order and others that are nearly as good."""
+    upper = (1.0 + NEAR) * best.total
+    graph = graph.kept(needed(graph, prices, upper))
+    looked = LabelSearch(graph, prices, upper, min(FIRST_LOOK, effort.labels)).run(effort.near)
+    others = [
+        with_angles(graph.problem, slots)
+        for slots in looked.orders
+        if _keeps_rules(graph.problem, slots) and not np.array_equal(slots, best.slots)
+    ]
+    others.sort(key=lambda one: one.total)
+    return (best, *others)
 
 
 def _keeps_rules(problem: StageProblem, slots: IntArray) -> bool:

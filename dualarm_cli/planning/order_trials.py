@@ -1,0 +1,106 @@
+"""Which of many orders that are nearly as good is worth planning: postures off the search's grid, and clearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.minimum_time.plan_clearance import plan_clearance
+from dualarm_cli.minimum_time.polish import polish
+from dualarm_cli.minimum_time.problem import SequenceProblem
+from dualarm_cli.minimum_time.stops import StopTable
+from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.orders import DecidedOrder, PairedSearch
+from dualarm_cli.planning.sequence_problem import sequence_problem
+from dualarm_cli.planning.watch import Watch
+
+UNLIKELY = 10.0
+"""What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
+
+
+@dataclass(frozen=True)
+class TrialEffort:
+    """How many orders are tried, and how."""
+
+    polished: int
+    """So many of all that were looked at are polished."""
+    rounds: int
+    """Rounds of polishing."""
+    planned: int
+    """So many of these are planned."""
+
+
+TRIALS = {
+    "quick": TrialEffort(8, 1, 2),
+    "normal": TrialEffort(40, 2, 3),
+    "thorough": TrialEffort(150, 4, 6),
+}
+"""How hard orders are tried."""
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An order's stages as numbers, and a plan for them."""
+
+    order: DecidedOrder
+    problem: SequenceProblem
+    plan: Evaluated
+
+    @property
+    def worth(self) -> float:
+        """About how long a plan in this order takes [s], with what it costs to keep clear."""
+        lost = plan_clearance(self.problem, self.plan).penalty
+        return self.plan.total + min(lost, UNLIKELY)
+
+    def polished(self, rounds: int) -> _Trial:
+        """Returns the same with a better plan."""
+        tables = tuple(StopTable.of(work) for work in self.problem.arms)
+        return replace(self, plan=polish(self.problem, tables, self.plan, rounds, 0, 0))
+
+
+def most_promising(
+    search: PairedSearch, found: tuple[DecidedOrder, ...], effort: str, watch: Watch
+) -> tuple[DecidedOrder, ...]:
+    """Returns orders sorted by about how long their plans will take, the best one first, with better plans.
+
+    The search for orders knows one posture for each stop and platform angle, and nothing of the moves between. Here
+    orders are looked at with what a plan over the whole sequence will make of them: angles and postures off the grid,
+    and what touches on the way.
+
+    Args:
+        search: where the orders come from.
+        found: the orders; those without a plan are left as they are, at the end.
+        effort: one of TRIALS.
+        watch: may end it.
+    """
+    how = TRIALS[effort]
+    trials = [_begun(search, one) for one in found if one.plan is not None]
+    others = [one for one in found if one.plan is None]
+    if len(trials) < 2:
+        return found
+    watch.tell(f"trying {len(trials)} orders that are nearly as good")
+    trials = [one for one in trials if np.isfinite(one.plan.total)]
+    trials.sort(key=lambda one: one.worth)
+    better: list[_Trial] = []
+    for one in trials[: how.polished]:
+        if better and watch.stop():
+            break
+        better.append(one.polished(how.rounds))
+    better.sort(key=lambda one: one.worth)
+    answers = [
+        replace(one.order, plan=one.plan.decisions, expected=one.worth)
+        for one in better[: how.planned]
+    ]
+    return (*answers, *others)
+
+
+def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial:
+    """Returns an order with the plan that the search counts on."""
+    assert order.plan is not None  # callers have looked
+    clearance = search.order.clearance
+    holding = None if clearance is None else Holding.of(order.job, cell=clearance)
+    problem = sequence_problem(search.order.model, order.job, holding)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    return _Trial(order, problem, evaluate(problem, tables, order.plan))
