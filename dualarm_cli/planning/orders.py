@@ -14,6 +14,7 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import ANY, Job, StopKey, Task
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.planning.order_moves import OrderMoves
 from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
 from dualarm_cli.planning.stage_order_model import StageModel, stage_model, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
@@ -25,13 +26,8 @@ from dualarm_cli.sequencing.stage_changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.sequencing.stage_orders import (
-    StageEffort,
-    apart,
-    different_orders,
-    good_orders,
-    is_few,
-)
+from dualarm_cli.sequencing.stage_near import near_orders
+from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_proof import ProofEffort, StageProof, can_prove, prove_order
 from dualarm_cli.sequencing.stage_times import totals, with_angles
@@ -57,11 +53,13 @@ EFFORTS = {
 PROOFS = {"quick": 1.0, "normal": 4.0, "thorough": 30.0}
 """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
 STAGE_PROOFS = {
-    "quick": ProofEffort(40, 20_000, 60),
-    "normal": ProofEffort(80, 200_000, 300),
-    "thorough": ProofEffort(150, 1_500_000, 1_000),
+    "quick": ProofEffort(40, 20_000),
+    "normal": ProofEffort(80, 200_000),
+    "thorough": ProofEffort(150, 1_500_000),
 }
 """How hard a bound on orders of stages is tried where there is room for it."""
+NEARS = {"quick": (4_000, 12, 4), "normal": (20_000, 60, 8), "thorough": (60_000, 200, 12)}
+"""Labels, orders and rounds of looking closely at orders that are nearly as good."""
 SHORTER = 4
 """Where what bounds orders finds good ones as well, searches take so many times fewer steps."""
 
@@ -193,8 +191,8 @@ class PairedSearch:
             watch.tell("bounding all orders, and looking for better ones on the way")
             proven = self._proven(found[0], watch)
             bound = None if job.has_conveyors else proven.bound
-            how = DYNAMIC if proven.orders[0].total < found[0].total else how
-            found = different_orders([*proven.orders, *found])
+            how = DYNAMIC if proven.order.total < found[0].total else how
+            found = [proven.order, *self._near(proven, watch), *found]
         timed = not provable or of_stages(self.problem).timed
         if tasks <= MOST_PROVEN and not job.has_conveyors and timed and not watch.stop():
             watch.tell("bounding all orders")
@@ -214,6 +212,23 @@ class PairedSearch:
             watch.stop,
             watch.found,
             watch.bounded,
+        )
+
+    def _near(self, proven: StageProof, watch: Watch) -> list[StageOrder]:
+        """Returns orders that are nearly as good as the best one, and cost little for clearance between stops."""
+        clear = self.order.clearance is not None and not self.order.job.has_handovers
+        if proven.graph is None or proven.prices is None or not clear or self.stands is not None:
+            return []
+        labels, count, rounds = NEARS[self.effort]
+        return near_orders(
+            proven.graph,
+            proven.prices,
+            proven.order,
+            OrderMoves.of(self.order, self.stages).costs,
+            labels=labels,
+            count=count,
+            rounds=rounds,
+            stop=watch.stop,
         )
 
     def _answer(self, found: StageOrder) -> DecidedOrder:

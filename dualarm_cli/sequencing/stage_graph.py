@@ -12,6 +12,8 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
 from dualarm_cli.sequencing.stage_ways import Ways, ways_of
 
+ENDS = -1
+"""Stands for the start and the end of a path."""
 ROWS_AT_ONCE = 256
 """Nodes whose ways to all others are computed at once."""
 
@@ -96,6 +98,26 @@ class StageGraph:
             last=self.last[which],
             ways=self.ways.part(np.flatnonzero(which), np.flatnonzero(which)),
         )
+
+    def longer(self, moves: IntArray, more: FloatArray) -> StageGraph:
+        """Returns the graph in which some moves take longer.
+
+        Args:
+            moves: node come from and node gone to, ENDS for the start or the end; no move twice, shape (k, 2).
+            more: how much longer [s], shape (k,).
+        """
+        first, last = self.first.copy(), self.last.copy()
+        begins, ends = moves[:, 0] == ENDS, moves[:, 1] == ENDS
+        first[moves[begins, 1]] += more[begins]
+        last[moves[ends, 0]] += more[ends]
+        inner = ~(begins | ends)
+        ways = self.ways.longer(moves[inner, 0], moves[inner, 1], more[inner])
+        return replace(self, first=first, last=last, ways=ways)
+
+    def length(self, nodes: IntArray) -> float:
+        """Returns how long a path takes, the way back counted in [s]."""
+        ways = self.ways.one_by_one(nodes[:-1], nodes[1:])
+        return float(self.first[nodes[0]] + ways.sum() + self.last[nodes[-1]])
 
 
 def count_nodes(problem: StageProblem) -> int:

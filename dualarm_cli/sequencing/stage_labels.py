@@ -35,8 +35,7 @@ class Searched:
     """What the search among labels found."""
 
     orders: tuple[IntArray, ...]
-    """Stages of the best orders, shape (n, 2) each, the best one first; none where none is quicker than what was
-    known."""
+    """Nodes of the best orders, shape (n,) each, the best one first; none where none is quicker than what was known."""
     bound: float
     """No order takes less [s]."""
 
@@ -217,7 +216,7 @@ class LabelSearch:
         return np.asarray(needs[stops[:, 0]] | needs[stops[:, 1]])
 
     def _orders(self, whole: FloatArray, count: int) -> Iterator[IntArray]:
-        """Yields the stages of different orders, the quickest first: every way that leads to the last labels.
+        """Yields the nodes of different orders, the quickest first: every way that leads to the last labels.
 
         Args:
             whole: how long the orders take that the last labels are [s].
@@ -236,10 +235,10 @@ class LabelSearch:
             total, k, row, nodes = heappop(heap)
             came = k - int(self.graph.weight[nodes[0]])
             if came == 0:
-                stops = self.graph.stops[list(nodes)]
-                if stops.tobytes() not in seen:
-                    seen.add(stops.tobytes())
-                    yield stops
+                stops = self.graph.stops[list(nodes)].tobytes()
+                if stops not in seen:
+                    seen.add(stops)
+                    yield np.array(nodes)
                 continue
             for before, later in self._came_from(k, row):
                 if total + later < self.upper:

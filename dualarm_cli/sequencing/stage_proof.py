@@ -18,8 +18,6 @@ MOST_NODES = 8000
 """Of so many nodes at most a table of all ways from node to node has room."""
 FIRST_LOOK = 4000
 """Labels that are kept to find a better order before anything else is done."""
-NEAR = 0.02
-"""By less than this share an order is longer than another one that is nearly as good."""
 SAME = 1e-4
 """Totals that differ by less are the same [s]."""
 
@@ -32,8 +30,6 @@ class ProofEffort:
     """Steps for better prices."""
     labels: int
     """Labels that are kept."""
-    near: int = 0
-    """How many other orders to find that are nearly as good."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +38,12 @@ class StageProof:
 
     bound: float
     """No order takes less [s]."""
-    orders: tuple[StageOrder, ...]
-    """The best order known, and others that are nearly as good."""
+    order: StageOrder
+    """The best order known."""
+    graph: StageGraph | None
+    """What it was proven with; None where that was stopped."""
+    prices: Prices | None
+    """Prices that prove much; None where that was stopped."""
 
 
 def can_prove(problem: StageProblem) -> bool:
@@ -60,7 +60,7 @@ def prove_order(
     better: Callable[[float], None] = lambda _: None,
     bounded: Callable[[float], None] = lambda _: None,
 ) -> StageProof:
-    """Returns a bound on all orders, and the best ones known then.
+    """Returns a bound on all orders, and the best one known then.
 
     Args:
         problem: what is asked; `can_prove`.
@@ -77,10 +77,10 @@ def prove_order(
         prices = best_prices(graph, best.total, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
-            looked = LabelSearch(graph, prices, best.total, min(FIRST_LOOK, effort.labels)).run()
-            best = _best(problem, best, looked.orders, better)
+            most = min(FIRST_LOOK, effort.labels)
+            best = _better(graph, prices, best, most, better)[0]
     if stop():
-        return StageProof(0.0, (best,))
+        return StageProof(0.0, best, None, None)
     graph = StageGraph.of(problem, singles=True)
     # Where no arm is ever idle in a good order its prices serve here too.
     steps = effort.steps if price is None else max(1, effort.steps // 5)
@@ -89,47 +89,30 @@ def prove_order(
     bounded(bound)
     if not stop() and bound < best.total - SAME:
         fewer = graph.kept(needed(graph, prices, best.total))
-        looked = LabelSearch(fewer, prices, best.total, effort.labels).run()
-        best = _best(problem, best, looked.orders, better)
-        bound = max(bound, min(looked.bound, best.total))
+        best, least = _better(fewer, prices, best, effort.labels, better)
+        bound = max(bound, min(least, best.total))
         bounded(bound)
-    if stop() or not effort.near:
-        return StageProof(bound, (best,))
-    return StageProof(bound, _near(graph, prices, best, effort))
+    return StageProof(bound, best, graph, prices)
 
 
-def _best(
-    problem: StageProblem,
+def _better(
+    graph: StageGraph,
+    prices: Prices,
     best: StageOrder,
-    found: tuple[IntArray, ...],
+    most: int,
     better: Callable[[float], None],
-) -> StageOrder:
-    """Returns the best one of an order and those found that keep all rules."""
-    for slots in found:
-        order = with_angles(problem, slots)
-        if order.total < best.total and _keeps_rules(problem, slots):
+) -> tuple[StageOrder, float]:
+    """Returns the better one of an order and what labels find, and the bound that they prove."""
+    found = LabelSearch(graph, prices, best.total, most).run()
+    for nodes in found.orders:
+        order = with_angles(graph.problem, graph.stops[nodes])
+        if order.total < best.total and keeps_rules(graph.problem, order.slots):
             better(order.total)
             best = order
-    return best
+    return best, found.bound
 
 
-def _near(
-    graph: StageGraph, prices: Prices, best: StageOrder, effort: ProofEffort
-) -> tuple[StageOrder, ...]:
-    """Returns the best order and others that are nearly as good."""
-    upper = (1.0 + NEAR) * best.total
-    graph = graph.kept(needed(graph, prices, upper))
-    looked = LabelSearch(graph, prices, upper, min(FIRST_LOOK, effort.labels)).run(effort.near)
-    others = [
-        with_angles(graph.problem, slots)
-        for slots in looked.orders
-        if _keeps_rules(graph.problem, slots) and not np.array_equal(slots, best.slots)
-    ]
-    others.sort(key=lambda one: one.total)
-    return (best, *others)
-
-
-def _keeps_rules(problem: StageProblem, slots: IntArray) -> bool:
+def keeps_rules(problem: StageProblem, slots: IntArray) -> bool:
     """Returns whether an order has together what one arm makes one right after the other, and the file's order."""
     after, before = followers(problem)
     first = {own[0]: t for t, own in enumerate(problem.tasks)}

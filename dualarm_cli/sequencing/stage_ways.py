@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleArray
 
 SPARSE = 0.25
 """Where fewer of all ways are possible only those are kept."""
@@ -39,6 +39,10 @@ class Ways(Protocol):
 
     def turned(self) -> Ways:
         """Returns the same ways backwards."""
+        ...
+
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> Ways:
+        """Returns ways of which some, all of them there, take longer [s], pair by pair; no pair is named twice."""
         ...
 
 
@@ -72,6 +76,12 @@ class AllWays:
     def turned(self) -> AllWays:
         """See `Ways`."""
         return AllWays(np.ascontiguousarray(self.table.T))
+
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> AllWays:
+        """See `Ways`."""
+        table = self.table.copy()
+        table[goes, came] += more
+        return AllWays(table)
 
 
 @dataclass(frozen=True)
@@ -115,14 +125,9 @@ class FewWays:
 
     def one_by_one(self, came: IntArray, goes: IntArray) -> SingleArray:
         """See `Ways`."""
-        # Ways are sorted by node gone to, then by node come from.
-        key = self._goes() * self.count + self.came
-        wanted = goes * self.count + came
-        at = np.minimum(np.searchsorted(key, wanted), max(0, len(key) - 1))
-        found = np.full(len(wanted), np.inf, dtype=np.float32)
-        if len(key):
-            there = key[at] == wanted
-            found[there] = self.length[at[there]]
+        found = np.full(len(goes), np.inf, dtype=np.float32)
+        at, there = self._at(came, goes)
+        found[there] = self.length[at[there]]
         return found
 
     def part(self, came: IntArray, goes: IntArray) -> FewWays:
@@ -136,6 +141,23 @@ class FewWays:
     def turned(self) -> FewWays:
         """See `Ways`."""
         return _few(self.came, self._goes(), self.length, self.count, len(self.begin) - 1)
+
+    def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> FewWays:
+        """See `Ways`."""
+        length = self.length.copy()
+        at, there = self._at(came, goes)
+        length[at[there]] += more[there]
+        return replace(self, length=length)
+
+    def _at(self, came: IntArray, goes: IntArray) -> tuple[IntArray, BoolArray]:
+        """Returns where pairs are among the ways, and whether they are."""
+        # Ways are sorted by node gone to, then by node come from.
+        key = self._goes() * self.count + self.came
+        wanted = goes * self.count + came
+        at = np.searchsorted(key, wanted)
+        there = at < len(key)
+        there[there] = key[at[there]] == wanted[there]
+        return at, there
 
     def _goes(self) -> IntArray:
         return np.repeat(np.arange(len(self.begin) - 1), np.diff(self.begin))

@@ -1,0 +1,102 @@
+"""What moves between the stages of an order cost for clearance, before anything is planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.minimum_time.clearance import SAMPLES
+from dualarm_cli.minimum_time.plan_clearance import move_waits
+from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.planning.stage_order_model import StageModel
+from dualarm_cli.sequencing.stage_graph import ENDS, StageGraph
+from dualarm_cli.sequencing.stage_problem import IDLE
+
+AT_ONCE = 20_000
+"""Moves that are looked at together."""
+
+
+@dataclass(frozen=True)
+class OrderMoves:
+    """Where the arms are before and after moves, in the postures of the search for orders."""
+
+    order: OrderModel
+    """The job's tasks as each arm may do them; something has to keep clear."""
+    stages: StageModel
+    """Its stages, and what their numbers mean."""
+    entry: tuple[FloatArray, ...]
+    """By arm, joints where approaches begin [rad], NaN where there is no posture, shape (s, f, joints)."""
+    leaving: tuple[FloatArray, ...]
+    """The same where retracts end."""
+    held: IntArray
+    """What is held on the way to each stop, and after it, shape (2, s)."""
+
+    @classmethod
+    def of(cls, order: OrderModel, stages: StageModel) -> OrderMoves:
+        """Prepares the postures that a search for orders counts on."""
+        entry, leaving = [], []
+        for name, rows in zip(order.model.arms, stages.rows, strict=True):
+            tables = np.full((2, *rows.shape, len(order.model.arms[name].columns)), np.nan)
+            for stop, (t, s) in enumerate(stages.stops):
+                there = np.flatnonzero(rows[stop] >= 0)
+                if len(there):
+                    nodes = order.nodes[name, t, s]
+                    tables[0, stop, there] = nodes.entry[rows[stop, there]]
+                    tables[1, stop, there] = nodes.leaving[rows[stop, there]]
+            entry.append(tables[0])
+            leaving.append(tables[1])
+        held = np.array([order.held(t, s) for t, s in stages.stops], dtype=np.int64)
+        return cls(order, stages, tuple(entry), tuple(leaving), held[:, [0, 2]].T)
+
+    def costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
+        """Returns about how much longer moves take, so that all keeps clear [s]; see `stage_near.Look`."""
+        found = np.zeros(len(moves))
+        idle = np.append((graph.stops == IDLE).any(axis=1), False)
+        asked = np.flatnonzero(~idle[moves].any(axis=1))
+        if not self.order.job.returns:
+            asked = asked[moves[asked, 1] != ENDS]
+        for k in range(0, len(asked), AT_ONCE):
+            rows = asked[k : k + AT_ONCE]
+            found[rows] = self._costs(graph, moves[rows])
+        return found
+
+    def _costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
+        order = self.order
+        clearance = order.clearance
+        assert clearance is not None  # see the class
+        before = self._positions(graph, moves[:, 0], self.leaving)
+        after = self._positions(graph, moves[:, 1], self.entry)
+        share = (np.arange(SAMPLES) + 1.0) / (SAMPLES + 1.0)
+        way = before[:, None] + share[:, None] * (after - before)[:, None]
+        position = way.reshape(-1, before.shape[1])
+        # On the way to a stop; on the way back as after the last one.
+        back = moves[:, 1] == ENDS
+        held = np.where(
+            back[:, None],
+            self.held[1][graph.stops[moves[:, 0]]],
+            self.held[0][graph.stops[moves[:, 1]]],
+        )
+        carried = np.repeat(held, SAMPLES, axis=0)
+        own = np.full(len(position), np.inf)
+        for a in range(len(order.model.arms)):
+            own = np.minimum(own, clearance.own_margins(a, position, carried[:, a]))
+        cross = clearance.cross_margins(position, carried)
+        shape = len(moves), SAMPLES
+        lacks = np.maximum(-own, 0.0).reshape(shape).max(axis=1)
+        apart = np.all((cross >= 0.0).reshape(shape), axis=1)
+        return move_waits(1.0 / order.job.speed, lacks, apart)
+
+    def _positions(
+        self, graph: StageGraph, nodes: IntArray, tables: tuple[FloatArray, ...]
+    ) -> FloatArray:
+        """Returns all joints at nodes, at the start for ENDS [rad], shape (k, columns)."""
+        model = self.order.model
+        found = np.tile(self.order.start, (len(nodes), 1))
+        there = np.flatnonzero(nodes != ENDS)
+        stops, angle = graph.stops[nodes[there]], graph.angle[nodes[there]]
+        found[there[:, None], model.platform_columns] = self.stages.angles[angle]
+        for a, (arm, table) in enumerate(zip(model.arms.values(), tables, strict=True)):
+            found[there[:, None], arm.columns] = table[stops[:, a], angle]
+        return found

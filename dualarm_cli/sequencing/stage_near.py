@@ -1,0 +1,81 @@
+"""Orders of stages that are nearly as good as the best one, with what only a closer look at their moves tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.sequencing.stage_graph import ENDS, StageGraph
+from dualarm_cli.sequencing.stage_labels import LabelSearch
+from dualarm_cli.sequencing.stage_prices import Prices, needed
+from dualarm_cli.sequencing.stage_problem import StageOrder
+from dualarm_cli.sequencing.stage_proof import keeps_rules
+
+Look = Callable[[StageGraph, IntArray], FloatArray]
+"""Returns how much longer moves between nodes take, looked at closely [s], shape (k,); arguments as of
+`StageGraph.longer`."""
+NEAR = 0.03
+"""By less than this share an order is longer than another one that is nearly as good."""
+
+
+def near_orders(
+    graph: StageGraph,
+    prices: Prices,
+    best: StageOrder,
+    look: Look,
+    *,
+    labels: int,
+    count: int,
+    rounds: int,
+    stop: Callable[[], bool] = lambda: False,
+) -> list[StageOrder]:
+    """Returns orders that are nearly as good as the best one, those first that are best after a close look.
+
+    The best orders are looked at closely; what their moves then take longer is kept in mind, and so on until the best
+    ones are known through and through. Moves from or to stages in which an arm is idle are not looked at.
+
+    Args:
+        graph: stages.
+        prices: prices of stops that prove much.
+        best: the best order known.
+        look: looks closely at moves.
+        labels: labels that are kept in each round.
+        count: how many orders to look at in each round, and to return at most.
+        rounds: how often at most.
+        stop: whether to stop early.
+    """
+    upper = (1.0 + NEAR) * best.total
+    graph = graph.kept(needed(graph, prices, upper))
+    plain, known = graph, np.zeros(0, dtype=np.int64)
+    seen: dict[bytes, IntArray] = {}
+    for _ in range(rounds):
+        found = LabelSearch(graph, prices, upper, labels).run(count).orders
+        seen |= {nodes.tobytes(): nodes for nodes in found}
+        moves = (
+            np.unique(np.concatenate([_moves(nodes) for nodes in found]), axis=0) if found else None
+        )
+        if moves is None:
+            # All that was nearly as good takes longer.
+            upper *= 1.0 + NEAR
+            continue
+        key = moves[:, 0] * graph.nodes + moves[:, 1]
+        new = ~np.isin(key, known)
+        if not new.any() or stop():
+            break
+        known = np.append(known, key[new])
+        graph = graph.longer(moves[new], look(graph, moves[new]))
+    rated = sorted(seen.values(), key=graph.length)
+    answers: dict[bytes, StageOrder] = {}
+    for nodes in rated:
+        slots = graph.stops[nodes]
+        if keeps_rules(graph.problem, slots) and len(answers) < count:
+            one = StageOrder(slots, graph.angle[nodes], plain.length(nodes))
+            answers.setdefault(slots.tobytes(), one)
+    return list(answers.values())
+
+
+def _moves(nodes: IntArray) -> IntArray:
+    """Returns the moves of a path, shape (n + 1, 2)."""
+    return np.stack([np.append(ENDS, nodes), np.append(nodes, ENDS)], axis=1)
