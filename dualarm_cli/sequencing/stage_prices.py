@@ -20,6 +20,8 @@ PATIENCE, SHORTER = 6, 0.6
 """After so many steps without a better bound steps become shorter, by this factor."""
 LITTLE = 1e-3
 """What is little at the first step [s]; less at shorter ones."""
+FEW_NODES = 2500
+"""Of more nodes prices are found by way of so many."""
 SHORTEST = 2e-3
 """Steps shorter than this share of the first one are not worth it."""
 
@@ -133,6 +135,47 @@ def best_prices(
         if norm == 0.0 or value >= upper or stop():
             break
         price = price + share * (upper - value) / norm * slope
+    return best
+
+
+def good_prices(
+    graph: StageGraph,
+    upper: float,
+    steps: int,
+    begin: FloatArray | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Prices:
+    """Returns prices that prove much, as `best_prices` does; of many nodes by way of some of them.
+
+    Prices are found for every so-manieth node, then twice for those that matter most at the last prices.
+
+    Args:
+        graph: stages.
+        upper: length of a known order [s].
+        steps: how many at most with the same nodes.
+        begin: prices to begin with [s], shape (s,).
+        stop: whether to stop early.
+    """
+    if graph.nodes <= FEW_NODES:
+        return best_prices(graph, upper, steps, begin, stop)
+    paths = Paths(graph)
+    some = np.zeros(graph.nodes, dtype=np.bool_)
+    some[:: -(-graph.nodes // FEW_NODES)] = True
+    best = Prices(np.full(paths.count, upper / paths.count), -np.inf)
+    price = begin
+    for left in (2, 1, 0):
+        found = best_prices(graph.kept(some), upper, steps, price, stop)
+        # Of some of the nodes there may be no path.
+        price = found.price if np.isfinite(found.bound) else best.price
+        to = paths.forward(price)
+        value = float((to[-1] + graph.last).min()) + float(price.sum()) - ROUNDING
+        if value > best.bound:
+            best = Prices(price, value)
+        if not left or stop() or value >= upper:
+            break
+        least = (to + paths.backward(price)[::-1]).min(axis=0)
+        some = np.zeros(graph.nodes, dtype=np.bool_)
+        some[np.argpartition(least, FEW_NODES)[:FEW_NODES]] = True
     return best
 
 

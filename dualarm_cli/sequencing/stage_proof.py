@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.sequencing.stage_graph import StageGraph, count_nodes, followers
 from dualarm_cli.sequencing.stage_labels import MOST_STOPS, LabelSearch
-from dualarm_cli.sequencing.stage_prices import Prices, best_prices, needed
+from dualarm_cli.sequencing.stage_prices import Prices, good_prices, needed
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_times import with_angles
 
@@ -74,7 +74,7 @@ def prove_order(
     price = None
     if problem.stops % 2 == 0:
         graph = StageGraph.of(problem, singles=False)
-        prices = best_prices(graph, best.total, effort.steps, stop=stop)
+        prices = good_prices(graph, best.total, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
             most = min(FIRST_LOOK, effort.labels)
@@ -84,7 +84,7 @@ def prove_order(
     graph = StageGraph.of(problem, singles=True)
     # Where no arm is ever idle in a good order its prices serve here too.
     steps = effort.steps if price is None else max(1, effort.steps // 5)
-    prices = best_prices(graph, best.total, steps, price, stop)
+    prices = good_prices(graph, best.total, steps, price, stop)
     bound = min(prices.bound, best.total)
     bounded(bound)
     if not stop() and bound < best.total - SAME:
