@@ -175,7 +175,12 @@ def _nodes(problem: StageProblem, *, singles: bool) -> tuple[IntArray, IntArray]
 
 def _with_forgotten(length: FloatArray) -> FloatArray:
     """Returns lengths with one more row, from wherever is best: shape (s + 2, s + 2, f, f)."""
-    return np.concatenate([length, length.min(axis=0, keepdims=True)])
+    best: FloatArray = np.full(length.shape[1:], np.inf, dtype=length.dtype)
+    for k, row in enumerate(length):
+        # No stop comes after itself; the last columns are the way back and nothing to do.
+        others = np.arange(len(row)) != k
+        best[others] = np.minimum(best[others], row[others])
+    return np.concatenate([length, best[None]])
 
 
 def _way_back(

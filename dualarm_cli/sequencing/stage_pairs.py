@@ -43,9 +43,11 @@ def pair_bound(problem: StageProblem) -> float:
 
 def _least(length: FloatArray, stops: int) -> FloatArray:
     """Returns an arm's least length of a stage by stop and angles before and in it [s], shape (s, f, f)."""
-    found = length[0, :stops].astype(np.float64)
-    for row in length[1:]:
-        np.minimum(found, row[:stops], out=found)
+    found: FloatArray = np.full((stops, *length.shape[2:]), np.inf)
+    for k, row in enumerate(length):
+        # No stop comes after itself.
+        others = np.arange(stops) != k
+        found[others] = np.minimum(found[others], row[:stops][others])
     return found
 
 

@@ -20,7 +20,7 @@ PATIENCE, SHORTER = 6, 0.6
 """After so many steps without a better bound steps become shorter, by this factor."""
 LITTLE = 1e-3
 """What is little at the first step [s]; less at shorter ones."""
-FEW_NODES = 2500
+FEW_NODES = 3000
 """Of more nodes prices are found by way of so many."""
 SHORTEST = 2e-3
 """Steps shorter than this share of the first one are not worth it."""
