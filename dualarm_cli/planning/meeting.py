@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Held
 from dualarm_cli.planning.handover_postures import handover_margins, handovers_of
 from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.sequencing.stage_problem import IDLE
 
 MOST_PAIRS = 300_000
 """Pairs of postures that are tested one by one; of more, representatives are."""
@@ -55,6 +58,87 @@ def meeting_costs(
         both = (one[:, None] >= 0) & (other[None, :] >= 0)
         found[:count, :count, k][both & table[one[:, None], other[None, :]]] = np.inf
     return _with_handovers(order, stops, chosen, found)
+
+
+@dataclass(frozen=True)
+class Meetings:
+    """Closer looks at pairs of stops that an order makes side by side, for tables that know only representatives."""
+
+    order: OrderModel
+    """The job's tasks."""
+    held: IntArray
+    """What an arm holds at each stop, at most, shape (s,)."""
+    chosen: tuple[FloatArray, ...]
+    """By arm the joints where approaches begin, at targets and where retracts end, shape (3, s, f, joints)."""
+    known: dict[tuple[int, int], BoolArray] = field(default_factory=dict)
+    """At which angles pairs of stops touch that were looked at so far, shape (f,) each."""
+
+    @classmethod
+    def of(
+        cls, order: OrderModel, stops: Sequence[tuple[int, int]], chosen: Sequence[FloatArray]
+    ) -> Meetings | None:
+        """Prepares looks; None for one arm, with hand-overs, or where nothing has to keep clear.
+
+        Args:
+            order: the job's tasks.
+            stops: task and number of every stop.
+            chosen: by arm the joints at stops, see `meeting_costs`.
+        """
+        if order.clearance is None or len(chosen) != 2 or handovers_of(order):
+            return None
+        return cls(order, _held(order, stops), tuple(chosen))
+
+    def touching(self, slots: IntArray, angles: IntArray) -> list[tuple[int, int]]:
+        """Returns the pairs of stops at which arms touch in an order (n, 2) at its angles (n,); `known` has more."""
+        both = np.flatnonzero((slots != IDLE).all(axis=1))
+        pairs = [(int(i), int(j)) for i, j in slots[both]]
+        self._look([pair for pair in pairs if pair not in self.known])
+        return [
+            pair
+            for pair, f in zip(pairs, angles[both].tolist(), strict=True)
+            if self.known[pair][f]
+        ]
+
+    def _look(self, pairs: list[tuple[int, int]]) -> None:
+        """Looks at pairs of stops at all angles: both arms at the same places of their lines, and where these end."""
+        if not pairs:
+            return
+        f = self.chosen[0].shape[2]
+        i, j = np.repeat(np.array(pairs), f, axis=0).T
+        angle = np.tile(np.arange(f), len(pairs))
+        ways = [
+            _on_lines(arm[:, stop, angle]) for arm, stop in zip(self.chosen, (i, j), strict=True)
+        ]
+        rows = np.flatnonzero(
+            np.isfinite(ways[0]).all(axis=(0, 2)) & np.isfinite(ways[1]).all(axis=(0, 2))
+        )
+        places = len(ways[0])
+        position = np.tile(self.order.start, (places * len(rows), 1))
+        for name, way in zip(self.order.model.arms, ways, strict=True):
+            columns = self.order.model.arms[name].columns
+            position[:, columns] = way[:, rows].reshape(places * len(rows), -1)
+        assert self.order.clearance is not None  # `of` has looked
+        held = np.tile(np.stack([self.held[i[rows]], self.held[j[rows]]], axis=1), (places, 1))
+        margin = self.order.clearance.cross_margins(position, held).reshape(places, -1).min(axis=0)
+        touch = np.zeros(len(i), dtype=np.bool_)
+        touch[rows] = margin < SLACK
+        for pair, row in zip(pairs, touch.reshape(-1, f), strict=True):
+            self.known[pair] = row
+
+    def kept_apart(self, table: FloatArray, cost: float = np.inf) -> FloatArray:
+        """Returns a table of costs (s + 2, s + 2, f) with those of the pairs that were looked at, [s] for a touch."""
+        found = np.array(table)
+        if self.known:
+            i, j = np.array(list(self.known)).T
+            touch = np.where(np.array(list(self.known.values())), cost, 0.0)
+            found[i, j] = np.maximum(found[i, j], touch)
+        return found
+
+
+def _on_lines(ends: FloatArray) -> FloatArray:
+    """Returns joints where lines begin and end, and about half-way, shape (5, ..), of the former alone (3, ..)."""
+    entry, target, leaving = ends
+    return np.stack([entry, 0.5 * (entry + target), target, 0.5 * (target + leaving), leaving])
 
 
 def _with_handovers(

@@ -25,8 +25,8 @@ from dualarm_cli.sequencing.stage_changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, is_few
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_times import totals, with_angles
 
 MOST_PROVEN = 60
@@ -40,9 +40,9 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 
 
 EFFORTS = {
-    "quick": StageEffort(1, 3_000, 0.6),
-    "normal": StageEffort(4, 9_000, 1.5),
-    "thorough": StageEffort(8, 60_000, 8.0),
+    "quick": StageEffort(1, 3_000, 0.6, 3_000),
+    "normal": StageEffort(4, 9_000, 1.5, 8_000),
+    "thorough": StageEffort(8, 60_000, 8.0, 50_000),
 }
 """How hard orders are searched for."""
 PROOFS = {"quick": 1.0, "normal": 4.0, "thorough": 30.0}
@@ -146,6 +146,7 @@ class PairedSearch:
             self.start,
             watch.found,
             lambda: watch.stop(kept),
+            self.stages.meetings if self.stands is None else None,
         )
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
@@ -215,6 +216,9 @@ class PairedSearch:
                     slots[k, a] = numbers[work[name][0].id, work[name][1].action]
         slots = slots[(slots != IDLE).any(axis=1)]
         problem = _kept_apart(self.problem, cuts)
+        looked = self.stages.meetings if self.stands is None else None
+        if looked is not None and problem.apart is not None:
+            problem = replace(problem, apart=looked.kept_apart(problem.apart))
         # Most of a long order is as good as it was.
         effort = "quick" if len(slots) > MOST_PROVEN else self.effort
         start = apart(slots, cuts)

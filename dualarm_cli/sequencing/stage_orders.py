@@ -9,8 +9,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.sequencing.nearest import nearest_stages
+from dualarm_cli.sequencing.stage_annealing import Looks, StageAnnealing, is_served
 from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import with_angles
 from dualarm_cli.sequencing.stage_units import Unit
@@ -19,6 +20,10 @@ WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
+FULL, LEAST_SHARE = 60, 0.2
+"""Orders of so many stages get all rounds of annealing, shorter ones fewer, but this share at least."""
+WARM, AGAIN = 0.02, 0.4
+"""First temperature and share of the rounds from an order that is known to be good."""
 FIRST_TRIES = 6
 """So many orders in which tasks are put in are tried until one serves."""
 
@@ -33,6 +38,8 @@ class StageEffort:
     """How often something is removed and put back in each, times the number of stages."""
     stretches: float
     """Stretches that are improved, by stage of a long order."""
+    rounds: int = 0
+    """Rounds of annealing, for FULL stages or more; it takes the place of stretches where it serves."""
 
 
 def is_few(problem: StageProblem) -> bool:
@@ -48,6 +55,7 @@ def good_orders(
     start: IntArray | None = None,
     better: Callable[[float], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
+    looks: Looks | None = None,
 ) -> list[StageOrder]:
     """Returns different orders, the best one first; none where none was found.
 
@@ -60,6 +68,7 @@ def good_orders(
         start: an order that is known to be good, to begin with, shape (n, arms).
         better: is told the total of every better order [s].
         stop: whether to stop early; one order is made in any case.
+        looks: who looks more closely at what orders make side by side, where annealing serves.
     """
     if is_few(problem) and start is None:
         best = best_of_all(problem, better, stop)
@@ -78,6 +87,12 @@ def good_orders(
         if first is None:
             continue
         told(first)
+        if effort.rounds and is_served(problem):
+            one = _annealed(search, first, effort, told, stop, looks, known=start is not None)
+            found.append(one)
+            if len(one.slots) > WHOLE:
+                break
+            continue
         steps = max(LEAST, effort.steps // len(first.slots))
         one = search.improve(first, steps, told, stop)
         if len(one.slots) > WHOLE:
@@ -97,6 +112,28 @@ def good_orders(
     for one in found:
         kept.setdefault(one.slots.tobytes(), one)
     return list(kept.values())
+
+
+def _annealed(
+    search: StageSearch,
+    first: StageOrder,
+    effort: StageEffort,
+    told: Callable[[StageOrder], None],
+    stop: Callable[[], bool],
+    looks: Looks | None,
+    *,
+    known: bool,
+) -> StageOrder:
+    """Returns the best order found by annealing; `known` is whether the first one is a good one already."""
+    problem, one = search.problem, first
+    if len(first.slots) <= WHOLE:
+        # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
+        one = search.improve(first, LEAST, told, stop)
+    rounds = round(effort.rounds * min(1.0, max(LEAST_SHARE, len(first.slots) / FULL)))
+    annealing = StageAnnealing(problem, search.seed)
+    if known:
+        return annealing.improve(one, round(AGAIN * rounds), told, stop, looks, WARM)
+    return annealing.improve(one, rounds, told, stop, looks)
 
 
 def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:
@@ -187,14 +224,3 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
         give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
         never -= {(give, take), (take, give)}
     return apart(slots, never)
-
-
-def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
-    """Returns an order (n, 2) in which pairs of stops are not made in the same stage: one after the other instead."""
-    rows = []
-    for one, other in slots.tolist():
-        if (one, other) in pairs:
-            rows += [[one, IDLE], [IDLE, other]]
-        else:
-            rows.append([one, other])
-    return np.array(rows, dtype=np.int64).reshape(-1, 2)
