@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Held
 from dualarm_cli.planning.handover_postures import handover_margins, handovers_of
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.sequencing.stage_problem import IDLE
 
-MOST_PAIRS = 300_000
+MOST_PAIRS = 2_000_000
 """Pairs of postures that are tested one by one; of more, representatives are."""
+AT_ONCE = 100_000
+"""So many are tested at once."""
+FAR = 0.4
+"""Arms that are so far apart at their targets are apart all along their lines [m]."""
 REPRESENTATIVES = 350
 """So many postures of each arm stand for all others."""
+ON_LINES = np.array([[0, 1, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 0, 1], [0, 0.5, 0.5]])
+"""Places that are looked at: shares of the joints where approaches begin, at targets and where retracts end."""
 
 
 def meeting_costs(
@@ -25,7 +28,8 @@ def meeting_costs(
 ) -> FloatArray | None:
     """Returns infinity for every pair of stops at which two arms would touch, 0 for all others.
 
-    Both at their targets, and both where their approaches begin, are looked at.
+    Both at their targets, both where their approaches begin and where their retracts end, and both about half-way are
+    looked at.
 
     Args:
         order: the job's tasks.
@@ -41,12 +45,14 @@ def meeting_costs(
     count, f = chosen[0].shape[1:3]
     found = np.zeros((count + 2, count + 2, f), dtype=np.float32)
     held = _held(order, stops)
-    if count * count * f <= MOST_PAIRS:
+    made = [np.isfinite(arm[0, :, :, 0]) for arm in chosen]
+    if (made[0].sum(axis=0) * made[1].sum(axis=0)).sum() <= MOST_PAIRS:
         for k in range(f):
-            own = [np.flatnonzero(np.isfinite(arm[0, :, k, 0])) for arm in chosen]
-            i, j = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
-            touch = _touch(order, chosen, (i, j), (np.full(len(i), k),) * 2, held)
-            found[i[touch], j[touch], k] = np.inf
+            i, j = np.nonzero(made[0][:, k, None] & made[1][None, :, k])
+            for rows in np.array_split(np.arange(len(i)), 1 + len(i) // AT_ONCE):
+                pair, angle = (i[rows], j[rows]), np.full(len(rows), k)
+                touch = _touch(order, chosen, pair, (angle, angle), held)
+                found[pair[0][touch], pair[1][touch], k] = np.inf
         return _with_handovers(order, stops, chosen, found)
     picked, nearest = zip(*(_representatives(arm) for arm in chosen), strict=True)
     i, j = (x.ravel() for x in np.meshgrid(*(np.arange(len(p)) for p in picked), indexing="ij"))
@@ -58,87 +64,6 @@ def meeting_costs(
         both = (one[:, None] >= 0) & (other[None, :] >= 0)
         found[:count, :count, k][both & table[one[:, None], other[None, :]]] = np.inf
     return _with_handovers(order, stops, chosen, found)
-
-
-@dataclass(frozen=True)
-class Meetings:
-    """Closer looks at pairs of stops that an order makes side by side, for tables that know only representatives."""
-
-    order: OrderModel
-    """The job's tasks."""
-    held: IntArray
-    """What an arm holds at each stop, at most, shape (s,)."""
-    chosen: tuple[FloatArray, ...]
-    """By arm the joints where approaches begin, at targets and where retracts end, shape (3, s, f, joints)."""
-    known: dict[tuple[int, int], BoolArray] = field(default_factory=dict)
-    """At which angles pairs of stops touch that were looked at so far, shape (f,) each."""
-
-    @classmethod
-    def of(
-        cls, order: OrderModel, stops: Sequence[tuple[int, int]], chosen: Sequence[FloatArray]
-    ) -> Meetings | None:
-        """Prepares looks; None for one arm, with hand-overs, or where nothing has to keep clear.
-
-        Args:
-            order: the job's tasks.
-            stops: task and number of every stop.
-            chosen: by arm the joints at stops, see `meeting_costs`.
-        """
-        if order.clearance is None or len(chosen) != 2 or handovers_of(order):
-            return None
-        return cls(order, _held(order, stops), tuple(chosen))
-
-    def touching(self, slots: IntArray, angles: IntArray) -> list[tuple[int, int]]:
-        """Returns the pairs of stops at which arms touch in an order (n, 2) at its angles (n,); `known` has more."""
-        both = np.flatnonzero((slots != IDLE).all(axis=1))
-        pairs = [(int(i), int(j)) for i, j in slots[both]]
-        self._look([pair for pair in pairs if pair not in self.known])
-        return [
-            pair
-            for pair, f in zip(pairs, angles[both].tolist(), strict=True)
-            if self.known[pair][f]
-        ]
-
-    def _look(self, pairs: list[tuple[int, int]]) -> None:
-        """Looks at pairs of stops at all angles: both arms at the same places of their lines, and where these end."""
-        if not pairs:
-            return
-        f = self.chosen[0].shape[2]
-        i, j = np.repeat(np.array(pairs), f, axis=0).T
-        angle = np.tile(np.arange(f), len(pairs))
-        ways = [
-            _on_lines(arm[:, stop, angle]) for arm, stop in zip(self.chosen, (i, j), strict=True)
-        ]
-        rows = np.flatnonzero(
-            np.isfinite(ways[0]).all(axis=(0, 2)) & np.isfinite(ways[1]).all(axis=(0, 2))
-        )
-        places = len(ways[0])
-        position = np.tile(self.order.start, (places * len(rows), 1))
-        for name, way in zip(self.order.model.arms, ways, strict=True):
-            columns = self.order.model.arms[name].columns
-            position[:, columns] = way[:, rows].reshape(places * len(rows), -1)
-        assert self.order.clearance is not None  # `of` has looked
-        held = np.tile(np.stack([self.held[i[rows]], self.held[j[rows]]], axis=1), (places, 1))
-        margin = self.order.clearance.cross_margins(position, held).reshape(places, -1).min(axis=0)
-        touch = np.zeros(len(i), dtype=np.bool_)
-        touch[rows] = margin < SLACK
-        for pair, row in zip(pairs, touch.reshape(-1, f), strict=True):
-            self.known[pair] = row
-
-    def kept_apart(self, table: FloatArray, cost: float = np.inf) -> FloatArray:
-        """Returns a table of costs (s + 2, s + 2, f) with those of the pairs that were looked at, [s] for a touch."""
-        found = np.array(table)
-        if self.known:
-            i, j = np.array(list(self.known)).T
-            touch = np.where(np.array(list(self.known.values())), cost, 0.0)
-            found[i, j] = np.maximum(found[i, j], touch)
-        return found
-
-
-def _on_lines(ends: FloatArray) -> FloatArray:
-    """Returns joints where lines begin and end, and about half-way, shape (5, ..), of the former alone (3, ..)."""
-    entry, target, leaving = ends
-    return np.stack([entry, 0.5 * (entry + target), target, 0.5 * (target + leaving), leaving])
 
 
 def _with_handovers(
@@ -205,18 +130,34 @@ def _touch(
     stop: tuple[IntArray, ...],
     angle: tuple[IntArray, ...],
     held: IntArray,
-) -> FloatArray:
-    """Returns whether the arms touch at pairs of stops, each as seen from an angle, shape (n,)."""
+) -> BoolArray:
+    """Returns whether the arms touch at pairs of stops, each as seen from an angle, shape (n,).
+
+    Both at their targets first, then at the same places of their lines, unless they are far apart.
+    """
     assert order.clearance is not None  # callers have looked
+    clearance, names = order.clearance, list(order.model.arms)
     both = np.stack([held[stop[0]], held[stop[1]]], axis=1)
-    least = np.full(len(stop[0]), np.inf)
-    names = list(order.model.arms)
-    for place in (0, 1):
-        position = np.tile(order.start, (len(stop[0]), 1))
-        for a, name in enumerate(names):
-            position[:, order.model.arms[name].columns] = chosen[a][place, stop[a], angle[a]]
-        least = np.minimum(least, order.clearance.cross_margins(position, both))
-    return np.asarray(least < 0.0)
+    # Where approaches begin, at targets and where retracts end, shape (3, n, joints) each.
+    ends = [arm[:, s, f] for arm, s, f in zip(chosen, stop, angle, strict=True)]
+
+    def margins(rows: IntArray, share: FloatArray) -> FloatArray:
+        position = np.tile(order.start, (len(rows), 1))
+        for own, name in zip(ends, names, strict=True):
+            places = np.tensordot(share, own[:, rows], axes=1)
+            position[:, order.model.arms[name].columns] = places
+        return clearance.cross_margins(position, both[rows])
+
+    rows = np.arange(len(both))
+    at_target = margins(rows, ON_LINES[0])
+    touch = at_target < 0.0
+    left = np.flatnonzero(~touch & (at_target < FAR))
+    # Most arms leave as they came.
+    back = all(np.array_equal(own[0], own[2], equal_nan=True) for own in ends)
+    for share in ON_LINES[1:3] if back else ON_LINES[1:]:
+        touch[left] |= margins(left, share) < 0.0
+        left = left[~touch[left]]
+    return touch
 
 
 def _representatives(arm: FloatArray) -> tuple[IntArray, IntArray]:

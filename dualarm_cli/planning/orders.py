@@ -146,7 +146,6 @@ class PairedSearch:
             self.start,
             watch.found,
             lambda: watch.stop(kept),
-            self.stages.meetings if self.stands is None else None,
         )
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
@@ -216,9 +215,6 @@ class PairedSearch:
                     slots[k, a] = numbers[work[name][0].id, work[name][1].action]
         slots = slots[(slots != IDLE).any(axis=1)]
         problem = _kept_apart(self.problem, cuts)
-        looked = self.stages.meetings if self.stands is None else None
-        if looked is not None and problem.apart is not None:
-            problem = replace(problem, apart=looked.kept_apart(problem.apart))
         # Most of a long order is as good as it was.
         effort = "quick" if len(slots) > MOST_PROVEN else self.effort
         start = apart(slots, cuts)

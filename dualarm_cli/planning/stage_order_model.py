@@ -11,7 +11,7 @@ from dualarm_cli.minimum_time.problem import ArmDecisions, Decisions
 from dualarm_cli.planning.buffer_numbers import job_stores
 from dualarm_cli.planning.cheapest_postures import cheapest_postures
 from dualarm_cli.planning.handover_postures import handovers_of, met_postures
-from dualarm_cli.planning.meeting import Meetings, meeting_costs
+from dualarm_cli.planning.meeting import meeting_costs
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.sequencing.stage_changes import StageStands, StageTools
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
@@ -38,8 +38,6 @@ class StageModel:
     """Platform angles [rad], shape (f, k)."""
     rows: tuple[IntArray, ...]
     """By arm, each stop's posture at every angle among its nodes, -1 for none, shape (s, f)."""
-    meetings: Meetings | None = None
-    """Closer looks at who touches whom; None where there is nothing to look at."""
 
     def decisions(self, order: OrderModel, found: StageOrder) -> Decisions | None:
         """Returns an order's stages as the search over the whole sequence writes them down.
@@ -138,8 +136,7 @@ def stage_model(order: OrderModel) -> StageModel:
         meeting_costs(order, stops, chosen),
         job_stores(replace(job, tasks=order.tasks)),
     )
-    meetings = Meetings.of(order, stops, chosen)
-    return StageModel(problem, tuple(stops), order.angles[angles], tuple(postures), meetings)
+    return StageModel(problem, tuple(stops), order.angles[angles], tuple(postures))
 
 
 def stage_stands(order: OrderModel, whole: StageProblem) -> StageStands | None:

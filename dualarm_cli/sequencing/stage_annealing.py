@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.stage_line import StageLine, Window
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_times import with_angles
 
-HOT, COLD = 0.1, 0.0015
+HOT, COLD = 0.06, 0.0015
 """First and last temperature, in shares of a stage's mean length."""
-DEAR = 30.0
-"""What it counts that two arms touch in a stage, as long as other stops may be found for it [s]."""
-LOOKS = 24
-"""So often who touches whom is looked at more closely."""
-LAST_LOOKS, AFTER = 12, 0.03
-"""So often at most in the end, each time with this share of the rounds after it, and the coldest temperature."""
-SWAPS = 256
+SWAPS = 384
 """Exchanges that are tried at once."""
 CHANGES = 48
 """Changes within a few stages that are tried at once."""
@@ -42,16 +34,6 @@ def is_served(problem: StageProblem) -> bool:
     rules = problem.before or problem.sequences or problem.in_file_order or problem.handovers
     windows = problem.not_before is not None or problem.not_after is not None
     return len(problem.length) == 2 and not rules and not windows and problem.stores is None
-
-
-class Looks(Protocol):
-    """Says which pairs of stops touch after all that a table of costs takes for possible."""
-
-    def touching(self, slots: IntArray, angles: IntArray) -> list[tuple[int, int]]:
-        """Returns the pairs of stops at which arms touch in an order (n, 2) at its angles (n,)."""
-
-    def kept_apart(self, table: FloatArray, cost: float = ...) -> FloatArray:
-        """Returns a table of costs (s + 2, s + 2, f) with those of all pairs that are known to touch [s]."""
 
 
 class StageAnnealing:
@@ -87,39 +69,32 @@ class StageAnnealing:
         rounds: int,
         better: Callable[[StageOrder], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
-        looks: Looks | None = None,
         heat: float = HOT,
     ) -> StageOrder:
-        """Returns the best order found from one to begin with; never a worse one, if nothing touches in that.
+        """Returns the best order found from one to begin with, never a worse one.
 
         Args:
             start: an order that can be.
             rounds: how many.
             better: is told every new best one; its angles are left out.
             stop: whether to stop early.
-            looks: who looks more closely at what the best orders make side by side.
             heat: first temperature, in shares of a stage's mean length.
         """
-        line = StageLine(self._with(looks, DEAR), start.slots)
+        line = StageLine(self._problem, start.slots)
         best, total = line.slots, line.total
-        share = min(line.total, start.total) / line.stages
+        share = line.total / line.stages
         cooling = (COLD / heat) ** (1.0 / max(1, rounds))
         warm = heat * share
-        often = max(1, rounds // LOOKS)
         for k in range(rounds):
             if stop():
                 break
             warm *= cooling
             self._round(line, k, warm)
-            if looks is not None and k % often == often - 1 and self._looked(line, looks):
-                best, total = line.slots, line.total
-            elif k % REFRESHED == REFRESHED - 1:
+            if k % REFRESHED == REFRESHED - 1:
                 line.choose_angles()
             if line.total < total - 1e-9:
                 best, total = line.slots, line.total
                 better(StageOrder(best, np.zeros(0, dtype=np.int64), total))
-        if looks is not None:
-            return self._made_possible(best, looks, round(AFTER * rounds), COLD * share, stop)
         found = with_angles(self._problem, best)
         return found if found.total < start.total else start
 
@@ -130,49 +105,6 @@ class StageAnnealing:
             self._change(line, WIDTHS[k % len(WIDTHS)], warm)
             self._reverse(line, warm)
         self._move(line, warm)
-
-    def _with(self, looks: Looks | None, cost: float) -> StageProblem:
-        """Returns the problem with a cost for what is known to touch."""
-        if looks is None:
-            return self._problem
-        size = self._problem.stops + 2
-        table = self._problem.apart
-        if table is None:
-            table = np.zeros((size, size, len(self._problem.turn)), dtype=np.float32)
-        return replace(self._problem, apart=looks.kept_apart(table, cost))
-
-    def _looked(self, line: StageLine, looks: Looks) -> bool:
-        """Returns whether something touches in an order, which is made to count then."""
-        line.choose_angles()
-        touching = looks.touching(line.slots, line.angles[1:-1])
-        if touching:
-            line.ask(self._with(looks, DEAR))
-        return bool(touching)
-
-    def _made_possible(
-        self,
-        slots: IntArray,
-        looks: Looks,
-        rounds: int,
-        cold: float,
-        stop: Callable[[], bool],
-    ) -> StageOrder:
-        """Returns an order in which nothing touches, at best almost the same; what else touches is taken apart."""
-        line = StageLine(self._with(looks, DEAR), slots)
-        for _ in range(LAST_LOOKS):
-            if not self._looked(line, looks) or stop():
-                break
-            for k in range(rounds):
-                self._round(line, k, cold)
-        found = line.slots
-        while True:
-            one = with_angles(self._with(looks, np.inf), found)
-            touching = looks.touching(found, line.angles[1:-1]) if np.isinf(one.total) else []
-            more = set(touching) | set(looks.touching(found, one.angles))
-            if not more:
-                return one
-            found = apart(found, more)
-            line = StageLine(self._with(looks, DEAR), found)
 
     def _passes(self, delta: FloatArray, warm: float) -> IntArray:
         """Returns which changes the temperature lets pass, in the order in which they were drawn."""

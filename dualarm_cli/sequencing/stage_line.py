@@ -73,11 +73,6 @@ class StageLine:
             self.angles[0] = int(first[0].argmin())
         self.measure()
 
-    def ask(self, problem: StageProblem) -> None:
-        """Goes on with other costs of what is made side by side."""
-        self._problem = problem
-        self.choose_angles()
-
     def _came_at(self, k: int) -> IntArray:
         return previous(self.rows[None, 1:k], self.home)[0, -1:]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.sequencing.nearest import nearest_stages
-from dualarm_cli.sequencing.stage_annealing import Looks, StageAnnealing, is_served
+from dualarm_cli.sequencing.stage_annealing import StageAnnealing, is_served
 from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_search import StageSearch
@@ -20,10 +20,12 @@ WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
-FULL, LEAST_SHARE = 60, 0.2
-"""Orders of so many stages get all rounds of annealing, shorter ones fewer, but this share at least."""
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.2, 2.0
+"""Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 WARM, AGAIN = 0.02, 0.4
 """First temperature and share of the rounds from an order that is known to be good."""
+MANY = 100
+"""Of more tasks no first order is made by insertion where a simpler one is possible."""
 FIRST_TRIES = 6
 """So many orders in which tasks are put in are tried until one serves."""
 
@@ -39,7 +41,7 @@ class StageEffort:
     stretches: float
     """Stretches that are improved, by stage of a long order."""
     rounds: int = 0
-    """Rounds of annealing, for FULL stages or more; it takes the place of stretches where it serves."""
+    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
 
 
 def is_few(problem: StageProblem) -> bool:
@@ -55,7 +57,6 @@ def good_orders(
     start: IntArray | None = None,
     better: Callable[[float], None] = lambda _: None,
     stop: Callable[[], bool] = lambda: False,
-    looks: Looks | None = None,
 ) -> list[StageOrder]:
     """Returns different orders, the best one first; none where none was found.
 
@@ -68,7 +69,6 @@ def good_orders(
         start: an order that is known to be good, to begin with, shape (n, arms).
         better: is told the total of every better order [s].
         stop: whether to stop early; one order is made in any case.
-        looks: who looks more closely at what orders make side by side, where annealing serves.
     """
     if is_few(problem) and start is None:
         best = best_of_all(problem, better, stop)
@@ -88,7 +88,7 @@ def good_orders(
             continue
         told(first)
         if effort.rounds and is_served(problem):
-            one = _annealed(search, first, effort, told, stop, looks, known=start is not None)
+            one = _annealed(search, first, effort, told, stop, known=start is not None)
             found.append(one)
             if len(one.slots) > WHOLE:
                 break
@@ -120,7 +120,6 @@ def _annealed(
     effort: StageEffort,
     told: Callable[[StageOrder], None],
     stop: Callable[[], bool],
-    looks: Looks | None,
     *,
     known: bool,
 ) -> StageOrder:
@@ -129,11 +128,12 @@ def _annealed(
     if len(first.slots) <= WHOLE:
         # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
         one = search.improve(first, LEAST, told, stop)
-    rounds = round(effort.rounds * min(1.0, max(LEAST_SHARE, len(first.slots) / FULL)))
+    share = min(MOST_SHARE, max(LEAST_SHARE, len(first.slots) / FULL))
+    rounds = round(effort.rounds * share)
     annealing = StageAnnealing(problem, search.seed)
     if known:
-        return annealing.improve(one, round(AGAIN * rounds), told, stop, looks, WARM)
-    return annealing.improve(one, rounds, told, stop, looks)
+        return annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)
+    return annealing.improve(one, rounds, told, stop)
 
 
 def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:
@@ -150,7 +150,9 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
         given = plain(search.problem, search.units)
         if given is not None:
             tries.append(with_angles(search.problem, never_touching(search.problem, given)))
-    for _ in range(FIRST_TRIES):
+    # Insertion takes long there, and is no better than what is refined anyway.
+    enough = len(search.units) > MANY and any(np.isfinite(one.total) for one in tries)
+    for _ in range(0 if enough else FIRST_TRIES):
         one = search.first()
         if one is not None:
             tries.append(one)
