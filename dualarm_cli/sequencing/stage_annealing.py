@@ -96,6 +96,8 @@ class StageAnnealing:
                 best, total = line.slots, line.total
                 better(StageOrder(best, np.zeros(0, dtype=np.int64), total))
         found = with_angles(self._problem, best)
+        if found.total < total - 1e-9:
+            better(found)
         return found if found.total < start.total else start
 
     def _round(self, line: StageLine, k: int, warm: float) -> None:
@@ -108,8 +110,7 @@ class StageAnnealing:
 
     def _passes(self, delta: FloatArray, warm: float) -> IntArray:
         """Returns which changes the temperature lets pass, in the order in which they were drawn."""
-        limit = -warm * np.log(1.0 - self._random.random(len(delta)))
-        return np.flatnonzero(delta < np.minimum(limit, np.where(delta > 0.0, limit, np.inf)))
+        return np.flatnonzero(delta < -warm * np.log(1.0 - self._random.random(len(delta))))
 
     def _exchange(self, line: StageLine, m: int, warm: float) -> None:
         """Tasks of m stops each change places, or go to where an arm is idle."""
@@ -127,7 +128,8 @@ class StageAnnealing:
         second = line.place[stops[other, 0]]
         after = stops[other]
         if m == 1:
-            idle = np.argwhere(line.rows == IDLE)
+            # Not amid a task of the arm that is idle there.
+            idle = np.argwhere((line.rows == IDLE) & ~self._inner[line.came])
             if len(idle):
                 some = np.flatnonzero(random.random(SWAPS) < 0.1)
                 second[some] = idle[random.integers(len(idle), size=len(some))]
@@ -227,26 +229,14 @@ class StageAnnealing:
     def _reverse(self, line: StageLine, warm: float) -> None:
         """A run of stages is made in the opposite order."""
         random, n = self._random, line.stages
-        links = np.concatenate([[0.0], np.cumsum(np.where(line.both, line.reversed_links(), 0.0))])
-        idle = np.concatenate([[0], np.cumsum(~line.both)])
         begin = random.integers(1, n + 1, size=MOVED)
         end = np.minimum(begin + 1 + random.integers(1, n + 1, size=MOVED), n + 1)
-        # From the stage before to the one after nobody is idle, or more than links would change.
-        good = (end - begin > 1) & (idle[end + 1] == idle[begin - 1]) & (links[end - 1] < np.inf)
+        good = end - begin > 1
         begin, end = begin[good], end[good]
-        if not len(begin):
-            return
-        rows, at = line.rows, line.angles
-        delta = (
-            line.length(rows[begin - 1], rows[end - 1], at[begin - 1], at[end - 1])
-            + line.length(rows[begin], rows[end], at[begin], at[end])
-            + (links[end - 1] - links[begin])
-            - line.sum_of(begin, end)
-        )
-        passed = self._passes(np.where(np.isnan(delta), np.inf, delta), warm)
+        passed = self._passes(line.reversals(begin, end), warm)
         if len(passed):
             k = passed[0]
-            order = np.arange(len(rows))
+            order = np.arange(n + 2)
             order[begin[k] : end[k]] = order[begin[k] : end[k]][::-1]
             line.rearranged(order)
 
@@ -265,19 +255,10 @@ class StageAnnealing:
         i, j, p = where[good].T
         if not len(i):
             return
-        rows, at, came = line.rows, line.angles, line.came
-        delta = (
-            line.length(came[i], rows[j], at[i - 1], at[j])
-            + line.length(came[p], rows[i], at[p - 1], at[i])
-            + line.length(came[j], rows[p], at[j - 1], at[p])
-            - line.costs[i]
-            - line.costs[j]
-            - line.costs[p]
-        )
-        passed = self._passes(delta, warm)
+        passed = self._passes(line.exchanges(i, j, p), warm)
         if len(passed):
             k = passed[0]
-            order = np.arange(len(rows))
+            order = np.arange(n + 2)
             line.rearranged(
                 np.concatenate(
                     [order[: i[k]], order[j[k] : p[k]], order[i[k] : j[k]], order[p[k] :]]

@@ -10,6 +10,9 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
 from dualarm_cli.sequencing.stage_times import previous, with_angles
 
+NEVER = 1e6
+"""More than anything takes [s]."""
+
 
 @dataclass(frozen=True)
 class Window:
@@ -43,7 +46,8 @@ class StageLine:
         """Takes an order (n, 2) with the best angles for it; n is 1 or more, and no stage is empty."""
         self._problem = problem
         self.home = problem.stops
-        self._closes = problem.returns and not problem.free_start
+        turns = problem.returns and not problem.free_start
+        self._turns_back = problem.turn[:, 0] if turns else np.zeros(len(problem.turn))
         ends = np.full((1, 2), self.home)
         self.rows: IntArray = np.concatenate([ends, slots, ends])
         self.angles: IntArray = np.zeros(len(self.rows), dtype=np.int64)
@@ -69,12 +73,10 @@ class StageLine:
         """Takes the best angles for the stages as they are."""
         self.angles[1:-1] = with_angles(self._problem, self.rows[1:-1]).angles
         if self._problem.free_start:
-            first = self.length_to(self._came_at(1), self.rows[1][None], self.angles[1:2])
+            start = np.full((1, 2), self.home)
+            first = self.length_to(start, self.rows[1:2], self.angles[1:2])
             self.angles[0] = int(first[0].argmin())
         self.measure()
-
-    def _came_at(self, k: int) -> IntArray:
-        return previous(self.rows[None, 1:k], self.home)[0, -1:]
 
     def measure(self) -> None:
         """Computes what follows from stops and angles, without stages in which nothing is left to do."""
@@ -122,33 +124,39 @@ class StageLine:
             g: their own angles, shape (b,).
         """
         one, other = self._problem.length
-        found: FloatArray = np.maximum(
-            one[came[:, 0], stops[:, 0], f, g], other[came[:, 1], stops[:, 1], f, g]
-        ).astype(np.float64)
+        back, (i, j) = self._ways(came, stops)
+        found: FloatArray = np.maximum(one[came[:, 0], i, f, g], other[came[:, 1], j, f, g]).astype(
+            np.float64
+        )
         found += self._apart(stops, g)
-        if self._closes:
-            found = np.where(
-                stops[:, 0] == self.home, np.maximum(found, self._problem.turn[f, 0]), found
-            )
+        if back.any():
+            found[back] = np.maximum(found[back], self._turns_back[f[back]])
         return found
 
     def length_to(self, came: IntArray, stops: IntArray, g: IntArray) -> FloatArray:
         """Returns how long stages take from every angle, shape (b, f); the rest as in `length`."""
         one, other = self._problem.length
-        found: FloatArray = np.maximum(
-            one[came[:, 0], stops[:, 0], :, g], other[came[:, 1], stops[:, 1], :, g]
-        ).astype(np.float64)
+        back, (i, j) = self._ways(came, stops)
+        found: FloatArray = np.maximum(one[came[:, 0], i, :, g], other[came[:, 1], j, :, g]).astype(
+            np.float64
+        )
         found += self._apart(stops, g)[:, None]
-        if self._closes:
-            back = stops[:, 0] == self.home
-            found[back] = np.maximum(found[back], self._problem.turn[:, 0])
+        if back.any():
+            found[back] = np.maximum(found[back], self._turns_back)
         return found
 
-    def _apart(self, stops: IntArray, g: IntArray) -> FloatArray | float:
+    def _ways(self, came: IntArray, stops: IntArray) -> tuple[BoolArray, tuple[IntArray, IntArray]]:
+        """Returns which stages are the way back, and columns of lengths: an arm that never left has no way back."""
+        back = stops[:, 0] == self.home
+        stays = back[:, None] & (came == self.home)
+        one, other = np.where(stays, IDLE, stops).T
+        return back, (one, other)
+
+    def _apart(self, stops: IntArray, g: IntArray) -> FloatArray:
         if self._problem.apart is None:
             return np.zeros(len(stops))
-        back = stops[:, 0] == self.home
-        return np.where(back, 0.0, self._problem.apart[stops[:, 0], stops[:, 1], g])
+        found: FloatArray = self._problem.apart[stops[:, 0], stops[:, 1], g]
+        return np.where(stops[:, 0] == self.home, 0.0, found)
 
     def worth(self, window: Window) -> Worth:
         """Returns what it is worth to do other stops in some stages, at the angles that suit these best."""
@@ -201,11 +209,42 @@ class StageLine:
                 last[later] = k
         return Worth(delta, angles, last)
 
-    def reversed_links(self) -> FloatArray:
-        """Returns how long each stage takes right after the one that follows it now, shape (n + 2,)."""
-        found = np.full(len(self.rows), np.inf)
-        found[1:-2] = self.length(
+    def reversals(self, begin: IntArray, end: IntArray) -> FloatArray:
+        """Returns by how much all is done later with stages [begin, end) in the opposite order [s], shape (b,).
+
+        Every stage keeps its angle. Infinite where an arm is idle in one of them or in those before and after.
+        """
+        links = np.zeros(len(self.rows))
+        links[1:-2] = self.length(
             self.rows[2:-1], self.rows[1:-2], self.angles[2:-1], self.angles[1:-2]
+        )
+        # What cannot be must not spoil the sums behind it.
+        links = np.where(self.both & (links < NEVER), links, NEVER)
+        links = np.concatenate([[0.0], np.cumsum(links)])
+        idle = np.concatenate([[0], np.cumsum(~self.both)])
+        rows, at = self.rows, self.angles
+        found: FloatArray = (
+            self.length(rows[begin - 1], rows[end - 1], at[begin - 1], at[end - 1])
+            + self.length(rows[begin], rows[end], at[begin], at[end])
+            + (links[end - 1] - links[begin])
+            - self.sum_of(begin, end)
+        )
+        possible = (idle[end + 1] == idle[begin - 1]) & (found < 0.5 * NEVER)
+        return np.where(possible, found, np.inf)
+
+    def exchanges(self, i: IntArray, j: IntArray, p: IntArray) -> FloatArray:
+        """Returns by how much all is done later if stages [i, j) and [j, p) change places [s], shape (b,).
+
+        Every stage keeps its angle; both arms go on in stages i, j and p.
+        """
+        rows, at, came = self.rows, self.angles, self.came
+        found: FloatArray = (
+            self.length(came[i], rows[j], at[i - 1], at[j])
+            + self.length(came[p], rows[i], at[p - 1], at[i])
+            + self.length(came[j], rows[p], at[j - 1], at[p])
+            - self.costs[i]
+            - self.costs[j]
+            - self.costs[p]
         )
         return found
 

@@ -87,7 +87,7 @@ def good_orders(
         if first is None:
             continue
         told(first)
-        if effort.rounds and is_served(problem):
+        if effort.rounds and is_served(problem) and np.isfinite(first.total):
             one = _annealed(search, first, effort, told, stop, known=start is not None)
             found.append(one)
             if len(one.slots) > WHOLE:
