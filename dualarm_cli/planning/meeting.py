@@ -49,8 +49,9 @@ def meeting_costs(
     if (made[0].sum(axis=0) * made[1].sum(axis=0)).sum() <= MOST_PAIRS:
         for k in range(f):
             i, j = np.nonzero(made[0][:, k, None] & made[1][None, :, k])
-            for rows in np.array_split(np.arange(len(i)), 1 + len(i) // AT_ONCE):
-                pair, angle = (i[rows], j[rows]), np.full(len(rows), k)
+            for first in range(0, len(i), AT_ONCE):
+                pair = i[first : first + AT_ONCE], j[first : first + AT_ONCE]
+                angle = np.full(len(pair[0]), k)
                 touch = _touch(order, chosen, pair, (angle, angle), held)
                 found[pair[0][touch], pair[1][touch], k] = np.inf
         return _with_handovers(order, stops, chosen, found)
