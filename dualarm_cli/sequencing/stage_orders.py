@@ -20,7 +20,7 @@ WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
-FULL, LEAST_SHARE, MOST_SHARE = 60, 0.2, 2.0
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 2.0
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 WARM, AGAIN = 0.02, 0.4
 """First temperature and share of the rounds from an order that is known to be good."""
