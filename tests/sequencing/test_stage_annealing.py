@@ -166,6 +166,53 @@ def test_annealing_keeps_every_task_whole_and_never_gets_worse(in_stages, kind, 
     assert better >= 2
 
 
+@pytest.mark.parametrize("one_stop", [True, False])
+def test_where_it_is_cold_no_round_makes_an_order_longer(in_stages, one_stop):
+    """Not even where arms take turns, so that each is idle after every stop, also amid its tasks."""
+    for seed in range(4):
+        problem = in_stages(seed, "", 12, one_stop=one_stop)
+        arms = [0 if problem.allowed(0, t) else 1 for t in range(12)]
+        own = [
+            [s for t, stops in enumerate(problem.tasks) if arms[t] == a for s in stops]
+            for a in (0, 1)
+        ]
+        rows = []
+        for k in range(max(len(stops) for stops in own)):
+            rows += [[own[0][k], IDLE]] if k < len(own[0]) else []
+            rows += [[IDLE, own[1][k]]] if k < len(own[1]) else []
+        line = StageLine(problem, np.array(rows))
+        if not np.isfinite(line.total):
+            continue
+        annealing = StageAnnealing(problem, seed)
+        for k in range(40):
+            before = line.total
+            annealing._round(line, k, 1e-12)
+            assert line.total <= before + 1e-9
+            assert sorted(s for s in line.slots.ravel().tolist() if s != IDLE) == list(
+                range(problem.stops)
+            )
+        assert len(line.slots) < len(rows)
+
+
+def test_an_arm_that_is_never_asked_has_no_way_back(in_stages):
+    """The other one does the only task."""
+    seen = 0
+    for seed in range(12):
+        problem = in_stages(seed, "", 1, one_stop=True)
+        problem = replace(problem, free_start=False, returns=True)
+        # The way back of an arm that never left would take longest of all.
+        length = np.array(problem.length[1])
+        length[-1, problem.stops] = 100.0
+        problem = replace(problem, length=(problem.length[0], length))
+        slots = np.array([[0, IDLE]])
+        order = with_angles(problem, slots)
+        if np.isfinite(order.total):
+            seen += 1
+            assert StageLine(problem, slots).total == pytest.approx(order.total, rel=1e-12)
+            assert order.total < 100.0
+    assert seen >= 6
+
+
 def test_the_same_seed_gives_the_same_order_and_a_stop_the_one_to_begin_with(in_stages):
     """To the last bit."""
     problem = in_stages(4, "apart", 16, one_stop=True)
