@@ -22,6 +22,8 @@ LEAST = 120
 """How often something is removed and put back at least."""
 FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 2.0
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
+SOONER, SHORTEST = 8, 100
+"""Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
 WARM, AGAIN = 0.02, 0.4
 """First temperature and share of the rounds from an order that is known to be good."""
 MANY = 100
@@ -133,7 +135,15 @@ def _annealed(
     annealing = StageAnnealing(problem, search.seed)
     if known:
         return annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)
-    return annealing.improve(one, rounds, told, stop)
+    # While it is hot nothing is found: whoever ends it early then has what came of quicker coolings.
+    coolings = [rounds]
+    while coolings[0] >= SOONER * SHORTEST:
+        coolings.insert(0, coolings[0] // SOONER)
+    for count in coolings:
+        if stop():
+            break
+        one = annealing.improve(one, count, told, stop)
+    return one
 
 
 def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:

@@ -271,3 +271,19 @@ def test_annealing_is_no_worse_than_the_file_s_order(in_stages):
     assert found[0].total <= with_angles(problem, given_order).total + 1e-9
     again = good_orders(problem, StageEffort(1, 100, 0.5, 300), 1, found[0].slots)
     assert again[0].total <= found[0].total + 1e-9
+
+
+def test_who_ends_annealing_while_it_is_hot_has_what_a_quicker_cooling_found(in_stages):
+    """Of 4000 rounds the first hundreds are a cooling of its own, which ends before the next one begins."""
+    problem = in_stages(6, "", 30, one_stop=True)
+    start = good_orders(problem, StageEffort(1, 1, 0.0, 1), 0, stop=lambda: True)[0]
+    asked = [0]
+
+    def stop():
+        asked[0] += 1
+        return asked[0] > 700
+
+    found = good_orders(problem, StageEffort(1, 1, 0.0, 16_000), 0, stop=stop)[0]
+    assert asked[0] < 750
+    plain = StageAnnealing(problem, 0).improve(start, 400).total
+    assert found.total <= plain + 0.25 * (start.total - plain)
