@@ -40,7 +40,7 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 
 
 EFFORTS = {
-    "quick": StageEffort(1, 3_000, 0.6, 3_000),
+    "quick": StageEffort(1, 3_000, 0.6, 4_000),
     "normal": StageEffort(4, 9_000, 1.5, 8_000),
     "thorough": StageEffort(8, 60_000, 8.0, 50_000),
 }

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.sequencing import stage_orders
 from dualarm_cli.sequencing.stage_annealing import StageAnnealing, is_served
 from dualarm_cli.sequencing.stage_line import StageLine, Window
 from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, in_file_order
@@ -273,17 +274,30 @@ def test_annealing_is_no_worse_than_the_file_s_order(in_stages):
     assert again[0].total <= found[0].total + 1e-9
 
 
-def test_who_ends_annealing_while_it_is_hot_has_what_a_quicker_cooling_found(in_stages):
-    """Of 4000 rounds the first hundreds are a cooling of its own, which ends before the next one begins."""
+def test_quicker_coolings_come_first_so_that_ending_early_leaves_a_good_order(
+    in_stages, monkeypatch
+):
+    """15 of 60 stages: a quarter of the rounds; before 6400 of them 800, before those 100; one of a good order."""
     problem = in_stages(6, "", 30, one_stop=True)
-    start = good_orders(problem, StageEffort(1, 1, 0.0, 1), 0, stop=lambda: True)[0]
-    asked = [0]
+    first = StageSearch(problem, 0).first()
+    seen = []
 
-    def stop():
-        asked[0] += 1
-        return asked[0] > 700
+    def improve(_annealing, start, rounds, *_):
+        seen.append((start, rounds))
+        return replace(start, total=start.total - 1.0)
 
-    found = good_orders(problem, StageEffort(1, 1, 0.0, 16_000), 0, stop=stop)[0]
-    assert asked[0] < 750
-    plain = StageAnnealing(problem, 0).improve(start, 400).total
-    assert found.total <= plain + 0.25 * (start.total - plain)
+    monkeypatch.setattr(StageAnnealing, "improve", improve)
+    monkeypatch.setattr(StageSearch, "first", lambda _: replace(first, slots=first.slots[:15]))
+    monkeypatch.setattr(stage_orders, "by_nearest", lambda *_: None)
+    monkeypatch.setattr(stage_orders, "in_file_order", lambda *_: None)
+    monkeypatch.setattr(stage_orders, "by_suited_arms", lambda *_: None)
+    monkeypatch.setattr(StageSearch, "improve", lambda _search, start, *_: start)
+    found = good_orders(problem, StageEffort(1, 1, 0.0, 25_600), 0)[0]
+    assert [rounds for _, rounds in seen] == [100, 800, 6400]
+    # Each goes on from what the one before found.
+    assert [start.total for start, _ in seen] == [first.total - k for k in range(3)]
+    assert found.total == first.total - 3.0
+    # An order that is known to be good is only annealed gently, once.
+    seen.clear()
+    good_orders(problem, StageEffort(1, 1, 0.0, 25_600), 0, first.slots[:15])
+    assert [rounds for _, rounds in seen] == [2560]
