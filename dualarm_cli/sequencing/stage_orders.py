@@ -14,13 +14,13 @@ from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_al
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import with_angles
-from dualarm_cli.sequencing.stage_units import Unit
+from dualarm_cli.sequencing.stage_units import Unit, stage_units
 
 WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
-FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.5
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.2
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 SOONER, SHORTEST = 8, 100
 """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
@@ -103,7 +103,7 @@ def good_orders(
         found.append(one)
         if len(one.slots) > WHOLE:
             break
-    given = in_file_order(problem, StageSearch(problem, seed).units)
+    given = in_file_order(problem, stage_units(problem))
     if given is not None and start is None:
         # What the file says is an answer as well, and may turn out to be the quickest one.
         plain = with_angles(problem, given)
