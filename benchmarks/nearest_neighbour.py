@@ -8,8 +8,8 @@ import numpy as np
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.orders import decided
 from dualarm_cli.planning.stage_order_model import stage_problem
 from dualarm_cli.sequencing.nearest import nearest_stages
 from dualarm_cli.sequencing.problem import SequencingProblem

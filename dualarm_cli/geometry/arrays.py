@@ -12,7 +12,17 @@ BoolArray = NDArray[np.bool_]
 
 
 def readonly(values: ArrayLike) -> FloatArray:
-    """Returns a read-only float copy of `values`, so that a frozen dataclass is frozen through."""
+    """Returns a read-only float copy of `values`, so that a frozen dataclass is frozen through.
+
+    What is such a copy already is returned as it is.
+    """
+    if (
+        isinstance(values, np.ndarray)
+        and values.dtype == np.float64
+        and values.base is None
+        and not values.flags.writeable
+    ):
+        return values
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

@@ -17,8 +17,12 @@ ADVICE = (
 """What a person can do about it."""
 
 
+MANY = 0.02
+"""Share of stages; where lines touch in more of them, another order is better than mending."""
+
+
 def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
-    """Refuses stages in which both arms' lines touch: no mending helps them as much as another order.
+    """Refuses many stages in which both arms' lines touch: no mending helps them as much as another order.
 
     Args:
         clearing: the job.
@@ -29,7 +33,7 @@ def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Mo
         BlockedError: with those stages.
     """
     apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
-    if apart:
+    if len(apart) > max(1.0, MANY * len(plans)):
         raise BlockedError(why_blocked(clearing, Cleared(plans, motion, apart)), apart)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.planning.buffer_numbers import begun
+from dualarm_cli.planning.decided_jobs import own_rules
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.orders import own_rules
 from dualarm_cli.planning.path_record import Record
 from dualarm_cli.planning.tool_changes import cell_after, changes_of, with_changes
 from dualarm_cli.planning.waiting import with_ends

@@ -11,10 +11,16 @@ from dualarm_cli.model.cell import Held
 from dualarm_cli.planning.handover_postures import handover_margins, handovers_of
 from dualarm_cli.planning.order_model import OrderModel
 
-MOST_PAIRS = 300_000
+MOST_PAIRS = 2_000_000
 """Pairs of postures that are tested one by one; of more, representatives are."""
+AT_ONCE = 100_000
+"""So many are tested at once."""
+FAR = 0.4
+"""Arms that are so far apart at their targets are apart all along their lines [m]."""
 REPRESENTATIVES = 350
 """So many postures of each arm stand for all others."""
+ON_LINES = np.array([[0, 1, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 0, 1], [0, 0.5, 0.5]])
+"""Places that are looked at: shares of the joints where approaches begin, at targets and where retracts end."""
 
 
 def meeting_costs(
@@ -22,7 +28,8 @@ def meeting_costs(
 ) -> FloatArray | None:
     """Returns infinity for every pair of stops at which two arms would touch, 0 for all others.
 
-    Both at their targets, and both where their approaches begin, are looked at.
+    Both at their targets, both where their approaches begin and where their retracts end, and both about half-way are
+    looked at.
 
     Args:
         order: the job's tasks.
@@ -38,12 +45,15 @@ def meeting_costs(
     count, f = chosen[0].shape[1:3]
     found = np.zeros((count + 2, count + 2, f), dtype=np.float32)
     held = _held(order, stops)
-    if count * count * f <= MOST_PAIRS:
+    made = [np.isfinite(arm[0, :, :, 0]) for arm in chosen]
+    if (made[0].sum(axis=0) * made[1].sum(axis=0)).sum() <= MOST_PAIRS:
         for k in range(f):
-            own = [np.flatnonzero(np.isfinite(arm[0, :, k, 0])) for arm in chosen]
-            i, j = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
-            touch = _touch(order, chosen, (i, j), (np.full(len(i), k),) * 2, held)
-            found[i[touch], j[touch], k] = np.inf
+            i, j = np.nonzero(made[0][:, k, None] & made[1][None, :, k])
+            for first in range(0, len(i), AT_ONCE):
+                pair = i[first : first + AT_ONCE], j[first : first + AT_ONCE]
+                angle = np.full(len(pair[0]), k)
+                touch = _touch(order, chosen, pair, (angle, angle), held)
+                found[pair[0][touch], pair[1][touch], k] = np.inf
         return _with_handovers(order, stops, chosen, found)
     picked, nearest = zip(*(_representatives(arm) for arm in chosen), strict=True)
     i, j = (x.ravel() for x in np.meshgrid(*(np.arange(len(p)) for p in picked), indexing="ij"))
@@ -121,18 +131,34 @@ def _touch(
     stop: tuple[IntArray, ...],
     angle: tuple[IntArray, ...],
     held: IntArray,
-) -> FloatArray:
-    """Returns whether the arms touch at pairs of stops, each as seen from an angle, shape (n,)."""
+) -> BoolArray:
+    """Returns whether the arms touch at pairs of stops, each as seen from an angle, shape (n,).
+
+    Both at their targets first, then at the same places of their lines, unless they are far apart.
+    """
     assert order.clearance is not None  # callers have looked
+    clearance, names = order.clearance, list(order.model.arms)
     both = np.stack([held[stop[0]], held[stop[1]]], axis=1)
-    least = np.full(len(stop[0]), np.inf)
-    names = list(order.model.arms)
-    for place in (0, 1):
-        position = np.tile(order.start, (len(stop[0]), 1))
-        for a, name in enumerate(names):
-            position[:, order.model.arms[name].columns] = chosen[a][place, stop[a], angle[a]]
-        least = np.minimum(least, order.clearance.cross_margins(position, both))
-    return np.asarray(least < 0.0)
+    # Where approaches begin, at targets and where retracts end, shape (3, n, joints) each.
+    ends = [arm[:, s, f] for arm, s, f in zip(chosen, stop, angle, strict=True)]
+
+    def margins(rows: IntArray, share: FloatArray) -> FloatArray:
+        position = np.tile(order.start, (len(rows), 1))
+        for own, name in zip(ends, names, strict=True):
+            places = np.tensordot(share, own[:, rows], axes=1)
+            position[:, order.model.arms[name].columns] = places
+        return clearance.cross_margins(position, both[rows])
+
+    rows = np.arange(len(both))
+    at_target = margins(rows, ON_LINES[0])
+    touch = at_target < 0.0
+    left = np.flatnonzero(~touch & (at_target < FAR))
+    # Most arms leave as they came.
+    back = all(np.array_equal(own[0], own[2], equal_nan=True) for own in ends)
+    for share in ON_LINES[1:3] if back else ON_LINES[1:]:
+        touch[left] |= margins(left, share) < 0.0
+        left = left[~touch[left]]
+    return touch
 
 
 def _representatives(arm: FloatArray) -> tuple[IntArray, IntArray]:

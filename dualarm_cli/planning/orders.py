@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,29 +10,27 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.problem import Decisions
-from dualarm_cli.model.job import ANY, Job, StopKey, Task
+from dualarm_cli.model.job import Job
+from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.order_moves import OrderMoves
+from dualarm_cli.planning.order_proofs import is_provable, least_total, proven_orders
 from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
 from dualarm_cli.planning.stage_order_model import StageModel, stage_model, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
-from dualarm_cli.sequencing.cp_sat import prove
 from dualarm_cli.sequencing.relaxation import of_stages, of_ways
 from dualarm_cli.sequencing.stage_changes import (
     StageStands,
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.sequencing.stage_near import near_orders
-from dualarm_cli.sequencing.stage_orders import StageEffort, apart, good_orders, is_few
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
-from dualarm_cli.sequencing.stage_proof import ProofEffort, StageProof, can_prove, prove_order
+from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, is_few
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_times import totals, with_angles
 
-MOST_PROVEN = 60
-"""Of so many tasks at most a bound on all orders is looked for."""
+LONG = 60
+"""Orders of more stages are long: most of one is as good as it was when something is taken apart."""
 PROVEN = "the best of all orders with the search's postures, proven by dynamic programming"
 """How orders of few tasks of one arm are found."""
 PROOF_SHARE = 0.2
@@ -45,21 +42,11 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 
 
 EFFORTS = {
-    "quick": StageEffort(1, 3_000, 0.6),
-    "normal": StageEffort(4, 9_000, 1.5),
-    "thorough": StageEffort(8, 60_000, 8.0),
+    "quick": StageEffort(1, 3_000, 0.6, 4_000),
+    "normal": StageEffort(4, 9_000, 1.5, 8_000),
+    "thorough": StageEffort(8, 60_000, 8.0, 50_000),
 }
 """How hard orders are searched for."""
-PROOFS = {"quick": 1.0, "normal": 4.0, "thorough": 30.0}
-"""How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
-STAGE_PROOFS = {
-    "quick": ProofEffort(40, 20_000),
-    "normal": ProofEffort(80, 200_000),
-    "thorough": ProofEffort(150, 1_500_000),
-}
-"""How hard a bound on orders of stages is tried where there is room for it."""
-NEARS = {"quick": (4_000, 12, 4), "normal": (20_000, 60, 8), "thorough": (60_000, 200, 12)}
-"""Labels, orders and rounds of looking closely at orders that are nearly as good."""
 SHORTER = 4
 """Where what bounds orders finds good ones as well, searches take so many times fewer steps."""
 
@@ -160,10 +147,10 @@ class PairedSearch:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)
-        kept = PROOF_SHARE * (watch.limit or 0.0) if tasks <= MOST_PROVEN else 0.0
-        effort, provable = EFFORTS[self.effort], can_prove(self.problem)
+        kept = PROOF_SHARE * (watch.limit or 0.0)
+        effort, provable = EFFORTS[self.effort], is_provable(self.problem, self.effort)
         if provable:
-            effort = replace(effort, steps=effort.steps // SHORTER)
+            effort = effort.shorter(SHORTER)
         found = good_orders(
             self.problem,
             effort,
@@ -188,48 +175,20 @@ class PairedSearch:
                 how = how.replace("k-th stops side by side", "whoever waits for whom")
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
         if provable and not watch.stop():
-            watch.tell("bounding all orders, and looking for better ones on the way")
-            proven = self._proven(found[0], watch)
-            bound = None if job.has_conveyors else proven.bound
-            how = DYNAMIC if proven.order.total < found[0].total else how
-            found = [proven.order, *self._near(proven, watch), *found]
-        timed = not provable or of_stages(self.problem).timed
-        if tasks <= MOST_PROVEN and not job.has_conveyors and timed and not watch.stop():
-            watch.tell("bounding all orders")
-            proof = PROOFS[self.effort]
-            relaxed = of_stages(self.problem)
-            other = prove(relaxed, None, proof, self.seed, watch.stop, watch.bounded).bound
-            bound = max(bound or 0.0, other) or None
+            known = found[0]
+            better, bound = proven_orders(
+                self.order, self.stages, self.problem, known, self.effort, watch
+            )
+            how = DYNAMIC if better[0].total < known.total else how
+            found = [*better, *found]
+        if (not provable or of_stages(self.problem).timed) and not watch.stop():
+            least = least_total(self.problem, self.effort, self.seed, watch)
+            bound = max(bound or 0.0, least)
+        if job.has_conveyors:
+            # Parts are elsewhere when they are met.
+            bound = None
         answers = [self._answer(one) for one in found]
-        return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound, how)
-
-    def _proven(self, found: StageOrder, watch: Watch) -> StageProof:
-        """Returns a bound on all orders of stages, and the best one known then."""
-        return prove_order(
-            self.problem,
-            found,
-            STAGE_PROOFS[self.effort],
-            watch.stop,
-            watch.found,
-            watch.bounded,
-        )
-
-    def _near(self, proven: StageProof, watch: Watch) -> list[StageOrder]:
-        """Returns orders that are nearly as good as the best one, and cost little for clearance between stops."""
-        clear = self.order.clearance is not None and not self.order.job.has_handovers
-        if proven.graph is None or proven.prices is None or not clear or self.stands is not None:
-            return []
-        labels, count, rounds = NEARS[self.effort]
-        return near_orders(
-            proven.graph,
-            proven.prices,
-            proven.order,
-            OrderMoves.of(self.order, self.stages).costs,
-            labels=labels,
-            count=count,
-            rounds=rounds,
-            stop=watch.stop,
-        )
+        return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound or None, how)
 
     def _answer(self, found: StageOrder) -> DecidedOrder:
         """Returns an order as a job, with its tool changes in stages that suit them best."""
@@ -276,8 +235,7 @@ class PairedSearch:
                     slots[k, a] = numbers[work[name][0].id, work[name][1].action]
         slots = slots[(slots != IDLE).any(axis=1)]
         problem = _kept_apart(self.problem, cuts)
-        # Most of a long order is as good as it was.
-        effort = "quick" if len(slots) > MOST_PROVEN else self.effort
+        effort = "quick" if len(slots) > LONG else self.effort
         start = apart(slots, cuts)
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
 
@@ -310,49 +268,3 @@ def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
     how = PROVEN if orders.exact else SEARCHED
     answers = [DecidedOrder(one.job, one.total) for one in orders.found]
     return Orders(tuple(answers), orders.bound, how)
-
-
-def own_rules(job: Job) -> Job:
-    """Returns a job without the rules that are about tasks which are not its own: those are done before or after."""
-    own = {task.id for task in job.tasks}
-    tasks = (
-        replace(task, after=tuple(name for name in task.after if name in own)) for task in job.tasks
-    )
-    rows = tuple(row for row in job.sequences if own.issuperset(row))
-    return replace(job, tasks=tuple(tasks), sequences=rows)
-
-
-def decided(job: Job, model: CellModel, slots: IntArray) -> Job:
-    """Returns a job in which arms, order and pairing are as an order says.
-
-    Args:
-        job: as its file leaves it.
-        model: its cell.
-        slots: by stage and arm the number of the stop, IDLE for none, shape (n, arms).
-    """
-    stops = [(task, stop) for task in job.tasks for stop in task.stops]
-    arms, doers = list(model.arms), dict[int, tuple[Task, str]]()
-    pairing: list[tuple[StopKey, ...]] = []
-    for row in slots.tolist():
-        stage = []
-        for arm, k in zip(arms, row, strict=True):
-            if k == IDLE:
-                continue
-            task, stop = stops[k]
-            doers.setdefault(id(task), (task, arm))
-            stage.append((arm, task.id, stop.action))
-        pairing.append(tuple(stage))
-    ordered = tuple(_assigned(task, arm, arms) for task, arm in doers.values())
-    return replace(job, tasks=ordered, order="given", pairing=tuple(pairing))
-
-
-def _assigned(task: Task, arm: str, arms: Sequence[str]) -> Task:
-    """Returns a task as an arm's, where any may do it; of a hand-over also who gives and who takes."""
-    if task.arm != ANY:
-        return task
-    work = task.handover
-    if work is not None:
-        other = next(name for name in arms if name != arm)
-        gives = task.stops[-1].action == "give"
-        work = replace(work, giver=arm if gives else other, taker=other if gives else arm)
-    return replace(task, arm=arm, handover=work)

@@ -16,10 +16,11 @@ from dualarm_cli.path_following import PATH_SOLVERS
 from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels
 from dualarm_cli.planning.clear_checks import check_start
 from dualarm_cli.planning.clear_plan import Found, quickest_clear
+from dualarm_cli.planning.decided_jobs import own_rules
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion
-from dualarm_cli.planning.orders import PairedSearch, own_rules
+from dualarm_cli.planning.orders import PairedSearch
 from dualarm_cli.planning.path_clearance import keeps_clear, touching_path
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_motion import Budget, Followed, Refused, follow_path

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.sequencing.nearest import nearest_stages
+from dualarm_cli.sequencing.stage_annealing import StageAnnealing, is_served
 from dualarm_cli.sequencing.stage_exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import with_angles
-from dualarm_cli.sequencing.stage_units import Unit
+from dualarm_cli.sequencing.stage_units import Unit, stage_units
 
 WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.2
+"""Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
+SOONER, SHORTEST = 8, 100
+"""Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
+WARM, AGAIN = 0.02, 0.4
+"""First temperature and share of the rounds from an order that is known to be good."""
+MANY = 100
+"""Of more tasks no first order is made by insertion where a simpler one is possible."""
 FIRST_TRIES = 6
 """So many orders in which tasks are put in are tried until one serves."""
 
@@ -33,6 +42,12 @@ class StageEffort:
     """How often something is removed and put back in each, times the number of stages."""
     stretches: float
     """Stretches that are improved, by stage of a long order."""
+    rounds: int = 0
+    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
+
+    def shorter(self, times: int) -> StageEffort:
+        """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
+        return replace(self, starts=1, steps=self.steps // times, rounds=self.rounds // times)
 
 
 def is_few(problem: StageProblem) -> bool:
@@ -78,6 +93,12 @@ def good_orders(
         if first is None:
             continue
         told(first)
+        if effort.rounds and is_served(problem) and np.isfinite(first.total):
+            one = _annealed(search, first, effort, told, stop, known=start is not None)
+            found.append(one)
+            if len(one.slots) > WHOLE:
+                break
+            continue
         steps = max(LEAST, effort.steps // len(first.slots))
         one = search.improve(first, steps, told, stop)
         if len(one.slots) > WHOLE:
@@ -86,7 +107,7 @@ def good_orders(
         found.append(one)
         if len(one.slots) > WHOLE:
             break
-    given = in_file_order(problem, StageSearch(problem, seed).units)
+    given = in_file_order(problem, stage_units(problem))
     if given is not None and start is None:
         # What the file says is an answer as well, and may turn out to be the quickest one.
         plain = with_angles(problem, given)
@@ -100,6 +121,36 @@ def different_orders(found: Sequence[StageOrder]) -> list[StageOrder]:
     for one in sorted(found, key=lambda one: one.total):
         kept.setdefault(one.slots.tobytes(), one)
     return list(kept.values())
+
+
+def _annealed(
+    search: StageSearch,
+    first: StageOrder,
+    effort: StageEffort,
+    told: Callable[[StageOrder], None],
+    stop: Callable[[], bool],
+    *,
+    known: bool,
+) -> StageOrder:
+    """Returns the best order found by annealing; `known` is whether the first one is a good one already."""
+    problem, one = search.problem, first
+    if len(first.slots) <= WHOLE:
+        # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
+        one = search.improve(first, LEAST, told, stop)
+    share = min(MOST_SHARE, max(LEAST_SHARE, len(first.slots) / FULL))
+    rounds = round(effort.rounds * share)
+    annealing = StageAnnealing(problem, search.seed)
+    if known:
+        return annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)
+    # While it is hot nothing is found: whoever ends it early then has what came of quicker coolings.
+    coolings = [rounds]
+    while coolings[0] >= SOONER * SHORTEST:
+        coolings.insert(0, coolings[0] // SOONER)
+    for count in coolings:
+        if stop():
+            break
+        one = annealing.improve(one, count, told, stop)
+    return one
 
 
 def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:
@@ -116,7 +167,9 @@ def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> St
         given = plain(search.problem, search.units)
         if given is not None:
             tries.append(with_angles(search.problem, never_touching(search.problem, given)))
-    for _ in range(FIRST_TRIES):
+    # Insertion takes long there, and is no better than what is refined anyway.
+    enough = len(search.units) > MANY and any(np.isfinite(one.total) for one in tries)
+    for _ in range(0 if enough else FIRST_TRIES):
         one = search.first()
         if one is not None:
             tries.append(one)
@@ -190,14 +243,3 @@ def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
         give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
         never -= {(give, take), (take, give)}
     return apart(slots, never)
-
-
-def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
-    """Returns an order (n, 2) in which pairs of stops are not made in the same stage: one after the other instead."""
-    rows = []
-    for one, other in slots.tolist():
-        if (one, other) in pairs:
-            rows += [[one, IDLE], [IDLE, other]]
-        else:
-            rows.append([one, other])
-    return np.array(rows, dtype=np.int64).reshape(-1, 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class StageProblem:
         object.__setattr__(self, "work", tuple(readonly(x) for x in self.work))
         object.__setattr__(self, "turn", readonly(self.turn))
 
-    @property
+    @cached_property
     def stops(self) -> int:
         """How many stops there are."""
         return sum(len(own) for own in self.tasks)
@@ -82,3 +83,14 @@ class StageOrder:
     total: float
     """When all is done [s], with LATE times what is late and what parts count that are not there or have no room;
     infinite where it cannot be."""
+
+
+def apart(slots: IntArray, pairs: set[tuple[int, int]]) -> IntArray:
+    """Returns an order (n, 2) in which pairs of stops are not made in the same stage: one after the other instead."""
+    rows = []
+    for one, other in slots.tolist():
+        if (one, other) in pairs:
+            rows += [[one, IDLE], [IDLE, other]]
+        else:
+            rows.append([one, other])
+    return np.array(rows, dtype=np.int64).reshape(-1, 2)

@@ -14,8 +14,6 @@ from dualarm_cli.sequencing.stage_prices import Prices, good_prices, needed
 from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_times import with_angles
 
-MOST_NODES = 8000
-"""Of so many nodes at most a table of all ways from node to node has room."""
 FIRST_LOOK = 4000
 """Labels that are kept to find a better order before anything else is done."""
 SAME = 1e-4
@@ -46,10 +44,10 @@ class StageProof:
     """Prices that prove much; None where that was stopped."""
 
 
-def can_prove(problem: StageProblem) -> bool:
-    """Returns whether there is room for a proof: two arms, few enough stops and nodes."""
+def can_prove(problem: StageProblem, nodes: int) -> bool:
+    """Returns whether there is room for a proof: two arms, few enough stops, and at most so many nodes."""
     few = len(problem.length) == 2 and 0 < problem.stops <= MOST_STOPS
-    return few and count_nodes(problem) <= MOST_NODES
+    return few and count_nodes(problem) <= nodes
 
 
 def prove_order(

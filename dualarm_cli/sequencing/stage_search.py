@@ -29,7 +29,7 @@ class StageSearch:
 
     def __init__(self, problem: StageProblem, seed: int) -> None:
         """Prepares units and what is near to what."""
-        self.problem = problem
+        self.problem, self.seed = problem, seed
         self._random = np.random.default_rng(seed)
         self.units = stage_units(problem)
         self._unit_of = {stop: u for u, unit in enumerate(self.units) for stop in unit.stops}

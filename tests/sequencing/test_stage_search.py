@@ -11,12 +11,11 @@ from dualarm_cli.sequencing.nearest import nearest_stages
 from dualarm_cli.sequencing.stage_exact import best_of_all
 from dualarm_cli.sequencing.stage_orders import (
     StageEffort,
-    apart,
     good_orders,
     in_file_order,
     is_few,
 )
-from dualarm_cli.sequencing.stage_problem import IDLE
+from dualarm_cli.sequencing.stage_problem import IDLE, apart
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals, with_angles
 
