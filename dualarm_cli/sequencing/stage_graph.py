@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
 from dualarm_cli.sequencing.stage_ways import Ways, ways_of
 
@@ -53,20 +53,18 @@ class StageGraph:
         stops, angle = _nodes(problem, singles=singles)
         came = np.where(stops == IDLE, problem.stops + 1, stops)
         lengths = [_with_forgotten(length) for length in problem.length]
-        apart = np.zeros((1, 1, 1)) if problem.apart is None else problem.apart
-        i, j = (stops[:, 0], stops[:, 1]) if problem.apart is not None else (0, 0)
-        beside = apart[i, j, angle if problem.apart is not None else 0]
-        start = [
-            length[problem.stops, own].min(axis=1)
-            if problem.free_start
-            else length[problem.stops, own, 0]
+        beside: FloatArray = np.zeros(len(angle))
+        if problem.apart is not None:
+            beside += problem.apart[stops[:, 0], stops[:, 1], angle]
+        begun = [
+            length[problem.stops, own, :, angle]
             for length, own in zip(lengths, stops.T, strict=True)
         ]
-        every = np.arange(len(angle))
-        first = np.maximum(start[0][every, angle], start[1][every, angle]) + beside
+        whole = np.maximum(begun[0], begun[1])
+        first = (whole.min(axis=1) if problem.free_start else whole[:, 0]) + beside
         first[~_may_be_first(problem, stops)] = np.inf
 
-        def rows() -> Iterator[FloatArray]:
+        def rows() -> Iterator[SingleArray]:
             for k in range(0, len(angle), ROWS_AT_ONCE):
                 v = slice(k, k + ROWS_AT_ONCE)
                 own = [
@@ -75,7 +73,7 @@ class StageGraph:
                 ]
                 whole = np.maximum(own[0], own[1]) + beside[v, None]
                 whole[~_may_follow(problem, stops, stops[v]).T] = np.inf
-                yield whole
+                yield whole.astype(np.float32)
 
         weight = (stops != IDLE).sum(axis=1)
         back = _way_back(problem, lengths, stops, angle)
@@ -87,8 +85,8 @@ class StageGraph:
         """How many."""
         return len(self.angle)
 
-    def kept(self, which: BoolArray) -> StageGraph:
-        """Returns the graph of some of its nodes, shape (m,)."""
+    def kept(self, which: IntArray) -> StageGraph:
+        """Returns the graph of some of its nodes, by their numbers."""
         return replace(
             self,
             stops=self.stops[which],
@@ -96,7 +94,7 @@ class StageGraph:
             weight=self.weight[which],
             first=self.first[which],
             last=self.last[which],
-            ways=self.ways.part(np.flatnonzero(which), np.flatnonzero(which)),
+            ways=self.ways.part(which, which),
         )
 
     def longer(self, moves: IntArray, more: FloatArray) -> StageGraph:

@@ -47,22 +47,24 @@ def near_orders(
         stop: whether to stop early.
     """
     upper = (1.0 + NEAR) * best.total
-    graph = graph.kept(needed(graph, prices, upper))
     plain, known = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}
     for _ in range(rounds):
-        found = LabelSearch(graph, prices, upper, labels).run(count).orders
-        seen |= {nodes.tobytes(): nodes for nodes in found}
-        moves = (
-            np.unique(np.concatenate([_moves(nodes) for nodes in found]), axis=0) if found else None
-        )
-        if moves is None:
+        own = np.flatnonzero(needed(graph, prices, upper))
+        looked = LabelSearch(graph.kept(own), prices, upper, labels).run(count)
+        found = [own[nodes] for nodes in looked.orders]
+        if stop():
+            break
+        if not found:
             # All that was nearly as good takes longer.
             upper *= 1.0 + NEAR
             continue
-        key = moves[:, 0] * graph.nodes + moves[:, 1]
+        seen |= {nodes.tobytes(): nodes for nodes in found}
+        moves = np.unique(np.concatenate([_moves(nodes) for nodes in found]), axis=0)
+        # ENDS is -1.
+        key = (moves[:, 0] + 1) * (graph.nodes + 1) + moves[:, 1] + 1
         new = ~np.isin(key, known)
-        if not new.any() or stop():
+        if not new.any():
             break
         known = np.append(known, key[new])
         graph = graph.longer(moves[new], look(graph, moves[new]))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, SingleArray
 from dualarm_cli.sequencing.stage_graph import StageGraph
 from dualarm_cli.sequencing.stage_problem import IDLE
 
@@ -115,7 +115,7 @@ def best_prices(
     share, waited = 1.0, 0
     for _ in range(steps):
         to = paths.forward(price)
-        value = float((to[-1] + graph.last).min()) + float(price.sum()) - ROUNDING
+        value = float((to[-1] + graph.last).min(initial=np.inf)) + float(price.sum()) - ROUNDING
         if not np.isfinite(value):
             return Prices(price, np.inf)
         # A little better is as good as not better.
@@ -159,8 +159,7 @@ def good_prices(
     if graph.nodes <= FEW_NODES:
         return best_prices(graph, upper, steps, begin, stop)
     paths = Paths(graph)
-    some = np.zeros(graph.nodes, dtype=np.bool_)
-    some[:: -(-graph.nodes // FEW_NODES)] = True
+    some = np.arange(0, graph.nodes, -(-graph.nodes // FEW_NODES))
     best = Prices(np.full(paths.count, upper / paths.count), -np.inf)
     price = begin
     for left in (2, 1, 0):
@@ -174,14 +173,13 @@ def good_prices(
         if not left or stop() or value >= upper:
             break
         least = (to + paths.backward(price)[::-1]).min(axis=0)
-        some = np.zeros(graph.nodes, dtype=np.bool_)
-        some[np.argpartition(least, FEW_NODES)[:FEW_NODES]] = True
+        some = np.sort(np.argpartition(least, FEW_NODES)[:FEW_NODES])
     return best
 
 
-def needed(graph: StageGraph, prices: Prices, upper: float) -> BoolArray:
-    """Returns which nodes may be in an order that is quicker than a known one, shape (m,)."""
+def needed(graph: StageGraph, prices: Prices, upper: float) -> IntArray:
+    """Returns the numbers of the nodes that may be in an order that is quicker than a known one."""
     paths = Paths(graph)
     to, on = paths.forward(prices.price), paths.backward(prices.price)
     least = (to + on[::-1]).min(axis=0) + prices.price.sum() - ROUNDING
-    return np.asarray(least < upper)
+    return np.flatnonzero(least < upper)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from dualarm_cli.sequencing.stage_times import with_angles
 
 FIRST_LOOK = 4000
 """Labels that are kept to find a better order before anything else is done."""
+LATER = 1.5
+"""An order that keeps all windows is looked for among those that take up to so many times as long as one without."""
 SAME = 1e-4
 """Totals that differ by less are the same [s]."""
 
@@ -69,25 +71,28 @@ def prove_order(
         bounded: is told every better bound [s].
     """
     best = with_angles(problem, best.slots)
+    # An order that is late counts far more than it takes: one that is in time does not take so much longer.
+    plain = with_angles(replace(problem, not_after=None), best.slots)
+    upper = min(best.total, LATER * plain.total)
     price = None
     if problem.stops % 2 == 0:
         graph = StageGraph.of(problem, singles=False)
-        prices = good_prices(graph, best.total, effort.steps, stop=stop)
+        prices = good_prices(graph, upper, effort.steps, stop=stop)
         if np.isfinite(prices.bound):
             price = prices.price
             most = min(FIRST_LOOK, effort.labels)
-            best = _better(graph, prices, best, most, better)[0]
+            best, _ = _better(graph, prices, best, upper, most, better)
     if stop():
         return StageProof(0.0, best, None, None)
-    graph = StageGraph.of(problem, singles=True)
+    graph, upper = StageGraph.of(problem, singles=True), min(upper, best.total)
     # Where no arm is ever idle in a good order its prices serve here too.
     steps = effort.steps if price is None else max(1, effort.steps // 5)
-    prices = good_prices(graph, best.total, steps, price, stop)
-    bound = min(prices.bound, best.total)
+    prices = good_prices(graph, upper, steps, price, stop)
+    bound = min(prices.bound, upper)
     bounded(bound)
-    if not stop() and bound < best.total - SAME:
-        fewer = graph.kept(needed(graph, prices, best.total))
-        best, least = _better(fewer, prices, best, effort.labels, better)
+    if not stop() and bound < upper - SAME:
+        fewer = graph.kept(needed(graph, prices, upper))
+        best, least = _better(fewer, prices, best, upper, effort.labels, better)
         bound = max(bound, min(least, best.total))
         bounded(bound)
     return StageProof(bound, best, graph, prices)
@@ -97,11 +102,12 @@ def _better(
     graph: StageGraph,
     prices: Prices,
     best: StageOrder,
+    upper: float,
     most: int,
     better: Callable[[float], None],
 ) -> tuple[StageOrder, float]:
-    """Returns the better one of an order and what labels find, and the bound that they prove."""
-    found = LabelSearch(graph, prices, best.total, most).run()
+    """Returns the better one of an order and what labels find below `upper` [s], and the bound that they prove."""
+    found = LabelSearch(graph, prices, upper, most).run()
     for nodes in found.orders:
         order = with_angles(graph.problem, graph.stops[nodes])
         if order.total < best.total and keeps_rules(graph.problem, order.slots):

@@ -136,11 +136,11 @@ class FewWays:
         number[came], place[goes] = np.arange(len(came)), np.arange(len(goes))
         own = place[self._goes()]
         kept = (own >= 0) & (number[self.came] >= 0)
-        return _few(own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came))
+        return few_ways(own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came))
 
     def turned(self) -> FewWays:
         """See `Ways`."""
-        return _few(self.came, self._goes(), self.length, self.count, len(self.begin) - 1)
+        return few_ways(self.came, self._goes(), self.length, self.count, len(self.begin) - 1)
 
     def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> FewWays:
         """See `Ways`."""
@@ -163,16 +163,17 @@ class FewWays:
         return np.repeat(np.arange(len(self.begin) - 1), np.diff(self.begin))
 
 
-def _few(goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int) -> FewWays:
-    """Returns ways that are in any order."""
+def few_ways(goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int) -> FewWays:
+    """Returns ways that are in any order, shape (ways,) each, to n nodes from m nodes."""
     order = np.lexsort((came, goes))
     begin = np.concatenate([[0], np.cumsum(np.bincount(goes, minlength=n))])
     return FewWays(begin, came[order], length[order], m)
 
 
-def ways_of(rows: Iterator[FloatArray], nodes: int) -> Ways:
+def ways_of(rows: Iterator[SingleArray], nodes: int) -> Ways:
     """Returns ways given by the nodes they go to, some rows (k, m) at a time, for as many nodes in all."""
-    goes, came, length, done = [], [], [], 0
+    none = np.zeros(0, dtype=np.int64)
+    goes, came, length, done = [none], [none], [np.zeros(0, dtype=np.float32)], 0
     for some in rows:
         there = np.isfinite(some)
         u, v = np.nonzero(there)
@@ -180,14 +181,9 @@ def ways_of(rows: Iterator[FloatArray], nodes: int) -> Ways:
         came.append(v)
         length.append(some[there].astype(np.float32))
         done += len(some)
-    few = FewWays(
-        np.concatenate([[0], np.cumsum(np.bincount(np.concatenate(goes), minlength=nodes))]),
-        np.concatenate(came),
-        np.concatenate(length),
-        nodes,
-    )
-    if len(few.came) < SPARSE * nodes * nodes:
-        return few
+    where, whence, lasts = np.concatenate(goes), np.concatenate(came), np.concatenate(length)
+    if len(where) < SPARSE * nodes * nodes:
+        return few_ways(where, whence, lasts, nodes, nodes)
     table = np.full((nodes, nodes), np.inf, dtype=np.float32)
-    table[np.concatenate(goes), few.came] = few.length
+    table[where, whence] = lasts
     return AllWays(table)
