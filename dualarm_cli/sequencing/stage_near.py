@@ -50,7 +50,7 @@ def near_orders(
     plain, known = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}
     for _ in range(rounds):
-        own = np.flatnonzero(needed(graph, prices, upper))
+        own = needed(graph, prices, upper)
         looked = LabelSearch(graph.kept(own), prices, upper, labels).run(count)
         found = [own[nodes] for nodes in looked.orders]
         if stop():
