@@ -7,7 +7,7 @@ have become is the bound.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 
@@ -62,7 +62,14 @@ class _Labels:
 class LabelSearch:
     """One search."""
 
-    def __init__(self, graph: StageGraph, prices: Prices, upper: float, most: int) -> None:
+    def __init__(
+        self,
+        graph: StageGraph,
+        prices: Prices,
+        upper: float,
+        most: int,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
         """Prepares bounds.
 
         Args:
@@ -70,8 +77,9 @@ class LabelSearch:
             prices: prices of stops that prove much.
             upper: length of a known order [s]; only quicker ones are looked for.
             most: labels with the same number of stops that are kept.
+            stop: whether to stop early, with nothing found and nothing proven.
         """
-        self.graph, self.upper, self.most = graph, upper, most
+        self.graph, self.upper, self.most, self._stop = graph, upper, most, stop
         self._count = graph.problem.stops
         paths = Paths(graph)
         self._paid = paths.paid(prices.price)
@@ -92,6 +100,8 @@ class LabelSearch:
         """
         layers = self._layers
         for k in range(1, self._count + 1):
+            if self._stop():
+                return Searched((), -np.inf)
             found = [self._begun(k)]
             found += [
                 self._grown(layers[k - w], k - w, w) for w in (1, 2) if k > w and len(layers[k - w])

@@ -51,7 +51,7 @@ def near_orders(
     seen: dict[bytes, IntArray] = {}
     for _ in range(rounds):
         own = needed(graph, prices, upper)
-        looked = LabelSearch(graph.kept(own), prices, upper, labels).run(count)
+        looked = LabelSearch(graph.kept(own), prices, upper, labels, stop).run(count)
         found = [own[nodes] for nodes in looked.orders]
         if stop():
             break

@@ -81,7 +81,7 @@ def prove_order(
         if np.isfinite(prices.bound):
             price = prices.price
             most = min(FIRST_LOOK, effort.labels)
-            best, _ = _better(graph, prices, best, upper, most, better)
+            best, _ = _better(graph, prices, best, upper, most, better, stop)
     if stop():
         return StageProof(0.0, best, None, None)
     graph, upper = StageGraph.of(problem, singles=True), min(upper, best.total)
@@ -92,7 +92,7 @@ def prove_order(
     bounded(bound)
     if not stop() and bound < upper - SAME:
         fewer = graph.kept(needed(graph, prices, upper))
-        best, least = _better(fewer, prices, best, upper, effort.labels, better)
+        best, least = _better(fewer, prices, best, upper, effort.labels, better, stop)
         bound = max(bound, min(least, best.total))
         bounded(bound)
     return StageProof(bound, best, graph, prices)
@@ -105,9 +105,10 @@ def _better(
     upper: float,
     most: int,
     better: Callable[[float], None],
+    stop: Callable[[], bool],
 ) -> tuple[StageOrder, float]:
     """Returns the better one of an order and what labels find below `upper` [s], and the bound that they prove."""
-    found = LabelSearch(graph, prices, upper, most).run()
+    found = LabelSearch(graph, prices, upper, most, stop).run()
     for nodes in found.orders:
         order = with_angles(graph.problem, graph.stops[nodes])
         if order.total < best.total and keeps_rules(graph.problem, order.slots):

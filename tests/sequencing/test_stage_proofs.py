@@ -323,3 +323,26 @@ def test_ends_of_moves_are_no_nodes(in_stages):
     others = np.setdiff1d(np.arange(graph.nodes), nodes)
     np.testing.assert_array_equal(longer.first[others], graph.first[others])
     np.testing.assert_array_equal(longer.last[others], graph.last[others])
+
+
+def test_a_proof_that_is_stopped_says_nothing_wrong(in_stages):
+    """Stopped after any number of questions: the bound holds, the order is whole, and it ends soon after."""
+    problem = in_stages(7, "apart", 4, one_stop=True)
+    least = least_of_all(problem)
+    start = StageSearch(problem, 0).first()
+    asked = []
+
+    def stop_after(count):
+        asked.clear()
+
+        def stop():
+            asked.append(1)
+            return len(asked) > count
+
+        return stop
+
+    for count in (0, 1, 3, 10, 30, 45):
+        proof = prove_order(problem, start, THOROUGH, stop_after(count))
+        assert proof.bound <= least + CLOSE
+        assert least - CLOSE <= proof.order.total <= start.total
+        assert len(asked) <= count + 8
