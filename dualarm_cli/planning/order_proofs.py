@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_moves import OrderMoves
@@ -15,6 +15,8 @@ from dualarm_cli.sequencing.stage_pairs import pair_bound
 from dualarm_cli.sequencing.stage_problem import StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_proof import ProofEffort, StageProof, can_prove, prove_order
 
+FULL = 24
+"""Up to so many stops everything is done that an effort says."""
 MOST_TASKS = 60
 """Of so many tasks at most CP-SAT looks for a bound."""
 
@@ -31,6 +33,15 @@ class BoundEffort:
     """Labels, orders and rounds of looking closely at orders that are nearly as good."""
     seconds: float
     """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
+
+    def of_stops(self, stops: int) -> BoundEffort:
+        """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
+        share = min(1.0, FULL / max(1, stops))
+        labels, count, rounds = self.near
+        near = round(share * labels), round(share * count), max(2, round(share * rounds))
+        return replace(
+            self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
+        )
 
 
 EFFORTS = {
@@ -65,7 +76,7 @@ def proven_orders(
         watch: is told how it goes, and may end it.
     """
     watch.tell("bounding all orders, and looking for better ones on the way")
-    how = EFFORTS[effort]
+    how = EFFORTS[effort].of_stops(problem.stops)
     proven = prove_order(problem, best, how.proof, watch.stop, watch.found, watch.bounded)
     return [proven.order, *_near(order, stages, problem, proven, effort, watch)], proven.bound
 
@@ -85,7 +96,7 @@ def _near(
     more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
     if proven.graph is None or proven.prices is None or order.clearance is None or more:
         return []
-    labels, count, rounds = EFFORTS[effort].near
+    labels, count, rounds = EFFORTS[effort].of_stops(problem.stops).near
     return near_orders(
         proven.graph,
         proven.prices,

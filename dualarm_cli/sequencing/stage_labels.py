@@ -133,15 +133,12 @@ class LabelSearch:
         order = np.argsort(more, axis=1)
         more = np.take_along_axis(more, order, axis=1)
         room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
-        spans = list(zip(begin, [*begin[1:], len(labels)], strict=True))
-        room, lost = self._less_room(more, room, spans)
+        row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))
+        counts, lost = self._counts(more, room, row)
         self._dropped = min(self._dropped, self.upper - lost)
-        counts = np.concatenate(
-            [np.searchsorted(row, room[a:b]) for row, (a, b) in zip(more, spans, strict=True)]
-        )
         label = np.repeat(np.arange(len(labels)), counts)
         rank = np.arange(len(label)) - np.repeat(np.cumsum(counts) - counts, counts)
-        row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))[label]
+        row = row[label]
         node = then[order[row, rank]]
         fits = (labels.made[label] & self._bits[node]) == 0
         fits &= (self._needs[node] & ~labels.made[label]) == 0
@@ -150,25 +147,32 @@ class LabelSearch:
         grown = _Labels(labels.made[label] | self._bits[node], node, over)
         return self._on_time(grown)
 
-    def _less_room(
-        self, more: FloatArray, room: FloatArray, spans: list[tuple[int, int]]
-    ) -> tuple[FloatArray, float]:
-        """Returns what continuations may add, with less room where they would be too many, and how much less [s]."""
+    def _counts(self, more: FloatArray, room: FloatArray, row: IntArray) -> tuple[IntArray, float]:
+        """Returns how many of its cheapest continuations each label has room for, (n,), and how much less than it has.
 
-        def count(less: float) -> int:
-            return sum(
-                int(np.searchsorted(row, room[a:b] - less).sum())
-                for row, (a, b) in zip(more, spans, strict=True)
-            )
+        Args:
+            more: what continuations add, by row, cheapest first [s], shape (rows, m).
+            room: what they may add to each label [s], shape (n,).
+            row: the row of each label, shape (n,).
+        """
+        # One long sorted list, in which each row begins where the one before it ends.
+        step = 4.0 * (float(np.abs(room).max(initial=0.0)) + self.upper + 1.0)
+        line = np.where(np.isfinite(more), more, 0.4 * step) + step * np.arange(len(more))[:, None]
+        flat, width = line.ravel(), more.shape[1]
+
+        def counts(less: float) -> IntArray:
+            wanted = np.clip(room - less, -0.4 * step, 0.3 * step) + step * row
+            return np.searchsorted(flat, wanted) - width * row
 
         most = TRIED * self.most
-        if count(0.0) <= most:
-            return room, 0.0
+        found = counts(0.0)
+        if found.sum() <= most:
+            return found, 0.0
         low, high = 0.0, float(room.max() - more.min())
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if count(middle) > most else (low, middle)
-        return room - high, high
+            low, high = (middle, high) if counts(middle).sum() > most else (low, middle)
+        return counts(high), high
 
     def _fewer(self, labels: _Labels, k: int) -> _Labels:
         """Returns the best label of each node and stops made, and of these the most promising."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -113,7 +114,7 @@ class FewWays:
         row[came] = np.arange(len(came))
         own = row[self.came]
         there = own >= 0
-        found[own[there], self._goes()[there]] = self.length[there]
+        found[own[there], self._goes[there]] = self.length[there]
         return found
 
     def into(self, node: int) -> SingleArray:
@@ -134,13 +135,13 @@ class FewWays:
         """See `Ways`."""
         number, place = np.full(self.count, -1), np.full(len(self.begin) - 1, -1)
         number[came], place[goes] = np.arange(len(came)), np.arange(len(goes))
-        own = place[self._goes()]
+        own = place[self._goes]
         kept = (own >= 0) & (number[self.came] >= 0)
         return few_ways(own[kept], number[self.came[kept]], self.length[kept], len(goes), len(came))
 
     def turned(self) -> FewWays:
         """See `Ways`."""
-        return few_ways(self.came, self._goes(), self.length, self.count, len(self.begin) - 1)
+        return few_ways(self.came, self._goes, self.length, self.count, len(self.begin) - 1)
 
     def longer(self, came: IntArray, goes: IntArray, more: FloatArray) -> FewWays:
         """See `Ways`."""
@@ -151,16 +152,20 @@ class FewWays:
 
     def _at(self, came: IntArray, goes: IntArray) -> tuple[IntArray, BoolArray]:
         """Returns where pairs are among the ways, and whether they are."""
-        # Ways are sorted by node gone to, then by node come from.
-        key = self._goes() * self.count + self.came
         wanted = goes * self.count + came
-        at = np.searchsorted(key, wanted)
-        there = at < len(key)
-        there[there] = key[at[there]] == wanted[there]
+        at = np.searchsorted(self._key, wanted)
+        there = at < len(self._key)
+        there[there] = self._key[at[there]] == wanted[there]
         return at, there
 
+    @cached_property
     def _goes(self) -> IntArray:
         return np.repeat(np.arange(len(self.begin) - 1), np.diff(self.begin))
+
+    @cached_property
+    def _key(self) -> IntArray:
+        # Ways are sorted by node gone to, then by node come from.
+        return self._goes * self.count + self.came
 
 
 def few_ways(goes: IntArray, came: IntArray, length: SingleArray, n: int, m: int) -> FewWays:
