@@ -38,7 +38,7 @@ class BoundEffort:
         """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
         share = min(1.0, FULL / max(1, stops))
         labels, count, rounds = self.near
-        near = round(share * labels), round(share * count), max(2, round(share * rounds))
+        near = round(share * labels), round(share * count), max(2, round(share**2 * rounds))
         return replace(
             self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
         )

@@ -14,6 +14,7 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.sequencing.stage_continuations import Continuations
 from dualarm_cli.sequencing.stage_graph import StageGraph
 from dualarm_cli.sequencing.stage_prices import ROUNDING, Paths, Prices
 from dualarm_cli.sequencing.stage_problem import IDLE
@@ -24,8 +25,8 @@ TRIED = 12
 """So many continuations are looked at for each label that is kept at most."""
 MOST_LOOKED_AT = 20_000
 """So many labels at most are followed back to the start for different orders."""
-HALVINGS = 12
-"""So often a threshold is halved to keep as many as there is room for."""
+SAME_ENDS = 2
+"""So many of those that end with the same stops, at whatever angles, the quickest first."""
 MIXED = np.uint64(0x9E3779B97F4A7C15)
 """An odd number: times it, modulo 2^64, no two integers become one."""
 
@@ -127,52 +128,25 @@ class LabelSearch:
             return _none()
         labels = labels.take(np.argsort(labels.node, kind="stable"))
         came, begin = np.unique(labels.node, return_index=True)
-        # What a continuation adds to the least that a label may become, cheapest first.
-        onto = graph.ways.rows(came)
-        more = onto[:, then] - self._paid[then] + self._rest[left, then]
-        order = np.argsort(more, axis=1)
-        more = np.take_along_axis(more, order, axis=1)
-        room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
         row = np.repeat(np.arange(len(came)), np.diff([*begin, len(labels)]))
-        counts, lost = self._counts(more, room, row)
+        onto = graph.ways.rows(came)
+        # What a continuation adds to the least that a label may become.
+        more = onto[:, then] - self._paid[then] + self._rest[left, then]
+        room = self.upper - self._whole - (labels.over - self._paid_for(labels.made))
+        cheap = Continuations.of(more, np.maximum.reduceat(room, begin))
+        counts, lost = cheap.counts(room, row, TRIED * self.most)
         self._dropped = min(self._dropped, self.upper - lost)
         label = np.repeat(np.arange(len(labels)), counts)
         rank = np.arange(len(label)) - np.repeat(np.cumsum(counts) - counts, counts)
         row = row[label]
-        node = then[order[row, rank]]
+        node = then[cheap.column[cheap.begin[row] + rank]]
         fits = (labels.made[label] & self._bits[node]) == 0
         fits &= (self._needs[node] & ~labels.made[label]) == 0
-        label, node = label[fits], node[fits]
-        over = labels.over[label] + onto[row[fits], node]
-        grown = _Labels(labels.made[label] | self._bits[node], node, over)
+        label, node, row = label[fits], node[fits], row[fits]
+        grown = _Labels(
+            labels.made[label] | self._bits[node], node, labels.over[label] + onto[row, node]
+        )
         return self._on_time(grown)
-
-    def _counts(self, more: FloatArray, room: FloatArray, row: IntArray) -> tuple[IntArray, float]:
-        """Returns how many of its cheapest continuations each label has room for, (n,), and how much less than it has.
-
-        Args:
-            more: what continuations add, by row, cheapest first [s], shape (rows, m).
-            room: what they may add to each label [s], shape (n,).
-            row: the row of each label, shape (n,).
-        """
-        # One long sorted list, in which each row begins where the one before it ends.
-        step = 4.0 * (float(np.abs(room).max(initial=0.0)) + self.upper + 1.0)
-        line = np.where(np.isfinite(more), more, 0.4 * step) + step * np.arange(len(more))[:, None]
-        flat, width = line.ravel(), more.shape[1]
-
-        def counts(less: float) -> IntArray:
-            wanted = np.clip(room - less, -0.4 * step, 0.3 * step) + step * row
-            return np.searchsorted(flat, wanted) - width * row
-
-        most = TRIED * self.most
-        found = counts(0.0)
-        if found.sum() <= most:
-            return found, 0.0
-        low, high = 0.0, float(room.max() - more.min())
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if counts(middle).sum() > most else (low, middle)
-        return counts(high), high
 
     def _fewer(self, labels: _Labels, k: int) -> _Labels:
         """Returns the best label of each node and stops made, and of these the most promising."""
@@ -243,15 +217,20 @@ class LabelSearch:
         ]
         heapify(heap)
         seen: set[bytes] = set()
+        ends: dict[bytes, int] = {}
         for _ in range(MOST_LOOKED_AT):
             if not heap or len(seen) == count:
                 return
             total, k, row, nodes = heappop(heap)
+            # The same stops at other angles are the same order: few ways to end it are enough.
+            end = self.graph.stops[list(nodes)].tobytes()
+            ends[end] = ends.get(end, 0) + 1
+            if ends[end] > SAME_ENDS:
+                continue
             came = k - int(self.graph.weight[nodes[0]])
             if came == 0:
-                stops = self.graph.stops[list(nodes)].tobytes()
-                if stops not in seen:
-                    seen.add(stops)
+                if end not in seen:
+                    seen.add(end)
                     yield np.array(nodes)
                 continue
             for before, later in self._came_from(k, row):
