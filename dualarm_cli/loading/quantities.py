@@ -80,6 +80,23 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     return result + 0.0  # -0.0 becomes 0.0
 
 
+def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float, str]:
+    """Returns number and unit of a text; the unit is empty where there is none.
+
+    Args:
+        value: text such as `120 mm`.
+        example: what to write instead of one that cannot be read.
+
+    Raises:
+        QuantityError: it is not a number, with or without a unit.
+    """
+    text = value.strip().translate(_SPELLING)
+    match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
+    if match is None or _LEADING_ZERO.match(text):
+        raise QuantityError(f"{quote(value)} is not a number{_advice(text, example)}")
+    return float(match[1]), _POWER.sub(r"s^\1", match[2]) if match[2] else ""
+
+
 def _split(value: object, dimension: Dimension) -> tuple[float, str]:
     """Returns number and unit of a value."""
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -87,12 +104,8 @@ def _split(value: object, dimension: Dimension) -> tuple[float, str]:
     example = _example(dimension)
     if not isinstance(value, str):
         raise QuantityError(f"must be a number such as {example}, not {quote(value)}")
-    text = value.strip().translate(_SPELLING)
-    match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
-    if match is None or _LEADING_ZERO.match(text):
-        raise QuantityError(f"{quote(value)} is not a number{_advice(text, example)}")
-    unit = _POWER.sub(r"s^\1", match[2]) if match[2] else dimension.unit
-    return float(match[1]), unit
+    number, unit = split_quantity(value, example)
+    return number, unit or dimension.unit
 
 
 def _advice(text: str, example: str) -> str:
