@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from dualarm_cli.errors import InputError, did_you_mean
 from dualarm_cli.loading.diagnostics import Findings, schema_diagnostics
+from dualarm_cli.loading.overrides import with_overrides
 from dualarm_cli.loading.projects import Project
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc, parse_yaml
@@ -38,7 +39,7 @@ def read_document(project: Project, path: Path, name: str, kind: str | None = No
     if problem is not None:
         loc, code, message = problem
         raise InputError([document.diagnostic(loc, code, message), *document.diagnostics])
-    return document
+    return with_overrides(document, project.overrides)
 
 
 def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None:

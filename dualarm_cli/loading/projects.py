@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bundled import robots_folder
@@ -27,6 +29,8 @@ class Project:
     """What stands before names of files within it, such as `robots` for the bundled ones."""
     inputs: dict[str, str] = field(default_factory=dict)
     """SHA-256 of every file read, by its name within the project."""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    """Values in place of those in the files; see `loading.overrides`."""
 
     @classmethod
     def of(cls, path: Path) -> Project:
@@ -50,7 +54,8 @@ class Project:
 
     def bundled(self) -> Project:
         """Returns the bundled robots as a project that shares this one's record."""
-        return Project(Path(os.path.realpath(robots_folder())), "robots", self.inputs)
+        folder = Path(os.path.realpath(robots_folder()))
+        return Project(folder, "robots", self.inputs, self.overrides)
 
     def name_of(self, path: Path) -> str:
         """Returns a file's name within the project, with forward slashes."""

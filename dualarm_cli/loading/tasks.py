@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.loading.budgets import read_budget
 from dualarm_cli.loading.buffers import check_buffers, read_buffers
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
@@ -51,16 +54,21 @@ from dualarm_cli.model.place import Place
 _ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 
-def load_job(path: str | Path) -> Job:
+def load_job(
+    path: str | Path, name: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> Job:
     """Returns the job that a task file describes, with its cell and robot.
 
     Args:
         path: the task file.
+        name: what the user calls it; None for its path.
+        overrides: values in place of those in the files, see `loading.overrides`.
 
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    project, name = Project.of(Path(path)), str(path)
+    project, name = Project.of(Path(path)), name or str(path)
+    project.overrides = overrides or {}
     document = read_document(project, Path(path), name, "tasks/1")
     findings = Findings()
     findings.extend(document.diagnostics)
@@ -101,6 +109,7 @@ def load_job(path: str | Path) -> Job:
         model.order,
         tuple(tuple(names) for names in model.sequences),
         buffers=buffers,
+        budget=read_budget(document, model.budget),
     )
 
 
