@@ -41,9 +41,7 @@ class Override:
         """
         if self.at is None:
             text = f"{shown} is replaced by {quote(self.value)}: {found.message}"
-            return Diagnostic(
-                found.file, found.line, found.column, found.code, text, found.snippet
-            )
+            return Diagnostic(found.file, found.line, found.column, found.code, text, found.snippet)
         text = f"{self.cause} makes {shown} of {found.file} {quote(self.value)}: {found.message}"
         return Diagnostic(
             self.at.file, self.at.line, self.at.column, found.code, text, self.at.snippet

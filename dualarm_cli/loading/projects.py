@@ -53,7 +53,9 @@ class Project:
 
     def bundled(self) -> Project:
         """Returns the bundled robots as a project that shares this one's record."""
-        return Project(Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides)
+        return Project(
+            Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides
+        )
 
     def name_of(self, path: Path) -> str:
         """Returns a file's name within the project, with forward slashes."""

@@ -86,7 +86,9 @@ class TargetReader:
         document = job.get(role)
         if document is None:
             known = ", ".join(job)
-            message = f"{job['tasks'].source.name} has no file {quote(role)}; its files are: {known}"
+            message = (
+                f"{job['tasks'].source.name} has no file {quote(role)}; its files are: {known}"
+            )
             self._findings.add(self._document, loc, message, key=True)
             return None
         try:

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.loading.budgets import read_budget
 from dualarm_cli.loading.buffers import check_buffers, read_buffers
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
@@ -111,6 +112,7 @@ def load_job(
         model.order,
         tuple(tuple(names) for names in model.sequences),
         buffers=buffers,
+        budget=read_budget(document, model.budget),
     )
 
 

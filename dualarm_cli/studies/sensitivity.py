@@ -126,7 +126,9 @@ def sensitivity(factors: Sequence[Factor], values: FloatArray, stepped: bool) ->
     spread = float(np.ptp(values)) if count else 0.0
     if count < 2 or spread <= SAME * float(np.abs(values).max()):
         why = "fewer than two plans" if count < 2 else "it is the same in all plans"
-        none = tuple(Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors)
+        none = tuple(
+            Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
+        )
         return Sensitivity(count, grid, none, (), None, (f"no sensitivity: {why}",))
     slopes, linear_share = _regression(factors, values)
     influences = [
