@@ -11,12 +11,14 @@ from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
 from dualarm_cli.cli.solvers import solvers_command
+from dualarm_cli.cli.sweep import sweep_command
 from dualarm_cli.cli.verify import verify_command
 
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)
 app.command("curve")(curve_command)
 app.add_typer(compare_app)
+app.command("sweep")(sweep_command)
 app.add_typer(robot_app)
 app.command("calibrate")(calibrate_command)
 app.command("check")(check_command)

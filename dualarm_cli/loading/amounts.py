@@ -83,7 +83,7 @@ def shifted(found: Amount, by: Amount) -> Amount:
         QuantityError: they are not of one dimension.
     """
     in_unit(by, found)
-    return Amount(tidy(found.si + by.si), found.base or by.base, 1.0, found.base or by.base)
+    return _result(found.si + by.si, found, by)
 
 
 def scaled(found: Amount, by: Amount) -> Amount:
@@ -96,10 +96,18 @@ def scaled(found: Amount, by: Amount) -> Amount:
         raise QuantityError(
             f"{quote(by.shown)} cannot scale a value; write a factor such as 0.9 or 90%"
         )
-    return Amount(tidy(found.si * by.si), found.base, 1.0, found.base)
+    return _result(found.si * by.si, found, by)
+
+
+def _result(si: float, found: Amount, by: Amount) -> Amount:
+    """Returns a computed number in SI; a whole one where both are whole and have no unit, as counts do."""
+    base = found.base or by.base
+    whole = isinstance(found.number, int) and isinstance(by.number, int)
+    return Amount(int(si) if whole else tidy(si), base, 1.0, base)
 
 
 def _dimension(amount: Amount) -> Dimension:
+    """Returns the dimension of an amount that has a unit."""
     return _DIMENSION_OF[amount.unit]
 
 

@@ -21,6 +21,7 @@ def pareto_set(costs: FloatArray) -> BoolArray:
     kept = np.ones(count, dtype=bool)
     for start in range(0, count, _BLOCK):
         own = costs[start : start + _BLOCK, None, :]
-        at_least, better = (costs <= own).all(axis=2), (costs < own).any(axis=2)
-        kept[start : start + _BLOCK] = ~(at_least & better).any(axis=1)
+        at_least = np.all(costs <= own, axis=2)
+        better = np.any(costs < own, axis=2)
+        kept[start : start + _BLOCK] = ~np.any(at_least & better, axis=1)
     return kept

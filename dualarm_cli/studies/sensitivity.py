@@ -69,7 +69,7 @@ class Sensitivity:
     plans: int
     """How many plans this rests on."""
     is_grid: bool
-    """Whether these are a whole grid, so that shares are exact."""
+    """Whether these are a whole grid of the values that occur, so that shares are exact."""
     influences: tuple[Influence, ...]
     """By parameter, the one with the largest share first."""
     pairs: tuple[tuple[str, str, float], ...]
@@ -117,11 +117,12 @@ def sensitivity(factors: Sequence[Factor], values: FloatArray, stepped: bool) ->
     Args:
         factors: the parameters, all with n plans.
         values: the objective, shape (n,).
-        stepped: whether all parameters have steps and every combination was asked for: with a plan for each, that is
-            a whole grid.
+        stepped: whether all parameters have steps: with a plan for every combination of those that occur, shares are
+            exact for these.
     """
     count = len(values)
-    grid = stepped and count == int(np.prod([factor.count for factor in factors]))
+    grid = stepped and _is_grid(factors, count)
+    whole = grid and count == int(np.prod([factor.count for factor in factors]))
     varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
     spread = float(np.ptp(values)) if count else 0.0
     if count < 2 or spread <= SAME * float(np.abs(values).max()):
@@ -143,8 +144,17 @@ def sensitivity(factors: Sequence[Factor], values: FloatArray, stepped: bool) ->
     ]
     influences.sort(key=lambda one: -(one.share or 0.0))
     pairs = _pairs(varied, values) if grid else ()
-    notes = _notes(count, factors, linear_share, grid)
+    notes = _notes(count, factors, linear_share, grid, whole)
     return Sensitivity(count, grid, tuple(influences), pairs, linear_share, notes)
+
+
+def _is_grid(factors: Sequence[Factor], count: int) -> bool:
+    """Returns whether there is one plan for every combination of the values that occur."""
+    if count == 0:
+        return False
+    present = [len(np.unique(factor.levels)) for factor in factors]
+    combinations_there = np.unique(np.column_stack([f.levels for f in factors]), axis=0)
+    return count == int(np.prod(present)) == len(combinations_there)
 
 
 def level_means(factor: Factor, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
@@ -229,13 +239,15 @@ def _ranks(values: FloatArray) -> FloatArray:
 
 
 def _notes(
-    count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool
+    count: int, factors: Sequence[Factor], linear_share: float | None, grid: bool, whole: bool
 ) -> tuple[str, ...]:
     notes = []
     if count < FEW * len(factors):
         notes.append(
             f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: take this as a hint"
         )
+    if grid and not whole:
+        notes.append("values at which nothing has a plan are left out")
     if not grid:
         notes.append("shares are estimates: the plans are no whole grid")
     if linear_share is not None and linear_share < 0.7:
