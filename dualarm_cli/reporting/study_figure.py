@@ -13,6 +13,8 @@ from dualarm_cli.reporting.study_table import parameter_label, value_text
 PARETO, OTHER, REFERENCE = "#c23b22", "#9a9a9a", "black"
 COLOURS = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
 """By objective."""
+WORD_COLOURS = ("#1f5fbf", "#d98c2b", "#2a7f3f", "#8a5fb0", "#5fb0a8", "#8f6f4f")
+"""By value of a parameter that is a word."""
 MOST_PANELS = 5
 """Most parameters that have a panel each in the figure of sensitivity: those that matter most."""
 MOST_LABELS = 10
@@ -67,15 +69,7 @@ def _draw_pair(
         row for row in document["rows"] if row["rank"] and None not in (row[x.name], row[y.name])
     ]
     best = [row for row in rows if row["pareto"]]
-    mapped = None
-    if rows:
-        hues = OTHER if colour is None else [row["values"][colour["name"]] for row in rows]
-        points = panel.scatter(
-            _column(rows, x), _column(rows, y), s=34, c=hues, cmap="viridis", linewidths=0, zorder=2
-        )
-        mapped = points if colour is not None else None
-        if colour is None:
-            drawn["other plans"] = points
+    mapped = _draw_rows(panel, rows, pair, colour, drawn)
     if best:
         drawn["Pareto set"] = panel.scatter(
             _column(best, x), _column(best, y), s=90, facecolors="none", edgecolors=PARETO,
@@ -100,6 +94,34 @@ def _draw_pair(
     return mapped
 
 
+def _draw_rows(
+    panel: Any,
+    rows: list[dict[str, Any]],
+    pair: tuple[Objective, Objective],
+    colour: dict[str, Any] | None,
+    drawn: dict[str, Any],
+) -> Any:
+    """Draws a point per row, coloured by a parameter: numbers by a scale, which is returned, words by a colour each."""
+    x, y = pair
+    if colour is None or not rows:
+        if rows:
+            drawn["plans"] = panel.scatter(_column(rows, x), _column(rows, y), s=34, c=OTHER)
+        return None
+    name = colour["name"]
+    if colour["numeric"]:
+        hues = [row["values"][name] for row in rows]
+        return panel.scatter(
+            _column(rows, x), _column(rows, y), s=34, c=hues, cmap="viridis", linewidths=0, zorder=2
+        )
+    for k, value in enumerate(colour["values"]):
+        own = [row for row in rows if row["values"][name] == value]
+        label = _short(f"{name}: {value_text(value)}")
+        drawn[label] = panel.scatter(
+            _column(own, x), _column(own, y), s=34, color=WORD_COLOURS[k], linewidths=0, zorder=2
+        )
+    return None
+
+
 def _draw_front(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Objective]) -> None:
     """Draws the border of what can be had: steps through the Pareto set."""
     x, y = pair
@@ -121,8 +143,9 @@ def _label(panel: Any, best: list[dict[str, Any]], pair: tuple[Objective, Object
     for place, words in places.items():
         text = ", ".join(words[:3]) + ("…" if len(words) > 3 else "")
         panel.annotate(
-            text, place, xytext=(7, 6), textcoords="offset points", fontsize=8, color=PARETO
-        )
+            text, place, xytext=(7, 6), textcoords="offset points", fontsize=8, color=PARETO, zorder=5,
+            bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.75, "linewidth": 0},
+        )  # fmt: skip
 
 
 def _column(rows: list[dict[str, Any]], objective: Objective) -> list[float]:
@@ -130,10 +153,10 @@ def _column(rows: list[dict[str, Any]], objective: Objective) -> list[float]:
 
 
 def _colour_parameter(document: dict[str, Any]) -> dict[str, Any] | None:
-    """Returns the parameter with numbers that matters most for the first objective; None where there is none."""
+    """Returns the parameter that matters most for the first objective, of those that colours can tell apart."""
     known = {parameter["name"]: parameter for parameter in document["parameters"]}
     ordered = [known[one["name"]] for one in document["sensitivity"][0]["parameters"]]
-    return next((parameter for parameter in ordered if parameter["numeric"]), None)
+    return next((p for p in ordered if p["numeric"] or len(p["values"]) <= len(WORD_COLOURS)), None)
 
 
 def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
@@ -163,14 +186,15 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
         _draw_shares(panels[0], section, objective, colour)
         for panel, name in zip(panels[1:], order, strict=True):
             _draw_effect(panel, rows, known[name], objective, colour)
-            panel.sharey(panels[1])
-            panel.label_outer() if panel is not panels[1] else None
+            if panel is not panels[1]:
+                panel.sharey(panels[1])
+                panel.tick_params(labelleft=False)
             panel.set_xlabel(_short(parameter_label(known[name])))
         panels[1].set_ylabel(objective.label)
     left = len(sections[0]["parameters"]) - len(order)
     more = f"; the {left} that matter least have no panel" if left else ""
     figure.suptitle(
-        f"what matters: shares of the variance, and each plan with the means per value{more}",
+        f"what matters: shares of the variance; every plan (points) with the means per value (bars){more}",
         x=0.01, ha="left", weight="bold", fontsize=10,
     )  # fmt: skip
     return rendered(figure, kind)
@@ -209,7 +233,11 @@ def _draw_effect(
     y = np.array(_column(rows, objective))
     panel.scatter(x, y, s=16, color=colour, alpha=0.45, linewidths=0)
     centres, means = _means(x, y, None if values is None else len(values))
-    panel.plot(centres, means, color=colour, linewidth=1.6, marker="_", markersize=11)
+    # Words have no order: nothing lies between them.
+    width = 1.6 if parameter["numeric"] else 0.0
+    panel.plot(
+        centres, means, color=colour, linewidth=width, marker="_", markersize=13, markeredgewidth=2
+    )
     if not parameter["numeric"]:
         panel.set_xticks(range(len(values)), [_short(value_text(value)) for value in values])
     elif values is not None and len(values) <= MOST_TICKS:

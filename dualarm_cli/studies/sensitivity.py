@@ -7,7 +7,8 @@ Three views, as none tells all:
   interactions to 1 (analysis of variance, exact as there is no noise). Otherwise a parameter explains something by
   chance alone; what chance explains on average is taken off (epsilon squared).
 * Standardised regression: the coefficients of a linear fit by least squares, in standard deviations of the objective
-  per standard deviation of the parameter; `linear_share` (R^2) says how much of the variance the fit explains.
+  per standard deviation of the parameter, with a level of its own for each word; `linear_share` (R^2) says how much of
+  the variance the fit explains.
 * Rank correlation (Spearman): whether the objective rises with the parameter, along whatever monotone curve.
 """
 
@@ -205,8 +206,15 @@ def _regression(
 
     Nothing where there are too few plans, or where the plans vary parameters only together.
     """
-    numeric = {f.name: f.numbers for f in factors if f.numbers is not None}
-    columns = {name: x for name, x in numeric.items() if np.ptp(x) > 0.0}
+    columns: dict[str, FloatArray] = {}
+    for factor in factors:
+        if factor.numbers is not None:
+            columns[factor.name] = factor.numbers
+        else:
+            # Words have a column each but one, so that the slopes of numbers are what is left beside them.
+            for level in np.unique(factor.levels)[1:]:
+                columns[f"{factor.name}={level}"] = (factor.levels == level).astype(np.float64)
+    columns = {name: x for name, x in columns.items() if np.ptp(x) > 0.0}
     if not columns or len(values) < len(columns) + 2:
         return {}, None
     x = np.column_stack([(c - c.mean()) / c.std() for c in columns.values()])
@@ -215,7 +223,10 @@ def _regression(
         return {}, None
     coefficients = np.linalg.lstsq(x, y, rcond=None)[0]
     share = 1.0 - float(((y - x @ coefficients) ** 2).sum()) / float((y**2).sum())
-    slopes = {name: float(b) for name, b in zip(columns, coefficients, strict=True)}
+    numeric = {factor.name for factor in factors if factor.numbers is not None}
+    slopes = {
+        name: float(b) for name, b in zip(columns, coefficients, strict=True) if name in numeric
+    }
     return slopes, float(np.clip(share, 0.0, 1.0))
 
 
