@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dualarm_cli.loading.text_source import MAX_LISTED
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.scoring.baseline import Recorded
 
@@ -17,6 +16,8 @@ GREW = 1e-3
 """Growth of a share of the time that is worth a word [s]."""
 MOST_LIMITS = 3
 """Most changed limits that are spelt out."""
+MOST_FILES = 4
+"""Most changed files that are named."""
 _PARTS = {
     "lines": "straight lines take",
     "dwells": "dwells take",
@@ -45,8 +46,8 @@ class Tightened:
 def why_slower(before: Recorded, now: Evaluation) -> str:
     """Returns a sentence with both cycle times, the joint that takes more of them, and what has changed for it.
 
-    Of the joints that may do less than they did, the one whose share of the time has grown most is named first; where
-    none of those has grown, that share which has, and the limits beside it.
+    Of the joints that may do less than they did, the one whose share of the time has grown most is named first. Where
+    none of those has grown, the plan avoids them: they are named with their limits, and then the share that has grown.
 
     Args:
         before: what the case came to then.
@@ -57,19 +58,21 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
     grown = _grown(before.limiting, now.limiting)
     tightened = _tightened(before.limits, now)
     joints = {limit.joint for limit in tightened}
-    candidates = [name for name in grown if name in joints] or list(grown)
+    blamed = next((name for name in grown if name in joints), "")
     parts = []
-    blamed = candidates[0] if candidates else ""
     if blamed:
         parts.append(_takes_more(blamed, before.limiting, now.limiting))
         own = [limit for limit in tightened if limit.joint == blamed]
         parts += [f"its {limit.text}" for limit in own[:MOST_LIMITS]]
-        tightened = [limit for limit in tightened if limit.joint != blamed]
-        if own and tightened:
-            parts.append(f"lower too: {_listed(tightened)}")
-            tightened = []
-    if tightened:
-        parts.append(f"lower now: {_listed(tightened)}")
+        if rest := [limit for limit in tightened if limit.joint != blamed]:
+            parts.append(f"also {_listed(rest)}")
+    elif tightened:
+        parts.append(_listed(tightened))
+        if grown:
+            taken = _takes_more(grown[0], before.limiting, now.limiting)
+            parts.append(f"so the plan goes another way: {taken}")
+    elif grown:
+        parts.append(_takes_more(grown[0], before.limiting, now.limiting))
     parts.append(_files(before.inputs, now.inputs))
     return f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s{share}: {'; '.join(parts)}"
 
@@ -120,7 +123,7 @@ def _shown(value: float, slides: bool) -> str:
 
 def _listed(limits: list[Tightened]) -> str:
     """Returns the first of some limits, and how many more there are."""
-    text = ", ".join(f"{limit.joint} ({limit.text})" for limit in limits[:MOST_LIMITS])
+    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[:MOST_LIMITS])
     more = len(limits) - MOST_LIMITS
     return text + (f" and {more} more" if more > 0 else "")
 
@@ -130,6 +133,6 @@ def _files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
     if not changed:
         return "no file has changed, so it is dualarm or one of its libraries"
-    more = len(changed) - MAX_LISTED
+    more = len(changed) - MOST_FILES
     tail = f" and {more} more" if more > 0 else ""
-    return f"changed since: {', '.join(changed[:MAX_LISTED])}{tail}"
+    return f"changed since: {', '.join(changed[:MOST_FILES])}{tail}"

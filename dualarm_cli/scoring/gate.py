@@ -80,7 +80,7 @@ def judge(
         if not line.kept:
             states.append("over_budget")
             text = str(line).rpartition(": MISSED")[0]
-            reasons.append(Finding(f"over budget: {text}", line.file, line.line, line.column))
+            reasons.append(Finding(f"{text} (budget)", line.file, line.line, line.column))
     if before is not None:
         slower = time - before.cycle_time
         if slower > max(FLOOR, max_regression * before.cycle_time):

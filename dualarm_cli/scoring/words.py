@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from dualarm_cli.reporting.printable import printable
 from dualarm_cli.scoring.gate import FLOOR
@@ -39,11 +40,13 @@ def clearance_words(verdict: Verdict) -> str:
 
 def reason_lines(verdict: Verdict) -> list[str]:
     """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
-    name = f"{verdict.case}: {words(verdict.state)}"
     lines = []
     for reason in verdict.reasons:
-        place = "" if reason.file == verdict.case and not reason.line else str(reason)
-        lines.append(f"{name}: {place or reason.message}")
+        if reason.file == verdict.case:
+            told = replace(reason, message=f"{words(verdict.state)}: {reason.message}")
+            lines.append(str(told))
+        else:
+            lines.append(f"{verdict.case}: {words(verdict.state)}: {reason}")
     shown: list[str] = printable(lines)
     return shown
 
