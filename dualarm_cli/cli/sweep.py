@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.evaluating import (
-    CacheOption,
-    JobsOption,
-    NoCacheOption,
-    SchedulerOption,
-    TimeoutOption,
-    evaluators,
-    open_store,
-    read_timeout,
-    say_unkept,
-)
+from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.options import read_duration
 from dualarm_cli.cli.output import (
     JsonOption,
     QuietOption,
@@ -26,7 +17,15 @@ from dualarm_cli.cli.output import (
     stderr_console,
     stdout_console,
 )
-from dualarm_cli.cli.result_files import json_bytes, printable, refuse_folder, write_folder
+from dualarm_cli.cli.result_files import json_bytes, refuse_folder, write_folder
+from dualarm_cli.cli.score_options import (
+    CacheOption,
+    JobsOption,
+    NoCacheOption,
+    SchedulerOption,
+    TimeoutOption,
+    refuse_combinations,
+)
 from dualarm_cli.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -91,11 +90,22 @@ def sweep_command(
     verifier fails a plan.
     """
     from dualarm_cli.loading.studies import load_study
+    from dualarm_cli.reporting.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
 
     search = _search_options(optimise, budget, seed)
-    limit = read_timeout(timeout)
+    limit = read_duration("--timeout", timeout)
+    refuse_combinations(
+        baseline=None,
+        regression=None,
+        update=False,
+        subset=False,
+        jobs=jobs,
+        scheduler=scheduler,
+        cache=cache,
+        no_cache=no_cache,
+    )
     _refuse(out, csv, force)
     noun = load_study(study)
     check_settings(noun)

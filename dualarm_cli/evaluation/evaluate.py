@@ -20,7 +20,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.planning.redundancy_choice import with_redundancy
-from dualarm_cli.reporting.measures import joint_travel, limiting_times
+from dualarm_cli.reporting.measures import joint_travel, limiting_times, sliding_joints
 from dualarm_cli.reporting.report import relative_gap, smallest_clearance
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
@@ -83,6 +83,8 @@ def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
     judged = verify(schedule, job, clearance=True)
     schedule = replace(schedule, verification=judged)
     nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
+    sliding = sliding_joints(schedule.robot.urdf)
+    turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
     found = Evaluation(
         case,
         "planned" if judged.passed else "fails_verification",
@@ -92,9 +94,10 @@ def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
         gap=_finite(relative_gap(schedule)),
         clearance=_finite(nearest.get("clearance")),
         required_clearance=_finite(nearest.get("required")),
-        travel=float(sum(joint_travel(schedule, schedule.trajectory.joints).values())),
+        travel=float(sum(joint_travel(schedule, turning).values())),
         limiting=dict(sorted(limiting_times(schedule).items())),
         limits=_limits(schedule.robot.limits),
+        sliding=tuple(sorted(sliding.intersection(schedule.robot.limits.joints))),
         budgets=judge_budget(schedule, job),
         findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in judged.failures)[
             :MOST_FINDINGS

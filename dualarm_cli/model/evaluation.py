@@ -27,7 +27,7 @@ EXIT_CODES: Mapping[str, int] = {
     "infeasible": 3,
     "bad_input": 2,
     "internal_error": 4,
-    "timed_out": 4,
+    "timed_out": 1,
     "crashed": 4,
 }
 """What a process ends with that evaluates one job only."""
@@ -73,11 +73,13 @@ class Evaluation:
     required_clearance: float | None = None
     """What is required of that pair [m]."""
     travel: float | None = None
-    """Way of all joints together [rad]."""
+    """Way of all turning joints together [rad]."""
     limiting: Mapping[str, float] = field(default_factory=dict)
     """What the length is made of [s]: transfers by the joint that decides them, lines, dwells, and so on."""
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """By joint what it may do, as used: lower, upper, velocity, acceleration, jerk [rad, s]; infinite ones left out."""
+    """By joint what it may do, as used: acceleration, jerk, lower, upper, velocity [rad, s]; infinite ones left out."""
+    sliding: tuple[str, ...] = ()
+    """The joints that slide: their limits are in m."""
     budgets: tuple[Kept, ...] = ()
     """The job's budget, line by line."""
     findings: tuple[Finding, ...] = ()
@@ -101,6 +103,7 @@ class Evaluation:
         document["limiting"] = dict(self.limiting)
         document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
         document["inputs"] = dict(self.inputs)
+        document["sliding"] = list(self.sliding)
         for name in ("budgets", "findings"):
             document[name] = [asdict(entry) for entry in getattr(self, name)]
         return document
@@ -132,6 +135,7 @@ class Evaluation:
         if not all(isinstance(digest, str) for digest in inputs.values()):
             raise ValueError("inputs must be hashes")
         values["inputs"] = inputs
+        values["sliding"] = tuple(_list(document["sliding"]))
         values["budgets"] = tuple(_entry(Kept, item) for item in _list(document["budgets"]))
         values["findings"] = tuple(_entry(Finding, item) for item in _list(document["findings"]))
         return cls(**values)
@@ -168,7 +172,7 @@ def _numbers(value: Any, name: str) -> dict[str, float]:
 
 def _list(value: Any) -> list[Any]:
     if not isinstance(value, list):
-        raise ValueError("budgets and findings must be lists")
+        raise ValueError("budgets, findings and sliding joints must be lists")
     return value
 
 

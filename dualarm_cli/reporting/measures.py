@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -173,3 +174,9 @@ def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float
     trajectory = schedule.trajectory
     length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
     return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
+
+
+def sliding_joints(urdf: str) -> set[str]:
+    """Returns the names of a URDF's joints that slide."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.get("type") == "prismatic"}

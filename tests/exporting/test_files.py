@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.errors import OutputError
-from dualarm_cli.exporting.files import check_writable, write_file, write_schedule_set
+from dualarm_cli.exporting.files import check_writable, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
+from dualarm_cli.exporting.whole_files import write_file
 
 NAMES = ["report.json", "robot.urdf", "schedule.csv", "schedule.json"]
 

@@ -1,0 +1,161 @@
+"""The same evaluations on a Dask cluster: each of its workers has a crew of one process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from dualarm_cli.errors import MissingDependencyError, UsageError
+from dualarm_cli.evaluation.crew import Crew
+from dualarm_cli.evaluation.fingerprint import programs
+from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.model.evaluation import Evaluation, Finding
+
+CONNECTING = 10.0
+"""How long a scheduler may take to answer [s]."""
+CLOSING = 1.0
+"""How long taking leave of it may take [s]."""
+ELSEWHERE = (
+    "the cluster does not see this file as it is here: workers need the same files at the same paths, such as a "
+    "shared folder"
+)
+"""What is said of a case whose files other machines lack or have otherwise."""
+_here = threading.local()
+
+
+class Cluster:
+    """A Dask cluster whose workers have this very version of dualarm."""
+
+    def __init__(self, address: str, timeout: float | None = None) -> None:
+        """Connects, and compares what plans there with what plans here.
+
+        Args:
+            address: of the scheduler, such as `tcp://10.0.0.1:8786`.
+            timeout: how long one request may take [s]; None for no limit.
+
+        Raises:
+            MissingDependencyError: `distributed` is not installed.
+            UsageError: there is no such scheduler, it has no workers, or they would plan otherwise.
+        """
+        try:
+            from distributed import Client
+        except ImportError:
+            raise MissingDependencyError("distributed", "cluster") from None
+        self._timeout = timeout
+        try:
+            self._client = Client(address, timeout=CONNECTING, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise UsageError(
+                f"--scheduler {address}: no scheduler answers there ({error}); start one by `dask scheduler`"
+            ) from None
+        try:
+            self._check(address)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Cluster:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Takes leave of the cluster."""
+        self.close()
+
+    def close(self) -> None:
+        """Takes leave of the cluster; what it is doing for this client it does no longer, as soon as it can stop."""
+        with suppress(Exception):
+            self._client.close(timeout=CLOSING)
+
+    def _check(self, address: str) -> None:
+        """Raises UsageError where no worker is there, or one would plan otherwise."""
+        try:
+            there: Mapping[str, Mapping[str, str]] = self._client.run(_programs_there)
+        except Exception as error:
+            raise UsageError(
+                f"--scheduler {address}: its workers cannot run this version of dualarm "
+                f"({type(error).__name__}: {error}); install the same one there"
+            ) from None
+        if not there:
+            raise UsageError(
+                f"--scheduler {address}: it has no workers; start some by `dask worker {address} --nthreads 1`"
+            )
+        own = dict(programs())
+        for worker, found in sorted(there.items()):
+            other = [name for name in own if found.get(name) != own[name]]
+            if other:
+                named = ", ".join(
+                    f"{name} {str(found.get(name))[:12]} there, {own[name][:12]} here"
+                    for name in other[:4]
+                )
+                raise UsageError(
+                    f"--scheduler {address}: worker {worker} would plan otherwise: {named}; install the same there"
+                )
+
+    def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        """Yields the place of each request and what it came to, in the order in which they are done.
+
+        Args:
+            requests: any number; their files are read by the workers, at the same paths.
+        """
+        from distributed import as_completed
+
+        places = {
+            self._client.submit(
+                evaluate_there, request.as_document(), self._timeout, pure=False
+            ): index
+            for index, request in enumerate(requests)
+        }
+        known: dict[str, str] = {}
+        try:
+            for future in as_completed(list(places), loop=self._client.loop):
+                index = places[future]
+                request = requests[index]
+                if future.status == "finished":
+                    yield (
+                        index,
+                        _seen_alike(Evaluation.of_document(future.result()), request, known),
+                    )
+                else:
+                    text = f"the cluster gave it up: {future.exception()}"
+                    finding = Finding(text, request.case)
+                    yield index, Evaluation(request.case, "crashed", findings=(finding,))
+        finally:
+            with suppress(Exception):
+                self._client.cancel([future for future in places if not future.done()])
+
+
+def _programs_there() -> dict[str, str]:
+    """Returns what plans on a worker."""
+    return dict(programs())
+
+
+def evaluate_there(request: Mapping[str, Any], timeout: float | None) -> dict[str, Any]:
+    """Returns what a request comes to, as a document; runs on a worker of the cluster.
+
+    A process of its own does it, as it would without a cluster: one that dies or takes too long does not take the
+    worker with it, and threads of a worker do not share a planner.
+    """
+    crew = getattr(_here, "crew", None)
+    if crew is None or _here.timeout != timeout:
+        if crew is not None:
+            crew.close()
+        crew = Crew(1, timeout)
+        _here.crew, _here.timeout = crew, timeout
+    found = list(crew.run([Request.of_document(request)]))
+    return found[0][1].as_document()
+
+
+def _seen_alike(answer: Evaluation, request: Request, known: dict[str, str]) -> Evaluation:
+    """Returns an answer if it was made from what the files hold here; what is wrong otherwise."""
+    if answer.status in ("timed_out", "crashed"):
+        return answer
+    here = hashes_now(answer.inputs, request.folder, known)
+    other = [name for name, digest in answer.inputs.items() if here[name] != digest]
+    if answer.inputs and not other:
+        return answer
+    finding = Finding(ELSEWHERE + (f" ({', '.join(other)})" if other else ""), request.case)
+    return Evaluation(request.case, "bad_input", findings=(finding,))

@@ -1,0 +1,74 @@
+"""Which task files are scored: names, patterns and folders."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from dualarm_cli.errors import UsageError
+from dualarm_cli.evaluation.request import case_name
+from dualarm_cli.loading.text_source import quote
+
+_TASKS = re.compile(rb"^(?:\xef\xbb\xbf)?\s*dualarm\s*:\s*['\"]?tasks/", re.MULTILINE)
+_HEAD = 4096
+"""How much of a file tells its kind [bytes]."""
+
+
+def find_cases(patterns: Sequence[str]) -> list[str]:
+    """Returns the names of the task files that patterns mean, each once, sorted.
+
+    A name of a file is that file, whatever is in it; of a folder all task files in it and below. Anything else is a
+    pattern, in which `**` stands for any folders. Hidden files and folders are named by name only.
+
+    Args:
+        patterns: as the user wrote them; the shell may have left patterns to us.
+
+    Raises:
+        UsageError: one that nothing goes by: a case that is missing must not pass.
+    """
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        names = _matches(pattern)
+        if not names:
+            folder = Path(pattern).is_dir()
+            what = "has no task files (tasks/1)" if folder else "is no file, and matches none"
+            raise UsageError(f"{quote(pattern)} {what}: there is nothing to score")
+        found |= dict.fromkeys(case_name(name) for name in names)
+    return sorted(found)
+
+
+def _matches(pattern: str) -> list[str]:
+    if not pattern or "\0" in pattern:
+        return []
+    path = Path(pattern)
+    if path.is_dir():
+        return _tasks_in(pattern)
+    # The name comes first: it may have brackets in it.
+    if os.path.lexists(path) or not glob.has_magic(pattern):
+        return [pattern]
+    return [name for name in glob.glob(pattern, recursive=True) if not Path(name).is_dir()]  # noqa: PTH207
+
+
+def _tasks_in(folder: str) -> list[str]:
+    """Returns the task files of a folder, told by their `dualarm` key."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            path = Path(place) / name
+            if not name.startswith(".") and path.suffix in (".yaml", ".yml") and _is_tasks(path):
+                found.append(str(path))
+    return found
+
+
+def _is_tasks(path: Path) -> bool:
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            return _TASKS.search(file.read(_HEAD)) is not None
+    except OSError:
+        return True  # what cannot be read is not passed over in silence
