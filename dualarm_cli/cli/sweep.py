@@ -14,7 +14,6 @@ from dualarm_cli.cli.output import (
     QuietOption,
     print_json,
     print_message,
-    stderr_console,
     stdout_console,
 )
 from dualarm_cli.cli.result_files import json_bytes, refuse_folder, write_folder
@@ -26,14 +25,13 @@ from dualarm_cli.cli.score_options import (
     TimeoutOption,
     refuse_combinations,
 )
+from dualarm_cli.cli.sweep_progress import progress_bar
 from dualarm_cli.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from dualarm_cli.model.study import Point, Study
     from dualarm_cli.studies.rows import Row
-    from dualarm_cli.studies.study_run import Desk, Progress
+    from dualarm_cli.studies.study_run import Desk
 
 DOCUMENT, TABLE, PARETO, EFFECTS = "study.json", "table.csv", "pareto.png", "sensitivity.png"
 DEFAULT_BUDGET = 40
@@ -197,7 +195,7 @@ def _carry_out(
     total = method["budget"] if points is None else len(points)
     desk = Desk(run, store)
     try:
-        with _progress(total, quiet) as desk.tell:
+        with progress_bar(total, quiet) as desk.tell:
             reference = desk.reference(study)
             if points is None:
                 rows = search(study, total, method["seed"], lambda p, r: desk.rows(study, p, r))
@@ -219,43 +217,10 @@ def _plans(desk: Desk) -> str:
     return f"{desk.planned} plan{'s' * (desk.planned != 1)} made{known}"
 
 
-def _progress(total: int, quiet: bool) -> Any:
-    """Returns a `with` block that yields whom to tell how far it is: a bar on a terminal, else nobody."""
-    from contextlib import contextmanager
-
-    from dualarm_cli.model.study import OBJECTIVES
-
-    console = stderr_console()
-
-    @contextmanager
-    def nothing() -> Iterator[Callable[[Progress], None]]:
-        yield lambda _: None
-
-    @contextmanager
-    def bar() -> Iterator[Callable[[Progress], None]]:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-        from rich.progress import TimeRemainingColumn as Left
-
-        columns = (BarColumn(), MofNCompleteColumn(), Left(), TextColumn("{task.description}"))
-        with Progress(TextColumn("planning"), *columns, console=console, transient=True) as shown:
-            task = shown.add_task("", total=total)
-
-            def tell(progress: Any) -> None:
-                words = [f"{progress.known} known"] if progress.known else []
-                time = None if progress.best is None else progress.best.figures["cycle_time"]
-                if time is not None:
-                    words.append(f"best {OBJECTIVES['cycle_time'].shown(time)} s")
-                shown.update(task, completed=progress.done, description=", ".join(words))
-
-            yield tell
-
-    return bar() if console.is_terminal and not quiet else nothing()
-
-
 def _write(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
     """Writes the files asked for, and says so unless told to be quiet."""
     from dualarm_cli.errors import MissingDependencyError
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.reporting.study_figure import draw_pareto, draw_sensitivity
     from dualarm_cli.reporting.study_table import study_csv
 
