@@ -75,19 +75,24 @@ def one_unit(amounts: list[Amount]) -> list[Amount]:
 
 
 def shifted(found: Amount, by: Amount) -> Amount:
-    """Returns a file's number plus another, in SI.
+    """Returns a file's number plus another, in the file's unit.
 
-    Where one of them has a unit the result has one too, so that whoever reads it sees whether it belongs there.
+    Where only the other one has a unit the result is SI with its unit, so that whoever reads it sees whether it belongs
+    there.
 
     Raises:
         QuantityError: they are not of one dimension.
     """
-    in_unit(by, found)
-    return _result(found.si + by.si, found, by)
+    moved = in_unit(by, found) if found.unit or not by.unit else by
+    if moved.number == 0:
+        return found
+    if found.unit == moved.unit:
+        return _like(found, found.number + moved.number, by)
+    return Amount(tidy(found.si + by.si), by.base, 1.0, by.base)
 
 
 def scaled(found: Amount, by: Amount) -> Amount:
-    """Returns a file's number times another, in SI.
+    """Returns a file's number times another, in the file's unit.
 
     Raises:
         QuantityError: the other one is no plain number or fraction.
@@ -96,14 +101,13 @@ def scaled(found: Amount, by: Amount) -> Amount:
         raise QuantityError(
             f"{quote(by.shown)} cannot scale a value; write a factor such as 0.9 or 90%"
         )
-    return _result(found.si * by.si, found, by)
+    return found if by.si == 1.0 else _like(found, found.number * by.si, by)
 
 
-def _result(si: float, found: Amount, by: Amount) -> Amount:
-    """Returns a computed number in SI; a whole one where both are whole and have no unit, as counts do."""
-    base = found.base or by.base
-    whole = isinstance(found.number, int) and isinstance(by.number, int)
-    return Amount(int(si) if whole else tidy(si), base, 1.0, base)
+def _like(found: Amount, number: float, by: Amount) -> Amount:
+    """Returns a number in a file's unit; a whole one where all were whole, as counts are."""
+    whole = isinstance(found.number, int) and isinstance(by.number, int) and not by.unit
+    return Amount(int(number) if whole else tidy(number), found.unit, found.factor, found.base)
 
 
 def _dimension(amount: Amount) -> Dimension:

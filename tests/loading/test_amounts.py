@@ -54,7 +54,8 @@ def test_units_are_those_of_the_first_that_has_one() -> None:
 
 @pytest.mark.parametrize(
     ("found", "by", "moved"),
-    [(0.75, "20 mm", "0.77 m"), ("120 mm", "-20 mm", "0.1 m"), (2, 1, 3), (0.1, 0.2, 0.3), ("80%", "5%", 0.85)],
+    [(0.75, "20 mm", "0.77 m"), ("120 mm", "-2 cm", "100.0 mm"), (2, 1, 3), (0.1, 0.2, 0.3), ("80%", "5%", "85.0 %"),
+     ("1 deg", 0, "1.0 deg")],
 )  # fmt: skip
 def test_a_shift_is_added(found: object, by: object, moved: object) -> None:
     """A unit is kept so that the reader sees whether it belongs there; counts stay whole."""
@@ -74,8 +75,14 @@ def test_a_shift_by_another_dimension_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "by", "result"), [(7.6, "150%", 11.4), ("100 mm", 0.5, "0.05 m"), (3, 2, 6)]
+    ("found", "by", "result"),
+    [
+        (7.6, "150%", 11.4),
+        ("100 mm", 0.5, "50.0 mm"),
+        (3, 2, 6),
+        (0.5235987755982989, "100%", 0.5235987755982989),
+    ],
 )
 def test_a_factor_multiplies(found: object, by: object, result: object) -> None:
-    """In SI."""
+    """In the file's unit; one changes nothing, however many digits there are."""
     assert scaled(read_amount(found), read_amount(by)).written == result

@@ -1,0 +1,240 @@
+"""`dualarm sweep` as a user meets it: table, files, exit codes, going on after Ctrl-C, any number of processes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dualarm_cli.cli.run import run
+
+STUDY = """\
+dualarm: study/1
+tasks: tasks.yaml
+objectives: [cycle_time, travel]
+settings: {effort: quick, platform: exact}
+parameters:
+  x:
+    tasks: tasks.P1.move.xyz[0]
+    range: {from: 70 mm, to: 90 mm, step: 10 mm}
+  y: {tasks: "tasks.P2.move.xyz[1]", values: [0.1, 0.11]}
+"""
+RANGE = "range: {from: 70 mm, to: 90 mm, step: 10 mm}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project with a job of two moves, quick to plan, and a study of six points."""
+    (tmp_path / "dualarm.toml").write_text("")
+    for file in (tasks_folder / "03_bottin_planar").glob("*.yaml"):
+        shutil.copy(file, tmp_path)
+    (tmp_path / "study.yaml").write_text(STUDY)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
+    """Six points and the files as they are, one of which is among them: six plans; then none."""
+    assert run(["sweep", "study.yaml", "--out", "out", "--csv", "rows.csv", "--jobs", "2"]) == 0
+    out, err = capsys.readouterr()
+    assert "study.yaml: 6 of 6 points have a plan" in out
+    assert "what matters" in out
+    assert "6 plans made, 1 known from before" in err
+    document = json.loads((folder / "out" / "study.json").read_text())
+    rows = document["rows"]
+    assert document["counts"]["planned"] == len(rows) == 6
+    assert {(r["values"]["x"], r["values"]["y"]) for r in rows} == {
+        (x, y) for x in (70, 80, 90) for y in (0.1, 0.11)
+    }
+    best = [row["cycle_time"] for row in rows if row["pareto"]]
+    assert rows[0]["cycle_time"] == min(best) == min(row["cycle_time"] for row in rows)
+    (same,) = [row for row in rows if row["values"] == {"x": 80.0, "y": 0.1}]
+    assert same["cycle_time"] == document["reference"]["cycle_time"]
+    assert (folder / "out" / "table.csv").read_text() == (folder / "rows.csv").read_text()
+    table = list(csv.DictReader(io.StringIO((folder / "rows.csv").read_text())))
+    assert [float(row["x [mm]"]) for row in table] == [row["values"]["x"] for row in rows]
+    assert [float(row["cycle_time"]) for row in table] == [row["cycle_time"] for row in rows]
+    for picture in ("pareto.png", "sensitivity.png"):
+        assert (folder / "out" / picture).read_bytes().startswith(b"\x89PNG")
+    # Again: nothing is planned, and all files are the same to the byte, by one process as by two.
+    assert run(["sweep", "study.yaml", "--out", "again", "--jobs", "1"]) == 0
+    assert "0 plans made, 7 known from before" in capsys.readouterr().err
+    for name in ("study.json", "table.csv", "pareto.png", "sensitivity.png"):
+        assert (folder / "out" / name).read_bytes() == (folder / "again" / name).read_bytes()
+    assert run(["sweep", "study.yaml", "--no-cache", "--jobs", "1", "--json", "-q"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == (folder / "out" / "study.json").read_text()
+    assert captured.err == ""
+
+
+def test_points_without_a_plan_do_not_stop_others(folder, capsys) -> None:
+    """900 mm is out of reach; where all are, the exit code is 3."""
+    (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [80 mm, 900 mm]"))
+    assert run(["sweep", "study.yaml", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["counts"] == {
+        "points": 4,
+        "planned": 2,
+        "pareto": document["counts"]["pareto"],
+        "infeasible": 2,
+    }
+    (failure,) = document["failures"]
+    assert (failure["status"], failure["count"]) == ("infeasible", 2)
+    assert "tasks.yaml:" in failure["example"]
+    (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [900 mm]"))
+    assert run(["sweep", "study.yaml"]) == 3
+    assert "2 points without a plan; of the first: tasks.yaml:" in capsys.readouterr().out
+
+
+def test_a_bad_value_is_a_row_of_its_own(folder, capsys) -> None:
+    """Told of the study file; the others are planned, and the exit code is 2."""
+    (folder / "study.yaml").write_text(STUDY.replace("values: [0.1, 0.11]", "values: [0.1, 2000]"))
+    assert run(["sweep", "study.yaml"]) == 2
+    out = capsys.readouterr().out
+    assert "3 of 6 points have a plan" in out
+    assert (
+        "3 points with bad input; of the first: study.yaml:9:3: E200 parameter 'y' makes tasks.P2.move.xyz[1] of"
+        in out
+    )
+    assert "outside the range of length" in out
+
+
+def test_a_time_out_is_a_row_of_its_own(folder, capsys) -> None:
+    """No plan is made in a millisecond; the point is what the files are already, so that it is tried as one."""
+    text = STUDY.replace(RANGE, "values: [80 mm]").replace("values: [0.1, 0.11]", "values: [0.1]")
+    (folder / "study.yaml").write_text(text)
+    assert run(["sweep", "study.yaml", "--timeout", "1 ms", "--jobs", "1"]) == 3
+    assert "1 point timed out: tasks.yaml: took longer than 0.001 s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--budget", "5"], "--budget 5: goes with --optimise only"),
+        (["--seed", "5"], "--seed 5: goes with --optimise only"),
+        (["--timeout", "x"], "--timeout: 'x' is not a number"),
+        (["--jobs", "2", "--scheduler", "tcp://x"], "--jobs does not go with --scheduler"),
+        (["--cache", "a", "--no-cache"], "--cache does not go with --no-cache"),
+        (["--csv", "none/a.csv"], "--csv none/a.csv: there is no folder none"),
+        (["--csv", "tasks.yaml"], "--csv tasks.yaml: is there already; add --force"),
+        (["--out", "tasks.yaml"], "--out tasks.yaml: is a file"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_anything_is_planned(
+    options, message, folder, capsys
+) -> None:
+    """Exit code 2, one sentence."""
+    assert run(["sweep", "study.yaml", *options]) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.out == ""
+
+
+def test_a_wrong_study_is_refused_with_all_that_is_wrong(folder, capsys) -> None:
+    """With places and source lines."""
+    text = STUDY.replace("tasks.P1.move", "tasks.P3.move").replace("effort: quick", "effort: quik")
+    (folder / "study.yaml").write_text(text)
+    assert run(["sweep", "study.yaml"]) == 2
+    assert "study.yaml:4:20: E200 'quik' is not allowed" in capsys.readouterr().err
+
+
+def test_the_missing_extra_names_itself(folder, capsys, monkeypatch) -> None:
+    """Before anything is planned."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *_: None)
+    assert run(["sweep", "study.yaml", "--optimise"]) == 2
+    assert "optuna is not installed: pip install 'dualarm[optimise]'" in capsys.readouterr().err
+
+
+def test_a_search_is_the_same_whatever_the_number_of_processes(folder, capsys) -> None:
+    """To the byte; nine points are two batches, the second one of which follows from the first."""
+    pytest.importorskip("optuna")
+    (folder / "study.yaml").write_text(STUDY.replace(RANGE, "range: {from: 70 mm, to: 90 mm}"))
+    documents = []
+    for jobs in ("1", "2"):
+        arguments = [
+            "sweep",
+            "study.yaml",
+            "--optimise",
+            "--budget",
+            "9",
+            "--no-cache",
+            "--jobs",
+            jobs,
+        ]
+        assert run([*arguments, "--json", "-q"]) == 0
+        documents.append(capsys.readouterr().out)
+    assert documents[0] == documents[1]
+    document = json.loads(documents[0])
+    assert document["method"] == {"name": "optimise", "budget": 9, "seed": 0, "batch": 8}
+    assert document["counts"]["points"] == 9
+
+
+def test_a_budget_for_all_points_finds_the_optimum(folder, capsys) -> None:
+    """The search and the enumeration have the same rows."""
+    pytest.importorskip("optuna")
+    assert run(["sweep", "study.yaml", "--json", "-q"]) == 0
+    whole = json.loads(capsys.readouterr().out)
+    assert run(["sweep", "study.yaml", "--optimise", "--budget", "6", "--json", "-q"]) == 0
+    searched = json.loads(capsys.readouterr().out)
+    assert searched["rows"] == whole["rows"]
+
+
+def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder) -> None:
+    """130 within 2 s, no process left; what was planned is not planned again."""
+    (folder / "study.yaml").write_text(STUDY.replace("step: 10 mm", "step: 0.5 mm"))
+    command = [sys.executable, "-m", "dualarm_cli", "sweep", "study.yaml", "--jobs", "1"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    kept = folder / ".dualarm-cache" / "answers"
+    until = time.monotonic() + 60
+    while len(list(kept.glob("*/*.json"))) < 3 and time.monotonic() < until:
+        time.sleep(0.05)
+    children = _children(process.pid)
+    assert children
+    begun = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert time.monotonic() - begun < 2.0
+    assert process.returncode == 130
+    assert "the same command goes on from there" in err
+    assert not [pid for pid in children if _lives(pid)]
+    done = len(list(kept.glob("*/*.json")))
+    assert 3 <= done < 82
+    (folder / "study.yaml").write_text(
+        STUDY.replace("step: 10 mm", "step: 0.5 mm").replace("to: 90", "to: 70.5")
+    )
+    again = subprocess.run(
+        [*command, "--quiet", "--json"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(again.stdout)["counts"]["planned"] == 4
+    # Four points and the files as they are; the first ones were known.
+    assert len(list(kept.glob("*/*.json"))) == max(done, 5)
+
+
+def _children(pid: int) -> list[int]:
+    """Returns the processes that a process has started."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            found.append(int(entry.parent.name))
+    return found
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+        return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
