@@ -1,4 +1,4 @@
-"""The same evaluations on a Dask cluster: each of its workers has a crew of one process."""
+"""The same evaluations on a Dask cluster: each thread of its workers has a crew of one process."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Cluster:
             ) from None
         if not there:
             raise UsageError(
-                f"--scheduler {address}: it has no workers; start some by `dask worker {address} --nthreads 1`"
+                f"--scheduler {address}: it has no workers; start some by `dask worker {address}`"
             )
         own = dict(programs())
         for worker, found in sorted(there.items()):

@@ -1,0 +1,177 @@
+"""The crew: processes that die, hang or never start cost their own request only, and none outlives its parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dualarm_cli.evaluation import crew as module
+from dualarm_cli.evaluation.crew import Crew, WorkersFailedError
+from dualarm_cli.evaluation.request import Request
+
+# What a worker does, without libraries to load: what it is told by the name of the case.
+STAND_IN = """
+import json, os, signal, sys, time
+from pathlib import Path
+sys.path[:] = json.loads(sys.argv[1])
+from dualarm_cli.model.evaluation import Evaluation
+out = os.fdopen(int(sys.argv[2]), "wb")
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+out.write(b'"ready"\\n'); out.flush()
+for line in sys.stdin.buffer:
+    case = json.loads(line)["case"]
+    once = Path(f"{case}.tried")
+    tried = once.exists()
+    once.touch()
+    if case.startswith("die") or (case.startswith("once") and not tried):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if case.startswith("exit"):
+        os._exit(7)
+    if case.startswith("hang") or (case.startswith("late") and not tried):
+        time.sleep(600)
+    print("noise on stdout", flush=True)
+    answer = Evaluation(case, "planned", cycle_time=float(len(case)), travel=float(os.getpid()))
+    out.write(json.dumps(answer.as_document()).encode() + b"\\n"); out.flush()
+"""
+
+
+@pytest.fixture
+def stand_in(monkeypatch, tmp_path):
+    """Workers that do as they are told, in a folder of their own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(module, "_START", STAND_IN)
+
+
+def asked(*cases):
+    """Requests for cases."""
+    return [Request(case, str(Path(case).resolve())) for case in cases]
+
+
+def outcome(crew, *cases):
+    """Returns status and cycle time by case; each exactly once."""
+    requests = asked(*cases)
+    found = list(crew.run(requests))
+    assert sorted(index for index, _ in found) == list(range(len(cases)))
+    for index, evaluation in found:
+        assert evaluation.case == requests[index].case
+    return {e.case: e.status for _, e in found}
+
+
+def alive(pid):
+    """Returns whether a process runs; one that has ended and waits to be noticed does not."""
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.parametrize("processes", [1, 2, 5])
+def test_every_request_is_answered_once_by_any_number_of_processes(stand_in, processes):
+    """Also none, and a crew works for several rounds with the same processes."""
+    with Crew(processes) as crew:
+        assert list(crew.run([])) == []
+        for _ in range(2):
+            found = outcome(crew, *(f"case{k}" for k in range(12)))
+            assert set(found.values()) == {"planned"}
+        again = list(crew.run(asked("a", "b")))
+        assert {e.travel for _, e in again} <= {float(w.process.pid) for w in crew._workers}
+    assert crew._workers == []
+
+
+def test_a_process_that_dies_costs_its_own_request_only_after_a_second_try(stand_in):
+    """By a signal or by itself; one that dies once is answered; the others go on."""
+    with Crew(2) as crew:
+        found = list(
+            crew.run(requests := asked("a", "die1", "once1", "b", "exit1", "once2", "c", "d"))
+        )
+    states = {requests[index].case: e for index, e in found}
+    assert len(found) == 8
+    assert {case for case, e in states.items() if e.status == "crashed"} == {"die1", "exit1"}
+    assert "SIGKILL" in states["die1"].findings[0].message
+    assert "exit code 7" in states["exit1"].findings[0].message
+    assert all(e.status == "planned" for c, e in states.items() if c not in ("die1", "exit1"))
+
+
+def test_a_process_that_takes_too_long_is_ended_and_tried_once_more(stand_in):
+    """Within twice the time; what is late once only is answered."""
+    begin = time.monotonic()
+    with Crew(2, timeout=0.5) as crew:
+        found = outcome(crew, "hang", "a", "late", "b", "c")
+    assert time.monotonic() - begin < 5.0
+    assert found == {
+        "hang": "timed_out",
+        "a": "planned",
+        "late": "planned",
+        "b": "planned",
+        "c": "planned",
+    }
+
+
+def test_processes_that_are_never_ready_are_given_up(monkeypatch):
+    """Instead of starting them for ever."""
+    monkeypatch.setattr(module, "_START", "import sys; sys.exit(3)")
+    with Crew(2) as crew, pytest.raises(WorkersFailedError, match="exit code 3"):
+        list(crew.run(asked("a", "b", "c")))
+    assert crew._workers == []
+
+
+def test_whoever_stops_early_leaves_no_answers_for_the_next(stand_in):
+    """A run that is dropped in the middle, then another one of the same crew."""
+    with Crew(2) as crew:
+        run = crew.run(asked("a", "hang", "b"))
+        next(run)
+        run.close()
+        assert outcome(crew, "x", "y") == {"x": "planned", "y": "planned"}
+
+
+PARENT = """
+import sys
+from dualarm_cli.evaluation.crew import Crew
+from dualarm_cli.evaluation.request import Request
+import dualarm_cli.evaluation.crew as module
+with Crew(2) as crew:
+    run = crew.run([Request(sys.argv[1], sys.argv[1], platform="fixed", effort="quick")] * 4)
+    next(run)
+    print(*(worker.process.pid for worker in crew._workers), flush=True)
+    input()
+"""
+
+
+def test_workers_do_not_outlive_a_parent_that_is_killed(cells):
+    """The real ones: they ask the kernel to end with it."""
+    case = str(Path(cells(1)[0]).resolve())
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, case],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    pids = [int(word) for word in parent.stdout.readline().split()]
+    assert len(pids) == 2
+    assert all(alive(pid) for pid in pids)
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    end = time.monotonic() + 5.0
+    while any(alive(pid) for pid in pids) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not any(alive(pid) for pid in pids)
+    parent.stdin.close()
+    parent.stdout.close()
+
+
+def test_the_working_directory_is_no_place_for_modules(cells, request_for):
+    """A file that is called like a library there is not loaded by workers."""
+    case = cells(1)[0]
+    for name in ("numpy", "json", "yaml", "dualarm_cli"):
+        Path(f"{name}.py").write_text("raise SystemExit(9)\n")
+    with Crew(1) as crew:
+        found = list(crew.run([request_for(case)]))
+    assert found[0][1].status == "planned"
+    assert os.environ.get("PYTHONPATH") is None or str(Path.cwd()) not in os.environ["PYTHONPATH"]
