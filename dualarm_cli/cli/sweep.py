@@ -213,7 +213,7 @@ def _carry_out(
 
 
 def _plans(desk: Desk) -> str:
-    known = f", {desk.known} known from before" if desk.known else ""
+    known = f", {desk.known} known already" if desk.known else ""
     return f"{desk.planned} plan{'s' * (desk.planned != 1)} made{known}"
 
 

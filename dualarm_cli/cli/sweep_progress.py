@@ -33,7 +33,7 @@ def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]
         task = bar.add_task("", total=total)
 
         def tell(progress: Progress) -> None:
-            known = [f"{progress.known} known from before"] if progress.known else []
+            known = [f"{progress.known} known already"] if progress.known else []
             time = None if progress.best is None else progress.best.figures["cycle_time"]
             best = [] if time is None else [f"best {time:.3f} s"]
             bar.update(task, completed=progress.done, description=", ".join([*best, *known]))

@@ -48,7 +48,7 @@ def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
     out, err = capsys.readouterr()
     assert "study.yaml: 6 of 6 points have a plan" in out
     assert "what matters" in out
-    assert "6 plans made, 1 known from before" in err
+    assert "6 plans made, 1 known already" in err
     document = json.loads((folder / "out" / "study.json").read_text())
     rows = document["rows"]
     assert document["counts"]["planned"] == len(rows) == 6
@@ -67,7 +67,7 @@ def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
         assert (folder / "out" / picture).read_bytes().startswith(b"\x89PNG")
     # Again: nothing is planned, and all files are the same to the byte, by one process as by two.
     assert run(["sweep", "study.yaml", "--out", "again", "--jobs", "1"]) == 0
-    assert "0 plans made, 7 known from before" in capsys.readouterr().err
+    assert "0 plans made, 7 known already" in capsys.readouterr().err
     for name in ("study.json", "table.csv", "pareto.png", "sensitivity.png"):
         assert (folder / "out" / name).read_bytes() == (folder / "again" / name).read_bytes()
     assert run(["sweep", "study.yaml", "--no-cache", "--jobs", "1", "--json", "-q"]) == 0
