@@ -266,4 +266,6 @@ def _means(x: Any, y: Any, levels: int | None) -> tuple[Any, Any]:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    """Returns a name that is not too long, and no formula."""
+    short = text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    return short.replace("$", r"\$")

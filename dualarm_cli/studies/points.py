@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.stats import qmc
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -74,6 +73,8 @@ def sample_shares(sampling: Sampling, dimensions: int) -> FloatArray:
             of a longer Halton sequence are those of a shorter one.
         dimensions: of the cube.
     """
+    from scipy.stats import qmc  # takes a second, and grids do without
+
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "halton":
         return qmc.Halton(dimensions, rng=rng).random(sampling.count)

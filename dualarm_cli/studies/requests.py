@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from dualarm_cli.errors import Diagnostic, InputError, UnknownSolverError
-from dualarm_cli.evaluation.evaluate import settings_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.loading.amounts import read_amount, scaled, shifted
 from dualarm_cli.loading.overrides import Override
@@ -14,8 +13,6 @@ from dualarm_cli.loading.quantities import QuantityError
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.model.study import Amount, Level, Parameter, Point, Study, Target
-from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.timing import TIMING_SOLVERS
 
 
 def check_settings(study: Study) -> None:
@@ -24,16 +21,24 @@ def check_settings(study: Study) -> None:
     Raises:
         InputError: one does not, at its place in the study file.
     """
+    named = [key for key in ("platform", "timing", "redundancy") if key in study.settings]
+    if not named:
+        return
+    # All methods take a second to load, which a study of known plans has no other need for.
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.planning.methods import METHODS
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
+    from dualarm_cli.timing import TIMING_SOLVERS
+
     checks: dict[str, Callable[[str], object]] = {
         "platform": lambda name: METHODS[name],
         "timing": lambda name: TIMING_SOLVERS[name],
-        "redundancy": lambda name: settings_of(Request("", "", redundancy=name)),
+        "redundancy": lambda name: with_redundancy(PlanSettings(), name),
     }
     wrong = []
-    for key, check in checks.items():
+    for key in named:
         try:
-            if key in study.settings:
-                check(str(study.settings[key]))
+            checks[key](str(study.settings[key]))
         except UnknownSolverError as error:
             place = study.setting_places[key]
             message = str(error).partition(": ")[2]
