@@ -11,6 +11,7 @@ from dualarm_cli.loading.value_paths import PathError, find_value, to_pointer, v
 from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.study import Amount, Apply, Level, Span, Target
 
+_MUST_BE_THERE = "; what a study varies must stand in the file, if only with its default"
 _PAIR = ("robot.left", "robot.right")
 
 
@@ -94,7 +95,9 @@ class TargetReader:
         try:
             return find_value(document.data, path, document.source.name)
         except PathError as error:
-            self._findings.add(self._document, loc, str(error))
+            # Keys that a file leaves out have defaults; whoever varies one should see from which.
+            hint = "" if "did you mean" in str(error) else _MUST_BE_THERE
+            self._findings.add(self._document, loc, f"{error}{hint * (' has no ' in str(error))}")
             return None
 
     def _claim(self, job: int, key: str, name: str, loc: Loc) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.cli.run import run
+from dualarm_cli.cli.sweep import exit_code
 
 STUDY = """\
 dualarm: study/1
@@ -186,6 +187,24 @@ def test_a_budget_for_all_points_finds_the_optimum(folder, capsys) -> None:
     assert run(["sweep", "study.yaml", "--optimise", "--budget", "6", "--json", "-q"]) == 0
     searched = json.loads(capsys.readouterr().out)
     assert searched["rows"] == whole["rows"]
+
+
+@pytest.mark.parametrize(
+    ("counts", "code"),
+    [
+        ({"planned": 3, "infeasible": 2, "timed_out": 1}, 0),
+        ({"planned": 3, "fails_verification": 1}, 1),
+        ({"planned": 0, "fails_verification": 1, "infeasible": 1}, 1),
+        ({"planned": 0, "infeasible": 1, "timed_out": 1}, 3),
+        ({"planned": 3, "bad_input": 1, "fails_verification": 1}, 2),
+        ({"planned": 0, "bad_input": 1}, 2),
+        ({"planned": 3, "crashed": 1, "bad_input": 1}, 4),
+        ({"planned": 3, "internal_error": 1}, 4),
+    ],
+)
+def test_the_most_severe_end_counts(counts, code) -> None:
+    """In the order 4, 2, 3, 1, 0; points without a plan beside others that have one are a result."""
+    assert exit_code({"counts": counts}) == code
 
 
 def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder) -> None:

@@ -114,3 +114,16 @@ def test_two_robots_are_replaced_together_or_apart(tasks_folder: Path) -> None:
     one = load_job(path, overrides={f"robot.right:{pointer}": 1.5}).cell.robot.limits.acceleration
     assert (one[left], one[right]) == (limits.acceleration[left], 1.5)
     assert limits.acceleration[left] != 1.5
+
+
+def test_a_whole_cell_can_be_chosen(project: Path) -> None:
+    """`tasks: cell` names another file, and a robot another one: they are read in place of the first."""
+    (project / "high.yaml").write_text(
+        (project / "cell.yaml").read_text().replace("0.6]}", "0.9]}")
+    )
+    (project / "slow.yaml").write_text(
+        (project / "robot.yaml").read_text().replace("acceleration: 5", "acceleration: 1")
+    )
+    job = load_job("tasks.yaml", overrides={"tasks:/cell": "high.yaml", "cell:/robot": "slow.yaml"})
+    assert job.cell.obstacles[0].shape.pose.translation[2] == 0.9
+    assert job.cell.robot.limits.acceleration[0] == 1.0
