@@ -443,6 +443,81 @@ def test_a_case_that_takes_too_long_is_told_as_such(cells, score):
     assert not Path("c").exists()
 
 
+def test_names_that_mean_harm_are_cases_like_any_other(cells, score):
+    """Colours, line ends, pipes, half surrogates: every report is whole, and the baseline is found again."""
+    from xml.etree import ElementTree
+
+    cells(1)
+    evil = "cells/\x1b[31m |é\udcff\n::error::<b>"
+    shutil.move("cells/000", evil)
+    reports = ("--junit", "j.xml", "--markdown", "m.md", "--baseline", "s.json", "--github")
+    assert score(ALL, *reports, "--update-baseline")[0] == 0
+    code, out, err = score(ALL, *reports)
+    assert code == 0, err
+    assert "\x1b" not in out + err
+    assert not [line for line in (out + err).splitlines() if line.startswith("::error")]
+    assert json.loads(Path("s.json").read_bytes())["cases"].keys() == {f"{evil}/tasks.yaml"}
+    name = ElementTree.parse("j.xml").find(".//testcase").get("name")
+    assert "\\udcff" in name
+    assert "1 pass" in out
+    code, out, _ = score(ALL, "--json")
+    assert json.loads(out)["cases"][0]["state"] == "pass"
+
+
+def test_a_baseline_that_cannot_be_written_is_one_error_and_no_result(cells, score, monkeypatch):
+    """With --json there is one document on stdout, and the old baseline is whole."""
+    import dualarm_cli.exporting.whole_files as module
+
+    cells(1)
+    assert score(ALL, "--baseline", "s.json", "--update-baseline")[0] == 0
+    before = Path("s.json").read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "_write_beside", full)
+    code, out, err = score(ALL, "--baseline", "s.json", "--update-baseline", "--json")
+    assert code == 2
+    assert json.loads(out)["format"] == "dualarm.error/1"
+    assert "No space left" in err
+    assert Path("s.json").read_bytes() == before
+    assert not list(Path().glob(".s.json*"))
+
+
+def test_a_latin_stdout_gets_the_table_and_not_a_crash(cells, kept):
+    """LANG=C with an ASCII stdout and stderr."""
+    cells(1)
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
+    result = subprocess.run(
+        command(ALL, "--cache", kept), env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert "1 case: 1 pass" in result.stdout
+
+
+def test_on_a_terminal_there_is_a_bar_that_goes_away(cells, kept):
+    """No line for each case; stdout is a pipe and has the table only."""
+    import pty
+
+    cells(2)
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        command(ALL, "--cache", kept), stdout=subprocess.PIPE, stderr=theirs, text=True
+    )
+    os.close(theirs)
+    seen = b""
+    with contextlib.suppress(OSError):
+        while data := os.read(ours, 4096):
+            seen += data
+    os.close(ours)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert b"scoring" in seen
+    assert b"2/2" in seen
+    assert b"[1/2]" not in seen
+    assert "\x1b" not in out
+
+
 def test_progress_is_a_line_for_each_case_where_there_is_no_terminal(cells, score):
     """On stderr; none with --quiet, whose stdout is empty too."""
     names = cells(2)
