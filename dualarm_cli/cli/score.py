@@ -84,6 +84,7 @@ def score_command(
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
+    from dualarm_cli.cli.score_files import write_reports
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
@@ -125,9 +126,11 @@ def score_command(
     )
     # Where the baseline is written anew, or is not there yet, nothing is held against it.
     compared = baseline if former is not None and not update_baseline else None
-    _tell(verdicts, settings, allowed, compared, junit, markdown, github, json_output, quiet)
+    write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
     if update_baseline and baseline is not None:
         _update(baseline, verdicts, former if subset else None, settings, quiet)
+    # Printed last: where something cannot be written, that is the one document on stdout.
+    _tell(verdicts, settings, allowed, compared, github, json_output, quiet)
     _end(verdicts)
 
 
@@ -239,19 +242,15 @@ def _tell(
     settings: dict[str, object],
     allowed: float,
     baseline: Path | None,
-    junit: Path | None,
-    markdown: Path | None,
     github: bool,
     json_output: bool,
     quiet: bool,
 ) -> None:
-    """Writes the reports, then prints the result."""
-    from dualarm_cli.cli.score_files import write_reports
+    """Prints the result; what failed is told on stderr where stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.github import github_commands
     from dualarm_cli.scoring.words import reason_lines
 
-    write_reports(verdicts, allowed, baseline is not None, junit, markdown, github)
     if github:
         for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
             print_message(line)
@@ -262,7 +261,7 @@ def _tell(
         _print(verdicts, allowed, baseline is not None)
     if json_output or quiet:
         for verdict in verdicts:
-            for line in reason_lines(verdict) if verdict.failed and not github else ():
+            for line in reason_lines(verdict) if verdict.failed else ():
                 print_message(line)
 
 

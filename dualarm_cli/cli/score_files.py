@@ -55,9 +55,10 @@ def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
     """
     from dualarm_cli.scoring.baseline import read_baseline
 
-    if update and not path.exists():
-        refuse_report("--baseline", path, b"", force)
-        return None
+    if update:
+        refuse_report("--baseline", path, b"", force=True)
+        if not path.exists():
+            return None
     try:
         return read_baseline(path)
     except InputError:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dualarm_cli.cli.output import print_message, stderr_console
 from dualarm_cli.model.evaluation import Evaluation
-from dualarm_cli.reporting.printable import printable
+from dualarm_cli.reporting.printable import one_line
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -59,7 +59,7 @@ class ScoreProgress:
         self._done += 1
         if self._quiet:
             return
-        name = printable(evaluation.case)
+        name = one_line(evaluation.case)
         if self._bar is not None:
             progress, task = self._bar
             progress.update(task, advance=1, description=name)

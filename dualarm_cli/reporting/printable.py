@@ -19,3 +19,9 @@ def printable(value: Any) -> Any:
     if isinstance(value, dict):
         return {printable(key): printable(entry) for key, entry in value.items()}
     return [printable(entry) for entry in value] if isinstance(value, list) else value
+
+
+def one_line(text: str) -> str:
+    """Returns text fit to be shown within a line: a name with a line end in it would begin one of its own."""
+    shown: str = printable(text)
+    return shown.replace("\n", "\\n")

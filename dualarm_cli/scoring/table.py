@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.reporting.printable import printable
+from dualarm_cli.reporting.printable import one_line
 from dualarm_cli.scoring.verdict import Verdict, words
 from dualarm_cli.scoring.words import change_words, clearance_words, cycle_words, gap_words
 
@@ -28,7 +28,7 @@ def score_table(verdicts: Sequence[Verdict]) -> Table:
     for verdict in verdicts:
         colour = _COLOURS.get(verdict.state, "bold red")
         table.add_row(
-            escape(printable(verdict.case)),
+            escape(one_line(verdict.case)),
             cycle_words(verdict),
             change_words(verdict),
             gap_words(verdict),

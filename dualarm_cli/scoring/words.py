@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dualarm_cli.reporting.printable import printable
+from dualarm_cli.reporting.printable import one_line, printable
 from dualarm_cli.scoring.gate import FLOOR
 from dualarm_cli.scoring.verdict import STATES, Verdict, words
 
@@ -42,11 +42,11 @@ def reason_lines(verdict: Verdict) -> list[str]:
     """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
     lines = []
     for reason in verdict.reasons:
+        placed = replace(reason, file=one_line(reason.file))
         if reason.file == verdict.case:
-            told = replace(reason, message=f"{words(verdict.state)}: {reason.message}")
-            lines.append(str(told))
+            lines.append(str(replace(placed, message=f"{words(verdict.state)}: {reason.message}")))
         else:
-            lines.append(f"{verdict.case}: {words(verdict.state)}: {reason}")
+            lines.append(f"{one_line(verdict.case)}: {words(verdict.state)}: {placed}")
     shown: list[str] = printable(lines)
     return shown
 
