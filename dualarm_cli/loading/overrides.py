@@ -65,7 +65,8 @@ class Overrides:
         for key, value in (values or {}).items():
             role, _, pointer = key.partition(":")
             if role not in ROLES or not pointer.startswith("/"):
-                message = f"override {quote(key)} must be a role ({', '.join(ROLES)}), ':' and a JSON pointer"
+                known = ", ".join(ROLES)
+                message = f"{key} leads nowhere: write a file ({known}), ':' and a JSON pointer"
                 raise InputError([Diagnostic(key, 0, 0, "E300", message)])
             override = value if isinstance(value, Override) else Override(value)
             self._by_role.setdefault(role, {})[pointer] = override
@@ -74,12 +75,14 @@ class Overrides:
     def apply(self, document: Document, role: str) -> None:
         """Replaces values of a file that was just read.
 
+        A key that a mapping lacks is added to it, as a person would who edits the file; an entry of a list is not.
+
         Args:
             document: the file; its data changes.
             role: what it is to the job.
 
         Raises:
-            InputError: a value that the file does not have.
+            InputError: a pointer that leads nowhere.
         """
         from dualarm_cli.loading.value_paths import PathError, from_pointer, shown_path, value_at
 
@@ -89,13 +92,14 @@ class Overrides:
             for pointer, override in self._by_role.get(own, {}).items():
                 self._left.pop(f"{own}:{pointer}", None)
                 try:
-                    loc = from_pointer(document.data, pointer)
+                    loc = from_pointer(document.data, pointer, may_add=True)
                 except PathError as error:
-                    found = document.diagnostic((), "E300", str(error))
-                    missing.append(override.blame(found, pointer))
+                    text = f"{own}:{pointer} leads nowhere: {error}"
+                    found = document.diagnostic((), "E300", text)
+                    missing.append(found if override.at is None else override.blame(found, pointer))
                     continue
-                document.replaced[loc] = (override, shown_path(document.data, loc))
                 value_at(document.data, loc[:-1])[loc[-1]] = override.value
+                document.replaced[loc] = (override, shown_path(document.data, loc))
         if missing:
             raise InputError(missing)
 

@@ -108,24 +108,31 @@ def to_pointer(loc: Loc) -> str:
     return "".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in loc)
 
 
-def from_pointer(data: Any, pointer: str) -> Loc:
+def from_pointer(data: Any, pointer: str, may_add: bool = False) -> Loc:
     """Returns the place that a JSON pointer means in a file's data.
 
+    Args:
+        data: content of a file.
+        pointer: such as `/base/xyz/2`.
+        may_add: whether the last key may be one that its mapping does not have yet.
+
     Raises:
-        PathError: there is nothing at that place.
+        PathError: there is nothing at that place; says what there is where the way ends.
     """
     loc: Loc = ()
-    for part in pointer.split("/")[1:]:
-        name = part.replace("~1", "/").replace("~0", "~")
-        step: str | int = int(name) if isinstance(data, list) and name.isdecimal() else name
-        there = (
-            isinstance(step, int) and step < len(data)
-            if isinstance(data, list)
-            else isinstance(data, dict) and step in data
-        )
-        if not there:
-            raise PathError(f"there is nothing at {quote(pointer)}")
-        loc, data = (*loc, step), data[step]
+    names = [part.replace("~1", "/").replace("~0", "~") for part in pointer.split("/")[1:]]
+    for k, name in enumerate(names):
+        last = k == len(names) - 1
+        if isinstance(data, list):
+            if not (name.isascii() and name.isdigit() and int(name) < len(data)):
+                raise PathError(f"a list of {len(data)} has no {quote(name)}")
+            loc, data = (*loc, int(name)), data[int(name)]
+        elif not isinstance(data, dict):
+            raise PathError(f"{quote(data)} has no {quote(name)} in it")
+        elif name in data or (may_add and last):
+            loc, data = (*loc, name), data.get(name)
+        else:
+            raise PathError(f"no {quote(name)}{suggest(name, [str(key) for key in data], 'there')}")
     return loc
 
 

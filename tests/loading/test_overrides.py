@@ -89,10 +89,10 @@ def test_an_error_is_told_of_who_wants_the_value(project: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "message"),
     [
-        ("cell:/base/xyz/2", "cell.yaml:1:1: E300 /base/xyz/2 is replaced by 1: there is nothing at '/base/xyz/2'"),
+        ("cell:/base/xyz/2", "cell.yaml:1:1: E300 cell:/base/xyz/2 leads nowhere: no 'base'; there: dualarm, robot"),
         ("robot.left:/name", "robot.left: E300 /name is replaced by 1: this job has no file 'robot.left' of its own"),
-        ("sell:/clearance", "must be a role (tasks, cell, robot,"),
-        ("cell:clearance", "must be a role (tasks, cell, robot,"),
+        ("sell:/clearance", "leads nowhere: write a file (tasks, cell, robot,"),
+        ("cell:clearance", "leads nowhere: write a file (tasks, cell, robot,"),
     ],
 )  # fmt: skip
 def test_an_override_that_means_nothing_is_refused(key: str, message: str, project: Path) -> None:
@@ -114,6 +114,19 @@ def test_two_robots_are_replaced_together_or_apart(tasks_folder: Path) -> None:
     one = load_job(path, overrides={f"robot.right:{pointer}": 1.5}).cell.robot.limits.acceleration
     assert (one[left], one[right]) == (limits.acceleration[left], 1.5)
     assert limits.acceleration[left] != 1.5
+
+
+def test_a_key_that_the_file_leaves_out_can_be_given(project: Path) -> None:
+    """Its default is replaced; what no file can have is refused as in a file."""
+    job = load_job(
+        "tasks.yaml", overrides={"tasks:/speed": "50%", "cell:/base": {"xyz": [0, 0, 1]}}
+    )
+    assert job.speed == 0.5
+    assert job.cell.base.translation[2] == 1.0
+    with pytest.raises(
+        InputError, match=r"cell.yaml:1:1: E201 nonsense is replaced by 1: unknown key 'nonsense'"
+    ):
+        load_job("tasks.yaml", overrides={"cell:/nonsense": 1})
 
 
 def test_a_whole_cell_can_be_chosen(project: Path) -> None:

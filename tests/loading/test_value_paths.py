@@ -112,8 +112,26 @@ def test_paths_are_shown_as_people_write_them() -> None:
     assert shown_path(DATA, ("frames", "bin.slot", "xyz", 0)) == 'frames["bin.slot"].xyz[0]'
 
 
-@pytest.mark.parametrize("pointer", ["/base/xyz/3", "/bas", "/clearance/x", "/base/xyz/-1"])
-def test_a_pointer_to_nothing_is_refused(pointer: str) -> None:
-    """Never a key or an entry that is made up."""
-    with pytest.raises(PathError, match="there is nothing at"):
-        from_pointer(DATA, pointer)
+@pytest.mark.parametrize(
+    ("pointer", "message"),
+    [
+        ("/base/xyz/3", "a list of 3 has no '3'"),
+        ("/base/xyz/-1", "a list of 3 has no '-1'"),
+        ("/bas/xyz", "no 'bas', did you mean 'base'?"),
+        ("/clearance/x", "12 has no 'x' in it"),
+        ("/base/new/er", "no 'new'; there: xyz"),
+    ],
+)
+def test_a_pointer_to_nothing_is_refused(pointer: str, message: str) -> None:
+    """Whether a key may be added or not: never more than the last one, and never an entry of a list."""
+    for may_add in (False, True):
+        with pytest.raises(PathError) as error:
+            from_pointer(DATA, pointer, may_add)
+        assert message in str(error.value)
+
+
+def test_the_last_key_may_be_new_where_that_is_wanted() -> None:
+    """As somebody would add a line to a file."""
+    assert from_pointer(DATA, "/base/rpy", may_add=True) == ("base", "rpy")
+    with pytest.raises(PathError, match="no 'rpy'; there: xyz"):
+        from_pointer(DATA, "/base/rpy")
