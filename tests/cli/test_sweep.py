@@ -257,3 +257,24 @@ def _lives(pid: int) -> bool:
         return (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes(folder, capsys) -> None:
+    """As processes of this machine do; a cluster that is not there is exit 2."""
+    distributed = pytest.importorskip("distributed")
+    arguments = ["sweep", "study.yaml", "--no-cache", "--json", "-q"]
+    assert run([*arguments, "--jobs", "1"]) == 0
+    local = capsys.readouterr().out
+    options = {
+        "n_workers": 2,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": None,
+    }
+    with distributed.LocalCluster(**options) as cluster:
+        address = cluster.scheduler_address
+        assert run([*arguments, "--scheduler", address]) == 0
+        assert capsys.readouterr().out == local
+    assert run([*arguments, "--scheduler", address]) == 2
+    assert "no scheduler answers there" in capsys.readouterr().err
