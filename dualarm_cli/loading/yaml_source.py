@@ -133,6 +133,14 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
         begun = error.context_mark
         since = f" (begun at line {begun.line + 1})" if begun and begun.line + 1 != line else ""
         message = f"not YAML: {problem}{context}{since}"
+        if text[column - 1 : column] == "[" and text[: column - 1].rstrip()[-1:] not in (
+            "",
+            ",",
+            ":",
+            "{",
+            "[",
+        ):
+            message += "; text with brackets needs quotes there"
     return source.diagnostic(line, column, "E101", message)
 
 
