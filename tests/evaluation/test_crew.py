@@ -35,6 +35,8 @@ for line in sys.stdin.buffer:
         os._exit(7)
     if case.startswith("hang") or (case.startswith("late") and not tried):
         time.sleep(600)
+    if case.startswith("slow"):
+        time.sleep(0.3)
     print("noise on stdout", flush=True)
     answer = Evaluation(case, "planned", cycle_time=float(len(case)), travel=float(os.getpid()))
     out.write(json.dumps(answer.as_document()).encode() + b"\\n"); out.flush()
@@ -125,33 +127,38 @@ def test_processes_that_are_never_ready_are_given_up(monkeypatch):
 def test_whoever_stops_early_leaves_no_answers_for_the_next(stand_in):
     """A run that is dropped in the middle, then another one of the same crew."""
     with Crew(2) as crew:
-        run = crew.run(asked("a", "hang", "b"))
-        next(run)
+        outcome(crew, "slow8", "slow9")  # both are ready then
+        run = crew.run(asked("a", "slow", "b"))
+        assert next(run)[1].case == "a"
         run.close()
-        assert outcome(crew, "x", "y") == {"x": "planned", "y": "planned"}
+        assert set(outcome(crew, "x", "y", "slow2", "z").values()) == {"planned"}
 
 
+BUSY = (
+    "import sys, time, types; stand_in = types.ModuleType('dualarm_cli.evaluation.evaluate'); "
+    "stand_in.evaluate = lambda _: time.sleep(600); "
+    "sys.modules['dualarm_cli.evaluation.evaluate'] = stand_in; "
+)
+"""A worker that is the real one but for what it does, which takes long."""
 PARENT = """
-import sys
-from dualarm_cli.evaluation.crew import Crew
-from dualarm_cli.evaluation.request import Request
+import sys, threading, time
 import dualarm_cli.evaluation.crew as module
-with Crew(2) as crew:
-    run = crew.run([Request(sys.argv[1], sys.argv[1], platform="fixed", effort="quick")] * 4)
-    next(run)
+from dualarm_cli.evaluation.request import Request
+module._START = sys.argv[1] + module._START
+crew = module.Crew(2)
+def tell():
+    while len(crew._workers) < 2 or not all(w.attempt for w in crew._workers):
+        time.sleep(0.01)
     print(*(worker.process.pid for worker in crew._workers), flush=True)
-    input()
+threading.Thread(target=tell, daemon=True).start()
+list(crew.run([Request("a", "a")] * 2))
 """
 
 
-def test_workers_do_not_outlive_a_parent_that_is_killed(cells):
-    """The real ones: they ask the kernel to end with it."""
-    case = str(Path(cells(1)[0]).resolve())
+def test_workers_do_not_outlive_a_parent_that_is_killed():
+    """Not even in the middle of something long: they ask the kernel to end with it."""
     parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, case],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", PARENT, BUSY], stdout=subprocess.PIPE, text=True
     )
     pids = [int(word) for word in parent.stdout.readline().split()]
     assert len(pids) == 2
@@ -162,7 +169,6 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(cells):
     while any(alive(pid) for pid in pids) and time.monotonic() < end:
         time.sleep(0.02)
     assert not any(alive(pid) for pid in pids)
-    parent.stdin.close()
     parent.stdout.close()
 
 

@@ -46,6 +46,15 @@ def test_a_clearance_is_kept_down_to_its_figure(planned):
     assert kept(schedule, job, clearance=least + 1e-5, cycle_time=1.0) == [False, False]
 
 
+def test_it_is_the_distance_that_counts_and_not_what_is_left_of_it(planned):
+    """A cell that demands 10 mm everywhere has the same least distance; its margin is 10 mm less."""
+    job, schedule = planned
+    demanding = replace(job, cell=replace(job.cell, clearance=0.01))
+    judged = replace(schedule, verification=verify(schedule, demanding, clearance=True))
+    least = least_clearance(schedule, job)
+    assert least_clearance(judged, demanding) == pytest.approx(least, abs=5e-4)
+
+
 def test_a_pair_with_a_clearance_of_its_own_does_not_hide_the_nearest_one(planned):
     """A pair from which much is demanded is nearest to its demand; the least distance is another pair's.
 
