@@ -84,7 +84,7 @@ def score_command(
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
-    from dualarm_cli.cli.score_files import write_reports
+    from dualarm_cli.cli.score_files import refuse_report, write_reports
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
@@ -102,7 +102,8 @@ def score_command(
         no_cache=no_cache,
     )
     allowed, limit = read_regression(max_regression), read_duration("--timeout", timeout)
-    refuse_files(junit, junit_format.MARK, markdown, markdown_format.MARK.encode(), force)
+    refuse_report("--junit", junit, junit_format.MARK, force)
+    refuse_report("--markdown", markdown, markdown_format.MARK.encode(), force)
     requests = [
         Request.of(
             case,
@@ -132,20 +133,6 @@ def score_command(
     # Printed last: where something cannot be written, that is the one document on stdout.
     _tell(verdicts, settings, allowed, compared, github, json_output, quiet)
     _end(verdicts)
-
-
-def refuse_files(
-    junit: Path | None,
-    junit_mark: bytes,
-    markdown: Path | None,
-    markdown_mark: bytes,
-    force: bool,
-) -> None:
-    """Raises before any work is done where a report could not be written."""
-    from dualarm_cli.cli.score_files import refuse_report
-
-    refuse_report("--junit", junit, junit_mark, force)
-    refuse_report("--markdown", markdown, markdown_mark, force)
 
 
 def _former(
