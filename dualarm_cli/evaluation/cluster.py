@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -9,8 +11,8 @@ from typing import Any
 
 from dualarm_cli.errors import MissingDependencyError, UsageError
 from dualarm_cli.evaluation.crew import Crew
-from dualarm_cli.evaluation.fingerprint import programs
-from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.fingerprint import digest, programs
+from dualarm_cli.evaluation.inputs import GONE, hashes_now
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation, Finding
 
@@ -23,6 +25,11 @@ ELSEWHERE = (
     "shared folder"
 )
 """What is said of a case whose files other machines lack or have otherwise."""
+OTHER_PROGRAMS = (
+    "a worker of the cluster that came later would plan otherwise: it has another version of dualarm, of Python or of "
+    "a library; install the same there"
+)
+"""What is said of a case that came to a worker which was not there when all were compared."""
 _here = threading.local()
 
 
@@ -45,6 +52,8 @@ class Cluster:
         except ImportError:
             raise MissingDependencyError("distributed", "cluster") from None
         self._timeout = timeout
+        # What it logs are tracebacks of its own; what they come to is said of the cases.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=CONNECTING, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
@@ -103,9 +112,10 @@ class Cluster:
         """
         from distributed import as_completed
 
+        wanted = digest(dict(programs()))
         places = {
             self._client.submit(
-                evaluate_there, request.as_document(), self._timeout, pure=False
+                evaluate_there, request.as_document(), self._timeout, wanted, pure=False
             ): index
             for index, request in enumerate(requests)
         }
@@ -113,16 +123,7 @@ class Cluster:
         try:
             for future in as_completed(list(places), loop=self._client.loop):
                 index = places[future]
-                request = requests[index]
-                if future.status == "finished":
-                    yield (
-                        index,
-                        _seen_alike(Evaluation.of_document(future.result()), request, known),
-                    )
-                else:
-                    text = f"the cluster gave it up: {future.exception()}"
-                    finding = Finding(text, request.case)
-                    yield index, Evaluation(request.case, "crashed", findings=(finding,))
+                yield index, _answer(future, requests[index], known)
         finally:
             with suppress(Exception):
                 self._client.cancel([future for future in places if not future.done()])
@@ -133,12 +134,21 @@ def _programs_there() -> dict[str, str]:
     return dict(programs())
 
 
-def evaluate_there(request: Mapping[str, Any], timeout: float | None) -> dict[str, Any]:
+def evaluate_there(
+    request: Mapping[str, Any], timeout: float | None, wanted: str
+) -> dict[str, Any] | None:
     """Returns what a request comes to, as a document; runs on a worker of the cluster.
 
     A process of its own does it, as it would without a cluster: one that dies or takes too long does not take the
     worker with it, and threads of a worker do not share a planner.
+
+    Args:
+        request: as a document.
+        timeout: how long it may take [s]; None for no limit.
+        wanted: hash of the programs that are to plan; None is returned where others would.
     """
+    if digest(dict(programs())) != wanted:
+        return None
     crew = getattr(_here, "crew", None)
     if crew is None or _here.timeout != timeout:
         if crew is not None:
@@ -149,13 +159,37 @@ def evaluate_there(request: Mapping[str, Any], timeout: float | None) -> dict[st
     return found[0][1].as_document()
 
 
+def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation:
+    """Returns what a request came to, or why the cluster has no answer that counts here.
+
+    Args:
+        future: of its evaluation, done in one way or the other.
+        request: what was asked.
+        known: hashes of files here, added to.
+    """
+    try:
+        if future.status == "finished":
+            document = future.result()
+            if document is None:
+                return _refused(request, OTHER_PROGRAMS)
+            return _seen_alike(Evaluation.of_document(document), request, known)
+        why = future.exception() or "it has lost it, or its scheduler has ended"
+    except (Exception, asyncio.CancelledError) as error:
+        why = error
+    finding = Finding(f"the cluster gave it up: {why}", request.case)
+    return Evaluation(request.case, "crashed", findings=(finding,))
+
+
 def _seen_alike(answer: Evaluation, request: Request, known: dict[str, str]) -> Evaluation:
     """Returns an answer if it was made from what the files hold here; what is wrong otherwise."""
     if answer.status in ("timed_out", "crashed"):
         return answer
-    here = hashes_now(answer.inputs, request.folder, known)
-    other = [name for name, digest in answer.inputs.items() if here[name] != digest]
-    if answer.inputs and not other:
-        return answer
-    finding = Finding(ELSEWHERE + (f" ({', '.join(other)})" if other else ""), request.case)
-    return Evaluation(request.case, "bad_input", findings=(finding,))
+    # A task file that nobody can read is told as it would be without a cluster.
+    names = answer.inputs or [request.file]
+    here = hashes_now(names, request.folder, known)
+    other = [name for name in names if answer.inputs.get(name, GONE) != here[name]]
+    return _refused(request, f"{ELSEWHERE} ({', '.join(other)})") if other else answer
+
+
+def _refused(request: Request, text: str) -> Evaluation:
+    return Evaluation(request.case, "bad_input", findings=(Finding(text, request.case),))

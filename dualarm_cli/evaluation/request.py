@@ -46,6 +46,11 @@ class Request:
         return os.path.dirname(self.path)  # noqa: PTH120
 
     @property
+    def file(self) -> str:
+        """The name of the task file in its folder."""
+        return os.path.basename(self.path)  # noqa: PTH119
+
+    @property
     def settings(self) -> dict[str, Any]:
         """What it is planned by, without what is planned."""
         return {

@@ -77,9 +77,8 @@ class Store:
 
     def _files_key(self, request: Request, fresh: bool = False) -> str:
         """Returns the key of what a task file was read from: by its name, what it holds and what replaces it."""
-        name = os.path.basename(request.path)  # noqa: PTH119
         known = {} if fresh else self._hashes
-        held = hashes_now([name], request.folder, known)[name]
+        held = hashes_now([request.file], request.folder, known)[request.file]
         return digest({"question": question(request), "task": held if held != GONE else ""})
 
     def _place(self, kind: str, key: str) -> Path:
