@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from dualarm_cli.evaluation import crew as module
+from dualarm_cli.evaluation import worker_process as module
 from dualarm_cli.evaluation.crew import Crew, WorkersFailedError
 from dualarm_cli.evaluation.request import Request
+from dualarm_cli.model.evaluation import Evaluation
 
 # What a worker does, without libraries to load: what it is told by the name of the case.
 STAND_IN = """
@@ -32,7 +33,9 @@ for line in sys.stdin.buffer:
     if case.startswith("die") or (case.startswith("once") and not tried):
         os.kill(os.getpid(), signal.SIGKILL)
     if case.startswith("exit"):
+        print("no more\\n" + "what has happened", file=sys.stderr, flush=True)
         os._exit(7)
+    print(f"warning of {case}", file=sys.stderr, flush=True)
     if case.startswith("hang") or (case.startswith("late") and not tried):
         time.sleep(600)
     if case.startswith("slow"):
@@ -97,7 +100,10 @@ def test_a_process_that_dies_costs_its_own_request_only_after_a_second_try(stand
     assert len(found) == 8
     assert {case for case, e in states.items() if e.status == "crashed"} == {"die1", "exit1"}
     assert "SIGKILL" in states["die1"].findings[0].message
-    assert "exit code 7" in states["exit1"].findings[0].message
+    assert "SIGKILL; is memory short?" in states["die1"].findings[0].message
+    assert states["exit1"].findings[0].message == (
+        "its process died 2 times, at last by exit code 7 (what has happened)"
+    )
     assert all(e.status == "planned" for c, e in states.items() if c not in ("die1", "exit1"))
 
 
@@ -117,11 +123,60 @@ def test_a_process_that_takes_too_long_is_ended_and_tried_once_more(stand_in):
 
 
 def test_processes_that_are_never_ready_are_given_up(monkeypatch):
-    """Instead of starting them for ever."""
-    monkeypatch.setattr(module, "_START", "import sys; sys.exit(3)")
-    with Crew(2) as crew, pytest.raises(WorkersFailedError, match="exit code 3"):
-        list(crew.run(asked("a", "b", "c")))
-    assert crew._workers == []
+    """Instead of starting them for ever; why is in their last words. Whoever asks again is answered again."""
+    monkeypatch.setattr(module, "_START", "import sys; print('lost'); sys.exit('no library')")
+    with Crew(2) as crew:
+        for _ in range(2):
+            with pytest.raises(WorkersFailedError, match=r"exit code 1 \(no library\)"):
+                list(crew.run(asked("a", "b", "c")))
+        assert crew._workers == []
+
+
+def test_what_is_done_is_told_before_it_is_given_up(monkeypatch):
+    """An answer that comes together with the last start that fails is not lost with it."""
+    crew = Crew(2)
+
+    def both(requests, again, wait):
+        if not wait:
+            return []
+        crew._failed_starts += ["x"] * 3
+        return [(0, Evaluation("a", "planned"))]
+
+    monkeypatch.setattr(crew, "_answered", both)
+    monkeypatch.setattr(crew, "_assign", lambda *_: None)
+    run = crew.run(asked("a", "b"))
+    assert next(run) == (0, Evaluation("a", "planned"))
+    with pytest.raises(WorkersFailedError):
+        next(run)
+
+
+def test_a_process_that_died_while_it_had_nothing_to_do_costs_no_try(stand_in):
+    """The next request dies once by itself and is answered all the same."""
+    with Crew(1) as crew:
+        outcome(crew, "a")
+        (worker,) = crew._workers
+        os.kill(worker.process.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, worker.process.pid, os.WEXITED | os.WNOWAIT)
+        assert outcome(crew, "once") == {"once": "planned"}
+
+
+def test_a_limit_of_months_is_one(stand_in):
+    """More than the kernel counts."""
+    with Crew(1, timeout=1e9) as crew:
+        assert outcome(crew, "a", "b") == {"a": "planned", "b": "planned"}
+
+
+def test_a_process_that_cannot_be_started_leaves_no_file_open(monkeypatch):
+    """Where there is no memory for one more, say."""
+    before = len(list(Path("/proc/self/fd").iterdir()))
+
+    def none(*_, **__):
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(module.subprocess, "Popen", none)
+    with Crew(1) as crew, pytest.raises(OSError, match="unavailable"):
+        list(crew.run(asked("a")))
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 def test_whoever_stops_early_leaves_no_answers_for_the_next(stand_in):
@@ -142,10 +197,11 @@ BUSY = (
 """A worker that is the real one but for what it does, which takes long."""
 PARENT = """
 import sys, threading, time
-import dualarm_cli.evaluation.crew as module
+import dualarm_cli.evaluation.worker_process as module
+from dualarm_cli.evaluation.crew import Crew
 from dualarm_cli.evaluation.request import Request
 module._START = sys.argv[1] + module._START
-crew = module.Crew(2)
+crew = Crew(2)
 def tell():
     while len(crew._workers) < 2 or not all(w.attempt for w in crew._workers):
         time.sleep(0.01)
