@@ -129,7 +129,7 @@ def test_processes_that_are_never_ready_are_given_up(monkeypatch):
         for _ in range(2):
             with pytest.raises(WorkersFailedError, match=r"exit code 1 \(no library\)"):
                 list(crew.run(asked("a", "b", "c")))
-        assert crew._workers == []
+    assert crew._workers == []
 
 
 def test_what_is_done_is_told_before_it_is_given_up(monkeypatch):
