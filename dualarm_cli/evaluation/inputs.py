@@ -39,11 +39,24 @@ def hashes_now(names: Iterable[str], folder: str, known: dict[str, str]) -> dict
     """
     found = {}
     for name in sorted(names):
-        path = _path(name, folder)
+        path = path_of(name, folder)
         if path not in known:
             known[path] = _hash(path)
         found[name] = known[path]
     return found
+
+
+def path_of(name: str, folder: str) -> str:
+    """Returns the path of a file, not made shorter.
+
+    Args:
+        name: as `names_of` gives it.
+        folder: the task file's, absolute.
+    """
+    if name.startswith(BUNDLED):
+        return f"{robots_folder()}/{name[len(BUNDLED) :]}"
+    # `..` of a linked folder is where the link leads.
+    return f"{folder}/{name}"
 
 
 def _name(path: str, folder: str) -> str:
@@ -53,13 +66,6 @@ def _name(path: str, folder: str) -> str:
     if real.startswith(f"{bundled}/"):
         return BUNDLED + real[len(bundled) + 1 :]
     return os.path.relpath(real, os.path.realpath(folder))
-
-
-def _path(name: str, folder: str) -> str:
-    if name.startswith(BUNDLED):
-        return f"{robots_folder()}/{name[len(BUNDLED) :]}"
-    # Not made shorter: `..` of a linked folder is where the link leads.
-    return f"{folder}/{name}"
 
 
 def _hash(path: str) -> str:

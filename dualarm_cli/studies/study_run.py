@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dualarm_cli.evaluation.answers import Run, answers
 from dualarm_cli.evaluation.request import Request
@@ -42,6 +42,8 @@ class Desk:
     """Plans that the store knew."""
     planned: int = 0
     """Plans that were made."""
+    seen: dict[str, str] = field(default_factory=dict)
+    """Hashes by path of the files that plans were made from."""
 
     def rows(self, study: Study, points: Sequence[Point], done: Sequence[Row] = ()) -> list[Row]:
         """Returns a row for each point, in the order of the points.
@@ -50,6 +52,9 @@ class Desk:
             study: what the points are of.
             points: what is asked.
             done: rows of the same study that came before; they count as progress, and number on.
+
+        Raises:
+            InputError: a file of the jobs changed meanwhile.
         """
         asked = [point_requests(study, point) for point in points]
         found = self._evaluated(
@@ -75,7 +80,7 @@ class Desk:
         parts: dict[int, dict[int, Evaluation]] = {k: {} for k in range(len(asked))}
         found: dict[int, Row] = {}
         best = min((row for row in done or () if row.is_planned), key=_first(study), default=None)
-        for answer in answers(flat, self.run, self.store):
+        for answer in answers(flat, self.run, self.store, self.seen):
             k, j = owners[answer.index]
             parts[k][j] = answer.evaluation
             self.known += answer.known
