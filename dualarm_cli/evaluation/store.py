@@ -14,8 +14,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from typing import Any
 from dualarm_cli.evaluation.fingerprint import answer_key, canonical, digest, question
 from dualarm_cli.evaluation.inputs import GONE, hashes_now
 from dualarm_cli.evaluation.request import Request
+from dualarm_cli.exporting.whole_files import write_new
 from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
 
 FORMAT = "dualarm.cache/1"
@@ -122,16 +121,12 @@ class Store:
         making = self.folder / "making"
         making.mkdir(parents=True, exist_ok=True)
         place.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=making)
+        made = write_new(making, "", "", data)
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(place)
+            made.replace(place)
         except BaseException:
             with contextlib.suppress(OSError):
-                Path(name).unlink()
+                made.unlink()
             raise
 
 

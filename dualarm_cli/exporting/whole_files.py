@@ -45,7 +45,22 @@ def replace_all(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def _write_beside(folder: Path, name: str, content: bytes) -> Path:
     """Writes content to a new hidden file of the folder and onto the disk."""
-    handle, path = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=folder)
+    return write_new(folder, f".{name}.", ".part", content)
+
+
+def write_new(folder: Path, prefix: str, suffix: str, content: bytes) -> Path:
+    """Writes content to a new file whose name nothing else has, and onto the disk.
+
+    Args:
+        folder: where it is made.
+        prefix: what its name begins with.
+        suffix: what its name ends with.
+        content: what it holds; whoever may read other new files of this process may read it.
+
+    Raises:
+        OSError: it cannot be written; nothing is left of it.
+    """
+    handle, path = tempfile.mkstemp(prefix=prefix, suffix=suffix, dir=folder)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
@@ -55,7 +70,8 @@ def _write_beside(folder: Path, name: str, content: bytes) -> Path:
         os.umask(umask)
         Path(path).chmod(0o666 & ~umask)
     except BaseException:
-        Path(path).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            Path(path).unlink()
         raise
     return Path(path)
 

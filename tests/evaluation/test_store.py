@@ -144,7 +144,7 @@ def test_a_file_that_changed_while_it_was_planned_is_not_kept(asked, tmp_path):
 
 
 def test_no_damage_of_an_entry_is_taken_for_an_answer(asked, tmp_path):
-    """Cut off at any place, any byte changed, a directory in its place: as if it were not there, and mended."""
+    """Cut off at any place, any byte changed, nested without end: as if it were not there, and mended."""
     request, answer = asked
     store = Store(tmp_path / "c")
     store.keep(request, answer)
@@ -176,6 +176,19 @@ def test_an_entry_of_another_key_is_not_believed(asked, tmp_path):
     two.write_bytes(one_bytes)
     assert Store(tmp_path / "c").find(request) is None
     assert Store(tmp_path / "c").find(other) is None
+
+
+def test_entries_may_be_read_by_whom_other_new_files_may(asked, tmp_path):
+    """A cache in a shared folder serves all who share it."""
+    request, answer = asked
+    former = os.umask(0o027)
+    try:
+        Store(tmp_path / "c").keep(request, answer)
+    finally:
+        os.umask(former)
+    entries = [path for path in (tmp_path / "c").rglob("*") if path.is_file()]
+    assert len(entries) == 3
+    assert {path.stat().st_mode & 0o777 for path in entries} == {0o640}
 
 
 def test_a_store_that_cannot_be_written_says_so_and_raises_nothing(asked, tmp_path):
