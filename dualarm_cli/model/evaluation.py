@@ -21,16 +21,6 @@ Status = Literal[
 STATUSES: tuple[str, ...] = get_args(Status)
 REPEATABLE: tuple[str, ...] = ("planned", "fails_verification", "infeasible")
 """What the same input always comes to again, so that it may be kept; `bad_input` is as quick to find anew."""
-EXIT_CODES: Mapping[str, int] = {
-    "planned": 0,
-    "fails_verification": 1,
-    "infeasible": 3,
-    "bad_input": 2,
-    "internal_error": 4,
-    "timed_out": 1,
-    "crashed": 4,
-}
-"""What a process ends with that evaluates one job only."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +76,6 @@ class Evaluation:
     """What is wrong, or is to be known."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of every file that was read, by its name from the task file's folder; see `loading.text_source`."""
-
-    @property
-    def duration(self) -> float | None:
-        """Length of the motion [s], as in a schedule; the same as its cycle time."""
-        return self.cycle_time
 
     @property
     def has_plan(self) -> bool:

@@ -7,14 +7,16 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation.request import case_name
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.loading.text_source import MAX_FILE_BYTES, quote
 
-_TASKS = re.compile(rb"^(?:\xef\xbb\xbf)?\s*dualarm\s*:\s*['\"]?tasks/", re.MULTILINE)
-_HEAD = 4096
-"""How much of a file tells its kind [bytes]."""
+_TASKS = re.compile(
+    rb"""^(?:\xef\xbb\xbf)?[\s{]*(['"]?)dualarm\1\s*:\s*['"]?tasks/""", re.MULTILINE
+)
+"""The key that tells a task file; quoted and between braces it is the same YAML."""
 
 
 def find_cases(patterns: Sequence[str]) -> list[str]:
@@ -53,9 +55,19 @@ def _matches(pattern: str) -> list[str]:
 
 
 def _tasks_in(folder: str) -> list[str]:
-    """Returns the task files of a folder, told by their `dualarm` key."""
+    """Returns the task files of a folder, told by their `dualarm` key.
+
+    Raises:
+        UsageError: it cannot be looked into, nor can a folder in it.
+    """
+
+    def unread(error: OSError) -> NoReturn:
+        raise UsageError(
+            f"{quote(error.filename)} cannot be searched for task files: {error.strerror}"
+        )
+
     found = []
-    for place, folders, files in os.walk(folder):
+    for place, folders, files in os.walk(folder, onerror=unread):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
             path = Path(place) / name
@@ -69,6 +81,6 @@ def _is_tasks(path: Path) -> bool:
         if not path.is_file():
             return False
         with path.open("rb") as file:
-            return _TASKS.search(file.read(_HEAD)) is not None
+            return _TASKS.search(file.read(MAX_FILE_BYTES)) is not None
     except OSError:
         return True  # what cannot be read is not passed over in silence

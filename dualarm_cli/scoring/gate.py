@@ -71,8 +71,8 @@ def judge(
     if evaluation.status != "planned":
         return Verdict(case, evaluation.status, evaluation, before, evaluation.findings)
     time = evaluation.cycle_time
-    if time is None or not math.isfinite(time):
-        reason = Finding("the cycle time is no number", case)
+    if time is None or not math.isfinite(time) or time < 0.0:
+        reason = Finding("the cycle time is no number, or negative", case)
         return Verdict(case, "internal_error", evaluation, before, (reason,))
     states: list[State] = []
     reasons: list[Finding] = []

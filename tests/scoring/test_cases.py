@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,42 @@ def test_what_matches_nothing_is_refused_though_others_match(tree, pattern):
     Path("empty").mkdir()
     with pytest.raises(UsageError, match="nothing to score"):
         find_cases(["cells", pattern])
+
+
+@pytest.mark.parametrize(
+    ("text", "is_one"),
+    [
+        ('"dualarm": tasks/1\ncell: cell.yaml\n', True),
+        ("'dualarm' : 'tasks/1'\n", True),
+        ('{"dualarm": "tasks/1", "cell": "cell.yaml"}\n', True),
+        ("{ dualarm: tasks/1 }\n", True),
+        ("\ufeffdualarm: tasks/1\n", True),
+        ("cell: cell.yaml\r\ndualarm: tasks/1\r\n", True),
+        ("# a job\n" * 10_000 + "dualarm: tasks/1\n", True),
+        ("# dualarm: tasks/1\ndualarm: cell/1\n", False),
+        ("dualarm: study/1\ntasks: [a/tasks/1]\n", False),
+    ],
+)
+def test_a_task_file_of_a_folder_is_one_however_it_is_written(tmp_path, text, is_one):
+    """What is passed over in silence is not held against the baseline."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "other.yaml").write_text("dualarm: tasks/1\n")
+    (tmp_path / "a" / "job.yaml").write_bytes(text.encode())
+    found = find_cases([str(tmp_path / "a")])
+    assert [name for name in found if name.endswith("job.yaml")] == [
+        str(tmp_path / "a" / "job.yaml")
+    ] * is_one
+
+
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(tree, monkeypatch):
+    """The others have cases all the same."""
+    scandir = os.scandir
+
+    def denied(path):
+        if str(path).endswith("b"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", denied)
+    with pytest.raises(UsageError, match=r"'cells/b' cannot be searched .*Permission denied"):
+        find_cases(["cells"])

@@ -67,7 +67,7 @@ def test_what_has_no_verified_plan_never_passes(evaluation, recorded, status):
         assert verdict.reasons == failed.findings
 
 
-@pytest.mark.parametrize("time", [None, math.nan, math.inf])
+@pytest.mark.parametrize("time", [None, math.nan, math.inf, -1.0])
 def test_a_cycle_time_that_is_none_never_passes(evaluation, recorded, time):
     """Comparisons with NaN are all false: it is refused before any."""
     verdict = judge(CASE, evaluation(cycle_time=time), recorded(), 1.0, compared=True)
