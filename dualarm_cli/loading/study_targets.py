@@ -110,13 +110,13 @@ class TargetReader:
 
     def _amount(
         self, value: object, apply: Apply, document: Document, place: Loc, loc: Loc
-    ) -> Amount | None:
-        """Returns a file's value as a number; None where it is none, after noting it if it has to be one."""
+    ) -> Level | None:
+        """Returns a file's value, as a number if it is one; None after noting that it has to be one and is not."""
         try:
             return read_amount(value)
         except QuantityError:
             if apply == "set":
-                return None
+                return value if isinstance(value, str | bool) else None
         line, column = document.place(place)
         where = f"{document.source.name}:{line}:{column}"
         done = {"shift": "moved", "scale": "scaled"}[apply]
@@ -127,7 +127,7 @@ class TargetReader:
     def _fits(
         self,
         apply: Apply,
-        amounts: list[Amount | None],
+        amounts: list[Level | None],
         values: tuple[tuple[Level, ...], Span | None],
         loc: Loc,
     ) -> bool:
@@ -142,9 +142,9 @@ class TargetReader:
                 if not isinstance(level, Amount):
                     if apply != "set":
                         raise QuantityError(f"{quote(level)} cannot {apply} a number")
-                elif amount is not None and apply == "set":
+                elif isinstance(amount, Amount) and apply == "set":
                     in_unit(level, amount)
-                elif amount is not None:
+                elif isinstance(amount, Amount):
                     shifted(amount, level) if apply == "shift" else scaled(amount, level)
                 elif apply != "set":
                     return False

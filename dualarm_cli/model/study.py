@@ -63,8 +63,8 @@ class Target:
     """set: the parameter is the value; shift: is added to the file's; scale: multiplies it."""
     keys: tuple[str, ...]
     """By task file: `role:/json/pointer` of the value."""
-    found: tuple[Amount | None, ...]
-    """By task file: what the file has; None where that is no number."""
+    found: tuple[Amount | str | bool | None, ...]
+    """By task file: what the file has; None where that is nothing."""
 
 
 @dataclass(frozen=True)

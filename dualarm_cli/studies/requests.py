@@ -85,14 +85,16 @@ def new_value(target: Target, job: int, level: Level) -> float | str | bool:
     found = target.found[job]
     if not isinstance(level, Amount):
         return level
-    if target.apply == "set" or found is None:
+    if target.apply == "set" or not isinstance(found, Amount):
         return level.written
     return (shifted if target.apply == "shift" else scaled)(found, level).written
 
 
-def _same(found: Amount | None, value: float | str | bool) -> bool:
+def _same(found: Level | None, value: float | str | bool) -> bool:
     """Returns whether a value is the file's own, whatever its unit."""
-    if found is None or isinstance(value, bool):
+    if not isinstance(found, Amount):
+        return type(found) is type(value) and found == value
+    if isinstance(value, bool):
         return False
     try:
         return read_amount(value).si == found.si

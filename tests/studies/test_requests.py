@@ -113,6 +113,21 @@ def test_what_is_the_file_s_own_value_is_not_replaced(folder: Path) -> None:
     assert len({repr(point_requests(study, point)) for point in points}) == 4
 
 
+def test_words_and_truths_that_are_the_file_s_own_are_not_replaced(folder: Path) -> None:
+    """As with numbers: `order: given` and `return: true` are what the file has; text is no truth."""
+    text = (
+        "dualarm: study/1\ntasks: tasks.yaml\nparameters:\n"
+        "  order: {tasks: order, values: [given, optimise]}\n"
+        "  close: {tasks: return, values: [true, false, 'true']}\n"
+    )
+    study = _study(folder, text)
+    found = [
+        dict(request.overrides) for p in study_points(study) for request in point_requests(study, p)
+    ]
+    closes = [{}, {"tasks:/return": False}, {"tasks:/return": "true"}]
+    assert found == closes + [{"tasks:/order": "optimise"} | close for close in closes]
+
+
 def test_shift_and_scale_start_from_the_file(folder: Path) -> None:
     """100 mm in the file: 10 mm more, or half of it."""
     text = "dualarm: study/1\ntasks: tasks.yaml\nparameters:\n"
