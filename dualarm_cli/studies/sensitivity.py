@@ -206,27 +206,26 @@ def _regression(
 
     Nothing where there are too few plans, or where the plans vary parameters only together.
     """
-    columns: dict[str, FloatArray] = {}
+    columns: list[tuple[str, FloatArray]] = []
     for factor in factors:
         if factor.numbers is not None:
-            columns[factor.name] = factor.numbers
+            columns.append((factor.name, factor.numbers))
         else:
             # Words have a column each but one, so that the slopes of numbers are what is left beside them.
-            for level in np.unique(factor.levels)[1:]:
-                columns[f"{factor.name}={level}"] = (factor.levels == level).astype(np.float64)
-    columns = {name: x for name, x in columns.items() if np.ptp(x) > 0.0}
+            columns += [
+                ("", (factor.levels == level).astype(np.float64))
+                for level in np.unique(factor.levels)[1:]
+            ]
+    columns = [(name, x) for name, x in columns if np.ptp(x) > 0.0]
     if not columns or len(values) < len(columns) + 2:
         return {}, None
-    x = np.column_stack([(c - c.mean()) / c.std() for c in columns.values()])
+    x = np.column_stack([(c - c.mean()) / c.std() for _, c in columns])
     y = (values - values.mean()) / values.std()
     if np.linalg.matrix_rank(x, tol=1e-6 * len(values)) < x.shape[1]:
         return {}, None
     coefficients = np.linalg.lstsq(x, y, rcond=None)[0]
     share = 1.0 - float(((y - x @ coefficients) ** 2).sum()) / float((y**2).sum())
-    numeric = {factor.name for factor in factors if factor.numbers is not None}
-    slopes = {
-        name: float(b) for name, b in zip(columns, coefficients, strict=True) if name in numeric
-    }
+    slopes = {name: float(b) for (name, _), b in zip(columns, coefficients, strict=True) if name}
     return slopes, float(np.clip(share, 0.0, 1.0))
 
 

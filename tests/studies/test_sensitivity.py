@@ -90,6 +90,19 @@ def test_words_have_main_effects_and_do_not_hide_the_slope_of_numbers() -> None:
     assert found.linear_share == pytest.approx(1.0)
 
 
+def test_a_number_that_is_called_like_a_word_s_value_keeps_its_slope() -> None:
+    """`w=1` is a name like any other: y = 10 (word) + x has the same slopes whatever x is called."""
+    x, word = np.tile([0.0, 1.0, 2.0], 2), np.repeat([0, 1], 3)
+    found = [
+        sensitivity(
+            [numeric_factor(name, x, [0, 1, 2]), word_factor("w", word, 2)], 10.0 * word + x, True
+        )
+        for name in ("x", "w=1")
+    ]
+    assert _of(found[1], "w=1").slope == pytest.approx(_of(found[0], "x").slope)
+    assert found[1].linear_share == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_of_samples_the_shares_are_estimates_and_what_does_nothing_has_about_none(
     seed: int,
