@@ -103,7 +103,10 @@ def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
             :MOST_FINDINGS
         ],
     )
-    figures = (found.cycle_time, found.travel, *found.limiting.values())
+    figures = (
+        *(found.cycle_time, found.travel, *found.limiting.values()),
+        *(line.measured for line in found.budgets),
+    )
     if not all(math.isfinite(figure) for figure in figures if figure is not None):
         return Evaluation(
             case, "internal_error", findings=(Finding("a figure is not finite", case),)

@@ -14,6 +14,7 @@ from dualarm_cli.evaluation import evaluate as module
 from dualarm_cli.evaluation.evaluate import evaluate, settings_of
 from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.budget import Kept
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.planning.planner import plan
 
@@ -146,6 +147,19 @@ def test_a_plan_that_the_verifier_fails_says_which_check(cells, request_for, mon
     found = evaluate(request_for(cells(1)[0]))
     assert found.status == "fails_verification"
     assert any("position" in finding.message for finding in found.findings)
+
+
+@pytest.mark.parametrize("figure", [float("nan"), float("inf")])
+def test_a_figure_that_is_none_is_an_error_and_goes_through_json(
+    cells, request_for, monkeypatch, figure
+):
+    """Also that of a budget: a process that could not write its answer down would seem to have crashed."""
+    line = Kept("clearance", 0.01, figure, True, "a", 1, 1)
+    monkeypatch.setattr(module, "judge_budget", lambda *_: (line,))
+    found = evaluate(request_for(cells(1)[0]))
+    assert found.status == "internal_error"
+    assert "not finite" in found.findings[0].message
+    assert Evaluation.of_document(json.loads(json.dumps(found.as_document(), allow_nan=False)))
 
 
 def test_values_are_replaced_by_kind_and_pointer(cells, request_for):

@@ -173,3 +173,11 @@ def test_figures_are_drawn_of_anything_and_are_the_same_every_time(document, cha
         assert first.startswith(b"\x89PNG")
         assert first == second
         assert len(first) > 5000
+
+
+def test_a_share_that_is_not_known_is_a_dash_in_the_figure_too(document, monkeypatch) -> None:
+    """Not nought: that would say that the parameter does not matter."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("dualarm_cli.reporting.study_figure.rendered", lambda figure, _: figure)
+    panel = draw_sensitivity(document, "png").axes[0]
+    assert [text.get_text() for text in panel.texts] == ["75%", "–", "10%"]
