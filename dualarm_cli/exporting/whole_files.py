@@ -21,6 +21,9 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
         raise OutputError(f"{path}: is there already; add --force to replace it")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
+    if path.exists() and not path.is_file():
+        # It would be replaced, for all who use it.
+        raise OutputError(f"{path}: is not a regular file (a pipe or a device); name a file")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}")
     replace_all(path.parent, {path.name: content})
