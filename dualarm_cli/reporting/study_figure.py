@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.model.study import OBJECTIVES, Objective
 from dualarm_cli.reporting.figures import new_figure, rendered
-from dualarm_cli.reporting.study_table import parameter_label, percent, value_text
+from dualarm_cli.reporting.study_table import parameter_label, value_text
 
 PARETO, OTHER, REFERENCE = "#c23b22", "#9a9a9a", "black"
 COLOURS = ("#1f5fbf", "#2a7f3f", "#c23b22", "#8a5fb0")
@@ -207,10 +207,12 @@ def _draw_shares(panel: Any, section: dict[str, Any], objective: Objective, colo
     if section["interactions"]:
         bars.append(("pairs together", together, OTHER))
     names = [bar[0] for bar in bars]
-    shares = [bar[1] or 0.0 for bar in bars]
-    panel.barh(range(len(bars)), shares, 0.62, color=[bar[2] for bar in bars])
+    panel.barh(
+        range(len(bars)), [bar[1] or 0.0 for bar in bars], 0.62, color=[bar[2] for bar in bars]
+    )
     for place, (_, share, _colour) in enumerate(bars):
-        panel.text(shares[place] + 0.02, place, percent(share), va="center", fontsize=8)
+        text = "–" if share is None else f"{share:.0%}"
+        panel.text((share or 0.0) + 0.02, place, text, va="center", fontsize=8)
     panel.set_yticks(range(len(bars)), names)
     panel.set_ylim(max(len(bars), 3) - 0.4, -0.6)
     panel.set_xlim(0.0, 1.18)

@@ -172,7 +172,7 @@ def sensitivity_table(document: dict[str, Any]) -> Table:
                 objective.title if k == 0 else "",
                 escape(one["name"]),
                 "–" if effect is None else _shown(objective, effect),
-                percent(one["share"]),
+                _percent(one["share"]),
                 _signed(one["slope"]),
                 _signed(one["rank_correlation"]),
                 end_section=k == len(section["parameters"]) - 1,
@@ -201,8 +201,7 @@ def sensitivity_sentences(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-def percent(share: float | None) -> str:
-    """Returns a share as tables and figures show it."""
+def _percent(share: float | None) -> str:
     return "–" if share is None else f"{share:.0%}"
 
 
