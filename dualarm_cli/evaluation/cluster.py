@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -18,6 +19,12 @@ from dualarm_cli.model.evaluation import Evaluation, Finding
 
 CONNECTING = 10.0
 """How long a scheduler may take to answer [s]."""
+POLL = 0.02
+"""How often it is looked what has been done meanwhile [s]."""
+LOOK = 5.0
+"""How often it is looked whether there are workers, while nothing comes [s]."""
+DESERTED = 60.0
+"""How long a cluster may be without workers [s]: those that die are started again, by whoever sees to them."""
 CLOSING = 1.0
 """How long taking leave of it may take [s]."""
 ELSEWHERE = (
@@ -51,7 +58,7 @@ class Cluster:
             from distributed import Client
         except ImportError:
             raise MissingDependencyError("distributed", "cluster") from None
-        self._timeout = timeout
+        self._address, self._timeout = address, timeout
         # What it logs are tracebacks of its own; what they come to is said of the cases.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
@@ -109,6 +116,9 @@ class Cluster:
 
         Args:
             requests: any number; their files are read by the workers, at the same paths.
+
+        Raises:
+            UsageError: all workers have gone.
         """
         from distributed import as_completed
 
@@ -121,12 +131,36 @@ class Cluster:
         }
         known: dict[str, str] = {}
         try:
-            for future in as_completed(list(places), loop=self._client.loop):
-                index = places[future]
-                yield index, _answer(future, requests[index], known)
+            done = as_completed(list(places), loop=self._client.loop)
+            seen = looked = time.monotonic()
+            while done.count():
+                for future in done.next_batch(block=False):
+                    index = places[future]
+                    yield index, _answer(future, requests[index], known)
+                    seen = looked = time.monotonic()
+                time.sleep(POLL)
+                if time.monotonic() > looked + LOOK:
+                    looked = time.monotonic()
+                    seen = looked if self._has_workers() else seen
+                    self._refuse_deserted(seen)
         finally:
             with suppress(Exception):
                 self._client.cancel([future for future in places if not future.done()])
+
+    def _has_workers(self) -> bool:
+        """Returns whether there are workers; true where nobody answers, as the client itself gives that up."""
+        try:
+            return bool(self._client.nthreads())
+        except Exception:
+            return True
+
+    def _refuse_deserted(self, seen: float) -> None:
+        """Raises UsageError where the last worker was seen too long ago."""
+        if time.monotonic() > seen + DESERTED:
+            raise UsageError(
+                f"--scheduler {self._address}: it has had no workers for {DESERTED:g} s; start some by "
+                f"`dask worker {self._address}` and run the same command again"
+            )
 
 
 def _programs_there() -> dict[str, str]:

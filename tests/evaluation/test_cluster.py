@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation import cluster as module
 from dualarm_cli.evaluation.cluster import Cluster, evaluate_there
 from dualarm_cli.evaluation.fingerprint import digest, programs
@@ -57,6 +58,10 @@ class Client:
         """Returns the next end."""
         return self.left.pop(0)
 
+    def nthreads(self):
+        """There are no workers any more."""
+        return {}
+
     def cancel(self, _):
         """Nothing is left."""
 
@@ -64,11 +69,30 @@ class Client:
         """Nothing to close."""
 
 
+class Done:
+    """Tasks that are done at once but for those that are pending."""
+
+    def __init__(self, futures, **_):
+        """Stores them."""
+        self.ready = [future for future in futures if future.status != "pending"]
+        self.pending = len(futures) - len(self.ready)
+
+    def count(self):
+        """Returns how many have not been returned."""
+        return len(self.ready) + self.pending
+
+    def next_batch(self, block):
+        """Returns all that are done."""
+        assert not block
+        batch, self.ready = self.ready, []
+        return batch
+
+
 @pytest.fixture
 def answered(monkeypatch):
     """Returns what a cluster's answers come to, by tasks that have ended in given ways."""
     monkeypatch.setattr(distributed, "Client", Client)
-    monkeypatch.setattr(distributed, "as_completed", lambda futures, **_: iter(futures))
+    monkeypatch.setattr(distributed, "as_completed", Done)
 
     def call(requests, *futures):
         monkeypatch.setattr(Client, "futures", futures)
@@ -152,3 +176,26 @@ def test_a_worker_that_came_later_with_other_programs_plans_nothing(
     (found,) = answered([request], Future("finished", None))
     assert found.status == "bad_input"
     assert "would plan otherwise" in found.findings[0].message
+
+
+def test_a_cluster_that_has_lost_all_workers_is_given_up(request_and_answer, answered, monkeypatch):
+    """Instead of waiting for ever; one that has some, or does not say, is waited for."""
+    request, answer = request_and_answer
+    monkeypatch.setattr(module, "LOOK", 0.01)
+    monkeypatch.setattr(module, "DESERTED", 0.2)
+    good, pending = Future("finished", answer.as_document()), Future("pending")
+    with pytest.raises(UsageError, match=r"it has had no workers for 0.2 s; start some"):
+        answered([request] * 2, good, pending)
+    looks = []
+
+    def busy(_):
+        looks.append(1)
+        if len(looks) > 30:
+            raise KeyboardInterrupt  # by whoever waits
+        if len(looks) % 2:
+            raise OSError("busy")
+        return {"tcp://worker": 1}
+
+    monkeypatch.setattr(Client, "nthreads", busy)
+    with pytest.raises(KeyboardInterrupt):
+        answered([request] * 2, good, pending)
