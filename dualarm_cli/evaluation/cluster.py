@@ -60,7 +60,8 @@ class Cluster:
             raise MissingDependencyError("distributed", "cluster") from None
         self._address, self._timeout = address, timeout
         # What it logs are tracebacks of its own; what they come to is said of the cases.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for logger in ("distributed", "distributed.client"):
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=CONNECTING, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
