@@ -67,14 +67,21 @@ class Crew:
             self._workers.pop()
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
-        """Yields the place of each request and what it came to, in the order in which they are done.
+        """Returns the place of each request and what it came to, in the order in which they are done.
+
+        Processes are started at once, and load their libraries while the caller still prepares to listen.
 
         Args:
             requests: any number.
 
         Raises:
-            WorkersFailedError: processes die before they are ready.
+            WorkersFailedError: processes die before they are ready; raised while listening.
         """
+        while len(self._workers) < min(self._processes, len(requests)):
+            self._workers.append(WorkerProcess(None))
+        return self._listen(requests)
+
+    def _listen(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
         try:
             yield from self._run(requests)
         finally:

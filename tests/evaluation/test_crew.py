@@ -133,9 +133,8 @@ def test_processes_that_are_never_ready_are_given_up(monkeypatch):
     assert crew._workers == []
 
 
-def test_what_is_done_is_told_before_it_is_given_up(monkeypatch):
+def test_what_is_done_is_told_before_it_is_given_up(stand_in, monkeypatch):
     """An answer that comes together with the last start that fails is not lost with it."""
-    crew = Crew(2)
 
     def both(requests, again, wait):
         if not wait:
@@ -143,12 +142,27 @@ def test_what_is_done_is_told_before_it_is_given_up(monkeypatch):
         crew._failed_starts += ["x"] * 3
         return [(0, Evaluation("a", "planned"))]
 
-    monkeypatch.setattr(crew, "_answered", both)
-    monkeypatch.setattr(crew, "_assign", lambda *_: None)
-    run = crew.run(asked("a", "b"))
-    assert next(run) == (0, Evaluation("a", "planned"))
-    with pytest.raises(WorkersFailedError):
-        next(run)
+    with Crew(2) as crew:
+        monkeypatch.setattr(crew, "_answered", both)
+        run = crew.run(asked("a", "b"))
+        assert next(run) == (0, Evaluation("a", "planned"))
+        with pytest.raises(WorkersFailedError):
+            next(run)
+
+
+def test_processes_start_before_anybody_listens(stand_in):
+    """As many as there is work for, so that the caller's own preparations cost no time; close ends them."""
+    with Crew(5) as crew:
+        answers = crew.run(asked("a", "b", "c"))
+        workers = list(crew._workers)
+        assert len(workers) == 3
+        assert all(alive(worker.process.pid) for worker in workers)
+        assert len(list(answers)) == 3
+        assert crew._workers == workers
+    with Crew(2) as crew:
+        crew.run(asked("a"))
+        (worker,) = crew._workers
+    assert not alive(worker.process.pid)
 
 
 def test_a_process_that_died_while_it_had_nothing_to_do_costs_no_try(stand_in):
