@@ -14,7 +14,7 @@ DEFAULT_REGRESSION = 1e-3
 """By what share a cycle time may be longer where nobody says: plans are the same every time."""
 MOST_JOBS = 1024
 """Most processes that may be asked for."""
-_ADDRESS = re.compile(r"([a-z]+://)?(\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}/?")
+_ADDRESS = re.compile(r"((tcp|tls|ucx|wss?)://)?(\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}/?")
 """Host and port, with the protocol if need be."""
 
 CasesArgument = Annotated[
@@ -63,7 +63,7 @@ TimeoutOption = Annotated[
     typer.Option(
         "--timeout",
         metavar="DURATION",
-        help="How long one case may take (60, '60 s', '5 min'); it is tried twice.",
+        help="How long one plan may take (60, '60 s', '5 min'); it is tried twice.",
         show_default="no limit",
     ),
 ]
@@ -80,7 +80,7 @@ CacheOption = Annotated[
     Path | None,
     typer.Option(
         "--cache",
-        help="Folder that answers are kept in: what has not changed is not planned again.",
+        help="Folder of its own that answers are kept in: what has not changed is not planned again.",
         show_default=".dualarm-cache",
     ),
 ]

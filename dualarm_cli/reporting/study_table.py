@@ -167,7 +167,7 @@ def _against(objective: Objective, value: float, reference: dict[str, Any]) -> s
     """Returns how much better that is than the files as they are."""
     base = reference[objective.name]
     if base is None:
-        return f"; the files as they are: {reference['status'].replace('_', ' ')}"
+        return f"; the files as they are: {STATUS_WORDS[reference['status']]}"
     if objective.name == "cycle_time" and base > 0.0:
         change = value / base - 1.0
         return f"; the files as they are: {_shown(objective, base)} ({change:+.1%})"

@@ -222,6 +222,7 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
             "--scheduler 'foo': is no address; write one such as tcp://10.0.0.1:8786",
         ),
         (["--scheduler", ""], "--scheduler '': is no address"),
+        (["--scheduler", "xyz://a:1"], "--scheduler 'xyz://a:1': is no address"),
         (["--cache", "cells"], "--cache cells: has other files in it"),
         (
             ["--baseline", "b", "--update-baseline", "--max-regression", "1%"],
@@ -234,7 +235,7 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
             ["--timeout", "soon"],
             "--timeout: 'soon' is not a number; write one such as 30 or '2 min'",
         ),
-        (["--jobs", "0"], "--jobs"),
+        (["--jobs", "0"], "or equal to 1. Try 'dualarm score --help'."),
         (["--junit", "nowhere/x.xml"], "there is no folder nowhere"),
         (["--platform", "nothing"], "there is no 'nothing'"),
         (["--effort", "some"], "--effort"),

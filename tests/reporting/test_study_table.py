@@ -118,6 +118,14 @@ def test_an_objective_that_looks_the_same_everywhere_has_no_best_row(document) -
     )
 
 
+def test_files_that_have_no_plan_as_they_are_are_said_to_have_none(document) -> None:
+    """In the words of the other sentences."""
+    document["reference"] = {"status": "infeasible"} | dict.fromkeys(("cycle_time", "clearance"))
+    assert any(
+        line.endswith("; the files as they are: without a plan") for line in sentences(document)
+    )
+
+
 def test_a_study_without_any_plan_says_so(document) -> None:
     """There is no table above it."""
     document["rows"] = document["rows"][3:]
