@@ -11,12 +11,16 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.cli.sweep import exit_code
+from dualarm_cli.evaluation.evaluate import evaluate
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.model.evaluation import Evaluation
 
 STUDY = """\
 dualarm: study/1
@@ -43,7 +47,29 @@ def folder(tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch) 
     return tmp_path
 
 
-def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
+class _OneAfterTheOther:
+    """Evaluates in this process: what a crew's processes come to, without waiting until they have loaded."""
+
+    def __init__(self, _processes: int, timeout: float | None = None) -> None:
+        """Takes what a crew takes."""
+        assert timeout is None
+
+    def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        """Yields answers in the order of the requests."""
+        for index, request in enumerate(requests):
+            yield index, evaluate(request)
+
+    def close(self) -> None:
+        """Has nothing to end."""
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Lets all that follows be planned in this process."""
+    return lambda: monkeypatch.setattr("dualarm_cli.evaluation.crew.Crew", _OneAfterTheOther)
+
+
+def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     """Six points and the files as they are, one of which is among them: six plans; then none."""
     assert run(["sweep", "study.yaml", "--out", "out", "--csv", "rows.csv", "--jobs", "2"]) == 0
     out, err = capsys.readouterr()
@@ -66,19 +92,21 @@ def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
     assert [float(row["cycle_time"]) for row in table] == [row["cycle_time"] for row in rows]
     for picture in ("pareto.png", "sensitivity.png"):
         assert (folder / "out" / picture).read_bytes().startswith(b"\x89PNG")
-    # Again: nothing is planned, and all files are the same to the byte, by one process as by two.
-    assert run(["sweep", "study.yaml", "--out", "again", "--jobs", "1"]) == 0
+    # Again: nothing is planned, and all files are the same to the byte, by this process as by two others.
+    here()
+    assert run(["sweep", "study.yaml", "--out", "again"]) == 0
     assert "0 jobs planned, 7 known already" in capsys.readouterr().err
     for name in ("study.json", "table.csv", "pareto.png", "sensitivity.png"):
         assert (folder / "out" / name).read_bytes() == (folder / "again" / name).read_bytes()
-    assert run(["sweep", "study.yaml", "--no-cache", "--jobs", "1", "--json", "-q"]) == 0
+    assert run(["sweep", "study.yaml", "--no-cache", "--json", "-q"]) == 0
     captured = capsys.readouterr()
     assert captured.out == (folder / "out" / "study.json").read_text()
     assert captured.err == ""
 
 
-def test_points_without_a_plan_do_not_stop_others(folder, capsys) -> None:
+def test_points_without_a_plan_do_not_stop_others(folder, here, capsys) -> None:
     """900 mm is out of reach; where all are, the exit code is 3."""
+    here()
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [80 mm, 900 mm]"))
     assert run(["sweep", "study.yaml", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -99,8 +127,9 @@ def test_points_without_a_plan_do_not_stop_others(folder, capsys) -> None:
     )
 
 
-def test_a_bad_value_is_a_row_of_its_own(folder, capsys) -> None:
+def test_a_bad_value_is_a_row_of_its_own(folder, here, capsys) -> None:
     """Told of the study file; the others are planned, and the exit code is 2."""
+    here()
     (folder / "study.yaml").write_text(STUDY.replace("values: [0.1, 0.11]", "values: [0.1, 2000]"))
     assert run(["sweep", "study.yaml"]) == 2
     out = capsys.readouterr().out
@@ -164,13 +193,16 @@ def test_options_that_cannot_be_are_refused_before_anything_is_planned(
     assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
 
 
-def test_figures_of_an_earlier_study_do_not_stay_beside_what_has_no_plan(folder, capsys) -> None:
+def test_figures_of_an_earlier_study_do_not_stay_beside_what_has_no_plan(
+    folder, here, capsys
+) -> None:
     """They would be taken for this one's."""
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [900 mm]"))
+    here()
     (folder / "out").mkdir()
     for name in ("study.json", "pareto.png", "sensitivity.png"):
         (folder / "out" / name).write_text("old")
-    assert run(["sweep", "study.yaml", "--out", "out", "--force", "--jobs", "1"]) == 3
+    assert run(["sweep", "study.yaml", "--out", "out", "--force"]) == 3
     captured = capsys.readouterr()
     assert "study.yaml: none of 2 points has a plan" in captured.out
     assert "pareto.png and sensitivity.png are not drawn: no point has a plan" in captured.err
@@ -193,24 +225,18 @@ def test_the_missing_extra_names_itself(folder, capsys, monkeypatch) -> None:
     assert "optuna is not installed: pip install 'dualarm[optimise]'" in capsys.readouterr().err
 
 
-def test_a_search_is_the_same_whatever_the_number_of_processes(folder, capsys, monkeypatch) -> None:
-    """To the byte; five points are three batches of two, the last ones of which follow from the first."""
+def test_a_search_is_the_same_whatever_the_number_of_processes(
+    folder, here, capsys, monkeypatch
+) -> None:
+    """To the byte, by two others or by this one; five points are three batches of two, each from what came before."""
     pytest.importorskip("optuna")
     monkeypatch.setattr("dualarm_cli.studies.search.BATCH", 2)
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "range: {from: 70 mm, to: 90 mm}"))
     documents = []
-    for jobs in ("1", "2"):
-        arguments = [
-            "sweep",
-            "study.yaml",
-            "--optimise",
-            "--budget",
-            "5",
-            "--no-cache",
-            "--jobs",
-            jobs,
-        ]
-        assert run([*arguments, "--json", "-q"]) == 0
+    arguments = ["--optimise", "--budget", "5", "--no-cache", "--jobs", "2", "--json", "-q"]
+    for prepare in (lambda: None, here):
+        prepare()
+        assert run(["sweep", "study.yaml", *arguments]) == 0
         documents.append(capsys.readouterr().out)
     assert documents[0] == documents[1]
     document = json.loads(documents[0])
@@ -218,9 +244,10 @@ def test_a_search_is_the_same_whatever_the_number_of_processes(folder, capsys, m
     assert document["counts"]["points"] == 5
 
 
-def test_a_budget_for_all_points_finds_the_optimum(folder, capsys) -> None:
+def test_a_budget_for_all_points_finds_the_optimum(folder, here, capsys) -> None:
     """The search and the enumeration have the same rows."""
     pytest.importorskip("optuna")
+    here()
     assert run(["sweep", "study.yaml", "--json", "-q"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert run(["sweep", "study.yaml", "--optimise", "--budget", "6", "--json", "-q"]) == 0
@@ -246,7 +273,7 @@ def test_the_most_severe_end_counts(counts, code) -> None:
     assert exit_code({"counts": counts}) == code
 
 
-def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder, capsys) -> None:
+def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder, here, capsys) -> None:
     """130 within 2 s, no process left; what was planned is not planned again."""
     (folder / "study.yaml").write_text(STUDY.replace("step: 10 mm", "step: 0.5 mm"))
     command = [sys.executable, "-m", "dualarm_cli", "sweep", "study.yaml", "--jobs", "1"]
@@ -269,6 +296,7 @@ def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder, capsys) -> None
     (folder / "study.yaml").write_text(
         STUDY.replace("step: 10 mm", "step: 0.5 mm").replace("to: 90", "to: 70.5")
     )
+    here()
     assert run([*command[3:], "--quiet", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["planned"] == 4
     # Four points and the files as they are; the first ones were known.
