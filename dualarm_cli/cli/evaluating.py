@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,11 @@ from dualarm_cli.cli.output import print_message
 
 if TYPE_CHECKING:
     from dualarm_cli.evaluation.answers import Run
+    from dualarm_cli.evaluation.cluster import Cluster
+    from dualarm_cli.evaluation.crew import Crew
+    from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
+    from dualarm_cli.model.evaluation import Evaluation
 
 
 def open_store(cache: Path | None, no_cache: bool) -> Store | None:
@@ -23,23 +27,33 @@ def open_store(cache: Path | None, no_cache: bool) -> Store | None:
 
 @contextmanager
 def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -> Iterator[Run]:
-    """Yields what evaluates requests: processes of this machine, or a cluster.
+    """Yields what evaluates requests: processes of this machine, or a cluster, opened with the first requests.
 
     Args:
         jobs: processes on this machine, started when there is work for them; None for one per core.
         scheduler: address of a Dask cluster instead.
         timeout: how long one request may take [s]; None for no limit.
     """
+    with ExitStack() as stack:
+        opened: list[Crew | Cluster] = []
+
+        def run(requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+            if not opened:
+                opened.append(_open(jobs, scheduler, timeout))
+                stack.callback(opened[0].close)
+            return opened[0].run(requests)
+
+        yield run
+
+
+def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Crew | Cluster:
     if scheduler is not None:
         from dualarm_cli.evaluation.cluster import Cluster
 
-        with Cluster(scheduler, timeout) as cluster:
-            yield cluster.run
-        return
+        return Cluster(scheduler, timeout)
     from dualarm_cli.evaluation.crew import Crew, usable_cores
 
-    with Crew(jobs or usable_cores(), timeout) as crew:
-        yield crew.run
+    return Crew(jobs or usable_cores(), timeout)
 
 
 def say_unkept(store: Store | None) -> None:

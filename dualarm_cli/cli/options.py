@@ -70,7 +70,7 @@ def read_duration(option: str, text: str | None) -> float | None:
     if text is None:
         return None
     try:
-        limit = parse_quantity(text, TIME)
+        limit = parse_quantity(text, TIME, "30 or '2 min'")
     except QuantityError as error:
         raise UsageError(f"{option}: {error}") from error
     if limit <= 0.0:

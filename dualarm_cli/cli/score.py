@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
 from dualarm_cli.cli.options import (
     Effort,
     EffortOption,
@@ -46,6 +47,7 @@ from dualarm_cli.cli.score_options import (
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
+    from dualarm_cli.evaluation.answers import Run
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.evaluation.store import Store
     from dualarm_cli.model.evaluation import Evaluation
@@ -84,7 +86,7 @@ def score_command(
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
-    from dualarm_cli.cli.score_files import refuse_report, write_reports
+    from dualarm_cli.cli.score_files import refuse_report, refuse_same_file, write_reports
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
@@ -102,6 +104,7 @@ def score_command(
         no_cache=no_cache,
     )
     allowed, limit = read_regression(max_regression), read_duration("--timeout", timeout)
+    refuse_same_file({"--baseline": baseline, "--junit": junit, "--markdown": markdown})
     refuse_report("--junit", junit, junit_format.MARK, force)
     refuse_report("--markdown", markdown, markdown_format.MARK.encode(), force)
     requests = [
@@ -117,8 +120,9 @@ def score_command(
     ]
     settings = requests[0].settings
     former = _former(baseline, settings, update_baseline, subset, force)
-    store = _store(cache, no_cache)
-    found = _evaluate(requests, store, jobs, limit, scheduler, quiet)
+    store = open_store(cache, no_cache)
+    with evaluators(jobs, scheduler, limit) as run:
+        found = _evaluate(requests, run, store, quiet)
     verdicts = judge_all(
         found,
         None if former is None else former.cases,
@@ -163,51 +167,27 @@ def _former(
     )
 
 
-def _store(cache: Path | None, no_cache: bool) -> Store | None:
-    from dualarm_cli.evaluation.store import DEFAULT_FOLDER, Store
-
-    return None if no_cache else Store(cache or Path(DEFAULT_FOLDER))
-
-
 def _evaluate(
-    requests: list[Request],
-    store: Store | None,
-    jobs: int | None,
-    timeout: float | None,
-    scheduler: str | None,
-    quiet: bool,
+    requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
-    """Returns what every case came to; what nobody knows yet is planned here or on a cluster."""
+    """Returns what every case came to; `run` plans what the store does not know."""
     from dualarm_cli.cli.score_progress import ScoreProgress
     from dualarm_cli.evaluation.answers import answers
 
-    def run(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+    def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
         _refuse_settings(some[0])
-        if scheduler is not None:
-            from dualarm_cli.evaluation.cluster import Cluster
-
-            with Cluster(scheduler, timeout) as cluster:
-                yield from cluster.run(some)
-        else:
-            from dualarm_cli.evaluation.crew import Crew, usable_cores
-
-            with Crew(min(jobs or usable_cores(), len(some)), timeout) as crew:
-                yield from crew.run(some)
+        return run(some)
 
     found: dict[str, Evaluation] = {}
     known = 0
     with ScoreProgress(len(requests), quiet) as progress:
-        for answer in answers(requests, run, store):
+        for answer in answers(requests, checked, store):
             found[requests[answer.index].case] = answer.evaluation
             known += answer.known
             progress.tell(answer.evaluation, answer.known)
     if store is not None and not quiet:
         print_message(f"unchanged and not planned again: {known} of {len(requests)}")
-    if store is not None and store.problem:
-        print_message(
-            f"warning: answers could not be kept in {store.folder}: {store.problem}; the results are whole, but are "
-            "planned again the next time"
-        )
+    say_unkept(store)
     return found
 
 
@@ -277,9 +257,8 @@ def _update(
         if not quiet:
             print_message(f"written: {path}")
     else:
-        print_message(
-            f"{path} stays as it is: cases without a plan cannot be held against anything"
-        )
+        what = "stays as it is" if path.exists() else "is not written"
+        print_message(f"{path} {what}: cases without a plan cannot be held against anything")
 
 
 def _end(verdicts: list[Verdict]) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dualarm_cli.errors import InputError, OutputError
+from dualarm_cli.errors import Diagnostic, InputError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.scoring.baseline import Baseline
@@ -47,6 +47,23 @@ def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> N
         )
 
 
+def refuse_same_file(named: Mapping[str, Path | None]) -> None:
+    """Raises where two options name one file: the second one would replace what the first one wrote.
+
+    Args:
+        named: files by option; None where there is none.
+
+    Raises:
+        UsageError: with both.
+    """
+    seen: dict[str, str] = {}
+    for option, path in named.items():
+        if path is not None:
+            first = seen.setdefault(os.path.realpath(path), option)
+            if first != option:
+                raise UsageError(f"{option} {path}: is the file of {first} as well; name another")
+
+
 def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
     """Returns the baseline to compare with; None where a new one is to be written and there is none yet.
 
@@ -59,6 +76,9 @@ def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
         refuse_report("--baseline", path, b"", force=True)
         if not path.exists():
             return None
+    elif not path.exists():
+        text = "there is no such file; --update-baseline writes it"
+        raise InputError([Diagnostic(str(path), 0, 0, "E500", text)])
     try:
         return read_baseline(path)
     except InputError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,8 @@ DEFAULT_REGRESSION = 1e-3
 """By what share a cycle time may be longer where nobody says: plans are the same every time."""
 MOST_JOBS = 1024
 """Most processes that may be asked for."""
+_ADDRESS = re.compile(r"((tcp|tls|ucx|wss?)://)?(\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}/?")
+"""Host and port, with the protocol if need be."""
 
 CasesArgument = Annotated[
     list[str],
@@ -60,7 +63,7 @@ TimeoutOption = Annotated[
     typer.Option(
         "--timeout",
         metavar="DURATION",
-        help="How long one case may take (60, '60 s', '5 min'); it is tried twice.",
+        help="How long one plan may take (60, '60 s', '5 min'); it is tried twice.",
         show_default="no limit",
     ),
 ]
@@ -77,7 +80,7 @@ CacheOption = Annotated[
     Path | None,
     typer.Option(
         "--cache",
-        help="Folder that answers are kept in: what has not changed is not planned again.",
+        help="Folder of its own that answers are kept in: what has not changed is not planned again.",
         show_default=".dualarm-cache",
     ),
 ]
@@ -103,18 +106,23 @@ def read_regression(text: str | None) -> float:
     """Returns by what share a cycle time may be longer.
 
     Raises:
-        UsageError: it is no share, or negative.
+        UsageError: it is no share, or negative, or a number above 1 that may be meant as percent.
     """
     from dualarm_cli.loading.quantities import FRACTION, QuantityError, parse_quantity
 
     if text is None:
         return DEFAULT_REGRESSION
     try:
-        share = parse_quantity(text, FRACTION)
+        share = parse_quantity(text, FRACTION, "2% or 0.02")
     except QuantityError as error:
         raise UsageError(f"--max-regression: {error}") from error
     if share < 0.0:
         raise UsageError(f"--max-regression {text}: must be 0 or more; write one such as 2%")
+    if share >= 1.0 and "%" not in text:
+        # Taken as it stands, it would leave the gate wide open.
+        raise UsageError(
+            f"--max-regression {text}: is {share * 100:g} %; write {share:g}% or {share * 100:g}%, whichever is meant"
+        )
     return share
 
 
@@ -151,9 +159,25 @@ def refuse_combinations(
         raise UsageError(
             "--jobs does not go with --scheduler: the cluster's workers are as many as were started"
         )
-    if scheduler == "":
-        raise UsageError("--scheduler '': name an address, such as tcp://10.0.0.1:8786")
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise UsageError(
+            f"--scheduler '{scheduler}': is no address; write one such as tcp://10.0.0.1:8786"
+        )
     if no_cache and cache is not None:
         raise UsageError("--cache does not go with --no-cache; keep one")
     if cache is not None and cache.exists() and not cache.is_dir():
         raise UsageError(f"--cache {cache}: is a file; name a folder")
+    if cache is not None and _belongs_to_others(cache):
+        raise UsageError(
+            f"--cache {cache}: has other files in it, and git would not see them any more; name a folder of its own, "
+            f"such as {cache / '.dualarm-cache'}"
+        )
+
+
+def _belongs_to_others(folder: Path) -> bool:
+    """Returns whether a folder holds something, but no cache."""
+    try:
+        names = {path.name for path in folder.iterdir()}
+    except OSError:
+        return False
+    return bool(names) and not names & {"answers", "files", "making"}

@@ -16,7 +16,6 @@ from dualarm_cli.cli.output import (
     print_message,
     stdout_console,
 )
-from dualarm_cli.cli.result_files import json_bytes, refuse_folder, write_folder
 from dualarm_cli.cli.score_options import (
     CacheOption,
     JobsOption,
@@ -25,15 +24,15 @@ from dualarm_cli.cli.score_options import (
     TimeoutOption,
     refuse_combinations,
 )
+from dualarm_cli.cli.sweep_files import refuse_inputs, refuse_results, write_results
 from dualarm_cli.cli.sweep_progress import progress_bar
-from dualarm_cli.errors import OutputError, UsageError
+from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.model.study import Point, Study
     from dualarm_cli.studies.rows import Row
     from dualarm_cli.studies.study_run import Desk
 
-DOCUMENT, TABLE, PARETO, EFFECTS = "study.json", "table.csv", "pareto.png", "sensitivity.png"
 DEFAULT_BUDGET = 40
 """Points that --optimise tries where nothing else is said."""
 
@@ -88,6 +87,7 @@ def sweep_command(
     verifier fails a plan.
     """
     from dualarm_cli.loading.studies import load_study
+    from dualarm_cli.loading.text_source import recorded_reads
     from dualarm_cli.reporting.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
@@ -104,8 +104,10 @@ def sweep_command(
         cache=cache,
         no_cache=no_cache,
     )
-    _refuse(out, csv, force)
-    noun = load_study(study)
+    refuse_results(out, csv, force)
+    with recorded_reads() as read:
+        noun = load_study(study)
+    refuse_inputs(out, csv, read)
     check_settings(noun)
     points, method = _points(noun, search, quiet)
     store = open_store(cache, no_cache)
@@ -113,7 +115,7 @@ def sweep_command(
         rows, reference = _carry_out(noun, points, method, run, store, quiet)
     document: dict[str, Any] = printable(study_document(noun, rows, reference, method))
     say_unkept(store)
-    _write(document, out, csv, quiet)
+    write_results(document, out, csv, quiet)
     if json_output:
         print_json(document)
     elif not quiet:
@@ -143,20 +145,6 @@ def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dic
         "seed": seed or 0,
         "batch": BATCH,
     }
-
-
-def _refuse(out: str | None, csv: Path | None, force: bool) -> None:
-    """Raises before any work is done where results could not be written anyway."""
-    if out is not None:
-        refuse_folder(out, (DOCUMENT, TABLE, PARETO, EFFECTS), force)
-    if csv is None:
-        return
-    if csv.is_dir():
-        raise OutputError(f"--csv {csv}: is a folder; name a file")
-    if not csv.parent.is_dir():
-        raise OutputError(f"--csv {csv}: there is no folder {csv.parent}")
-    if csv.exists() and not force:
-        raise OutputError(f"--csv {csv}: is there already; add --force to replace it")
 
 
 def _points(
@@ -214,37 +202,7 @@ def _carry_out(
 
 def _plans(desk: Desk) -> str:
     known = f", {desk.known} known already" if desk.known else ""
-    return f"{desk.planned} plan{'s' * (desk.planned != 1)} made{known}"
-
-
-def _write(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
-    """Writes the files asked for, and says so unless told to be quiet."""
-    from dualarm_cli.errors import MissingDependencyError
-    from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.reporting.study_figure import draw_pareto, draw_sensitivity
-    from dualarm_cli.reporting.study_table import study_csv
-
-    if csv is not None:
-        write_file(csv, study_csv(document), force=True)
-        _say(f"written: {csv}", quiet)
-    if out is None:
-        return
-    files = {TABLE: study_csv(document)}
-    try:
-        files[EFFECTS] = draw_sensitivity(document, "png")
-        if len(document["objectives"]) > 1:
-            files[PARETO] = draw_pareto(document, "png")
-        else:
-            _say(f"{PARETO} is not drawn: it takes two objectives", quiet)
-    except MissingDependencyError as error:
-        _say(f"{PARETO} and {EFFECTS} are not drawn: {error}", quiet)
-    write_folder(out, files | {DOCUMENT: json_bytes(document)})
-    _say(f"written: {out}", quiet)
-
-
-def _say(text: str, quiet: bool) -> None:
-    if not quiet:
-        print_message(text)
+    return f"{desk.planned} job{'s' * (desk.planned != 1)} planned{known}"
 
 
 def _print(document: dict[str, Any]) -> None:

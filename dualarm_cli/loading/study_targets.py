@@ -12,6 +12,7 @@ from dualarm_cli.loading.yaml_source import Document, Loc
 from dualarm_cli.model.study import Amount, Apply, Level, Span, Target
 
 _MUST_BE_THERE = "; what a study varies must stand in the file, if only with its default"
+_OF_THE_URDF = (".velocity", ".position", ".lower", ".upper")
 _PAIR = ("robot.left", "robot.right")
 
 
@@ -97,6 +98,8 @@ class TargetReader:
         except PathError as error:
             # Keys that a file leaves out have defaults; whoever varies one should see from which.
             hint = "" if "did you mean" in str(error) else _MUST_BE_THERE
+            if role.startswith("robot") and path.endswith(_OF_THE_URDF):
+                hint = "; position and velocity limits are the URDF's, and cannot be varied"
             self._findings.add(self._document, loc, f"{error}{hint * (' has no ' in str(error))}")
             return None
 

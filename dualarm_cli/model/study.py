@@ -140,14 +140,22 @@ class Objective:
     """Unit in tables and figures."""
     shown_factor: float
     """Shown numbers are SI numbers times this."""
+    digits: int
+    """Digits after the point of shown numbers: what looks alike counts as alike."""
 
     def cost(self, value: float) -> float:
-        """Returns a number that is the smaller the better."""
-        return value if self.sense == "minimise" else -value
+        """Returns a number that is the smaller the better, in whole steps."""
+        steps = round(value / self.step)
+        return (steps if self.sense == "minimise" else -steps) * self.step
 
-    def shown(self, value: float | None, digits: int = 3) -> str:
+    def shown(self, value: float | None) -> str:
         """Returns a value as tables show it, without its unit."""
-        return "–" if value is None else f"{value * self.shown_factor:.{digits}f}"
+        return "–" if value is None else f"{value * self.shown_factor:.{self.digits}f}"
+
+    @property
+    def step(self) -> float:
+        """The least difference that shows [SI]: nobody builds a cell by a smaller one, and proofs are no finer."""
+        return float(10.0**-self.digits / self.shown_factor)
 
     @property
     def label(self) -> str:
@@ -158,10 +166,10 @@ class Objective:
 OBJECTIVES: Mapping[str, Objective] = {
     objective.name: objective
     for objective in (
-        Objective("cycle_time", "cycle time", "minimise", "s", "s", 1.0),
-        Objective("gap", "gap to the bound", "minimise", "", "%", 100.0),
-        Objective("clearance", "clearance", "maximise", "m", "mm", 1e3),
-        Objective("travel", "joint travel", "minimise", "rad", "rad", 1.0),
+        Objective("cycle_time", "cycle time", "minimise", "s", "s", 1.0, 3),
+        Objective("gap", "gap to the bound", "minimise", "", "%", 100.0, 1),
+        Objective("clearance", "clearance", "maximise", "m", "mm", 1e3, 1),
+        Objective("travel", "joint travel", "minimise", "rad", "rad", 1.0, 2),
     )
 }
 """What a study can be asked to improve, by the names in study files."""

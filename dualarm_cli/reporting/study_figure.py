@@ -21,6 +21,10 @@ MOST_LABELS = 10
 """Most points of the Pareto set that carry their rank."""
 MOST_TICKS = 7
 """Most values of a parameter that are all written below an axis."""
+LEAST_STEPS = 10
+"""How many steps of an objective an axis spans at least: no drama is made of what hardly differs."""
+WIDE = 8.0
+"""Width from which a title has one line [in]."""
 LONGEST = 24
 """Longest name in a figure [characters]."""
 
@@ -90,8 +94,19 @@ def _draw_pair(
     panel.grid(color="0.92", zorder=0)
     panel.set_axisbelow(True)
     panel.margins(0.09)
+    _widen(panel, "x", x)
+    _widen(panel, "y", y)
     panel.spines[["top", "right"]].set_visible(False)
     return mapped
+
+
+def _widen(panel: Any, axis: str, objective: Objective) -> None:
+    """Lets an axis span at least LEAST_STEPS steps of its objective, about the same middle."""
+    low, high = getattr(panel, f"get_{axis}lim")()
+    least = LEAST_STEPS * objective.step * objective.shown_factor
+    if high - low < least:
+        middle = (low + high) / 2.0
+        getattr(panel, f"set_{axis}lim")(middle - least / 2.0, middle + least / 2.0)
 
 
 def _draw_rows(
@@ -171,7 +186,8 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
     """
     sections = document["sensitivity"]
     order = [one["name"] for one in sections[0]["parameters"]][:MOST_PANELS]
-    figure = new_figure(2.9 + 2.7 * len(order), 0.5 + 2.7 * len(sections))
+    width = 2.9 + 2.7 * len(order)
+    figure = new_figure(width, 0.5 + 2.7 * len(sections))
     grid = figure.subplots(
         len(sections),
         1 + len(order),
@@ -191,10 +207,12 @@ def draw_sensitivity(document: dict[str, Any], kind: str) -> bytes:
                 panel.tick_params(labelleft=False)
             panel.set_xlabel(_short(parameter_label(known[name])))
         panels[1].set_ylabel(objective.label)
+        _widen(panels[1], "y", objective)
     left = len(sections[0]["parameters"]) - len(order)
     more = f"; the {left} that matter least have no panel" if left else ""
     figure.suptitle(
-        f"what matters: shares of the variance; every plan (points) with the means per value (bars){more}",
+        f"what matters: shares of the variance;{' ' if width >= WIDE else chr(10)}"
+        f"every plan (points) with the means per value (bars){more}",
         x=0.01, ha="left", weight="bold", fontsize=10,
     )  # fmt: skip
     return rendered(figure, kind)

@@ -15,8 +15,6 @@ MOST_ROWS = 25
 LONGEST_REASON = 300
 """Most characters of a reason on the terminal and in a cell."""
 ARROWS = {"minimise": "↓", "maximise": "↑"}
-DIGITS = {"cycle_time": 3, "gap": 1, "clearance": 1, "travel": 2}
-"""Digits after the point, in shown units."""
 STATUS_WORDS = {
     "fails_verification": "failed verification",
     "infeasible": "without a plan",
@@ -66,7 +64,7 @@ def rows_table(document: dict[str, Any]) -> Table:
             str(row["rank"]),
             *(["*" if row["pareto"] else ""] if pareto else []),
             *(escape(value_text(row["values"][p["name"]])) for p in document["parameters"]),
-            *(o.shown(row[o.name], DIGITS[o.name]) for o in (*named, *others)),
+            *(o.shown(row[o.name]) for o in (*named, *others)),
             escape(most_time(row["jobs"])),
             style="green" if row["pareto"] else "",
         )
@@ -95,27 +93,36 @@ def sentences(document: dict[str, Any]) -> list[str]:
     """Returns what is to be said below the table: rows left out, the best, what failed and why."""
     planned = [row for row in document["rows"] if row["rank"] is not None]
     lines = []
+    if not planned:
+        points = document["counts"]["points"]
+        lines.append(f"{document['study']}: none of {points} points has a plan")
     if len(planned) > MOST_ROWS:
         lines.append(f"... and {len(planned) - MOST_ROWS} more rows; --csv FILE has all")
     if len(document["objectives"]) > 1 and planned:
-        titles = " and ".join(OBJECTIVES[o["name"]].title for o in document["objectives"])
+        titles = ", ".join(OBJECTIVES[o["name"]].title for o in document["objectives"])
+        titles = " and ".join(titles.rsplit(", ", 1))
         lines.append(
             f"*: in the Pareto set ({document['counts']['pareto']}): no other row is as good in {titles} and better in "
             "one of them"
         )
     lines += _best_lines(document, planned)
+    rows = {row["point"]: row for row in document["rows"]}
     for failure in document["failures"]:
         many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"
-        whose = "; of the first: " if failure["count"] > 1 else ": "
+        whose = "; of the first" if failure["count"] > 1 else ""
+        at = _at(document, rows[failure["points"][0]])
         lines.append(
-            f"{many} {STATUS_WORDS[failure['status']]}{whose}{_one_line(failure['example'])}"
+            f"{many} {STATUS_WORDS[failure['status']]}{whose} ({at}): {_one_line(failure['example'])}"
         )
     return lines
 
 
 def _one_line(reason: str) -> str:
     """Returns a reason on one line; the files have all of it."""
-    text = " ".join(line.strip() for line in reason.splitlines())
+    text = ""
+    for line in reason.splitlines():
+        joint = " " if text.endswith(":") else "; "
+        text += f"{joint if text else ''}{line.strip()}"
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…"
 
 
@@ -130,27 +137,37 @@ def _best_lines(document: dict[str, Any], planned: list[dict[str, Any]]) -> list
                 lines.append(f"{objective.title}: not known of any plan")
             continue
         best = min(known, key=lambda row: objective.cost(row[objective.name]))
-        at = ", ".join(
-            f"{p['name']} {value_text(best['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
-            for p in document["parameters"]
-        )
         many = f" ({entry['together']} of {len(document['tasks'])} jobs)" * bool(entry["together"])
-        lines.append(
-            f"best {objective.title}{many}: {_shown(objective, best[objective.name])} with {at}"
-            f"{_against(objective, best[objective.name], document['reference'])}"
-        )
+        best_text = _shown(objective, best[objective.name])
+        against = _against(objective, best[objective.name], document["reference"])
+        if len(known) > 1 and {_shown(objective, row[objective.name]) for row in known} == {
+            best_text
+        }:
+            lines.append(f"{objective.title}{many}: {best_text} in all plans{against}")
+        else:
+            lines.append(
+                f"best {objective.title}{many}: {best_text} with {_at(document, best)}{against}"
+            )
     return lines
 
 
+def _at(document: dict[str, Any], row: dict[str, Any]) -> str:
+    """Returns the values of a row's parameters."""
+    return ", ".join(
+        f"{p['name']} {value_text(row['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
+        for p in document["parameters"]
+    )
+
+
 def _shown(objective: Objective, value: float) -> str:
-    return f"{objective.shown(value, DIGITS[objective.name])} {objective.shown_unit}"
+    return f"{objective.shown(value)} {objective.shown_unit}"
 
 
 def _against(objective: Objective, value: float, reference: dict[str, Any]) -> str:
     """Returns how much better that is than the files as they are."""
     base = reference[objective.name]
     if base is None:
-        return f"; the files as they are: {reference['status'].replace('_', ' ')}"
+        return f"; the files as they are: {STATUS_WORDS[reference['status']]}"
     if objective.name == "cycle_time" and base > 0.0:
         change = value / base - 1.0
         return f"; the files as they are: {_shown(objective, base)} ({change:+.1%})"
@@ -189,10 +206,16 @@ SENSITIVITY_WORDS = (
 
 def sensitivity_sentences(document: dict[str, Any]) -> list[str]:
     """Returns how far the numbers can be relied on, and which parameters act together."""
+    noted: dict[str, list[str]] = {}
+    for section in document["sensitivity"]:
+        for note in section["notes"]:
+            noted.setdefault(note, []).append(OBJECTIVES[section["objective"]].title)
     lines = []
+    for note, titles in noted.items():
+        whose = "" if len(titles) == len(document["sensitivity"]) else f"{', '.join(titles)}: "
+        lines.append(f"note: {whose}{note}")
     for section in document["sensitivity"]:
         title = OBJECTIVES[section["objective"]].title
-        lines += [f"note: {title}: {note}" for note in section["notes"]]
         strong = [pair for pair in section["interactions"] if pair["share"] >= 0.05]
         lines += [
             f"{title}: {' and '.join(pair['between'])} act together: {pair['share']:.0%} of the variance"

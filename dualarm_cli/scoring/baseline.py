@@ -66,8 +66,12 @@ def read_baseline(path: Path) -> Baseline:
         document = json.loads(data, object_pairs_hook=_members, parse_constant=_no_number)
     except json.JSONDecodeError as error:
         _refuse(name, f"is not JSON: {error.msg}", error.lineno, error.colno)
-    except (ValueError, RecursionError) as error:
-        _refuse(name, f"is no baseline: {error or 'nested too deep'}")
+    except UnicodeDecodeError as error:
+        _refuse(name, f"is no baseline: byte 0x{data[error.start]:02x} is not UTF-8")
+    except RecursionError:
+        _refuse(name, "is no baseline: nested too deep")
+    except ValueError as error:
+        _refuse(name, f"is no baseline: {error}")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else document
         _refuse(

@@ -23,7 +23,8 @@ def find_cases(patterns: Sequence[str]) -> list[str]:
     """Returns the names of the task files that patterns mean, each once, sorted.
 
     A name of a file is that file, whatever is in it; of a folder all task files in it and below. Anything else is a
-    pattern, in which `**` stands for any folders. Hidden files and folders are named by name only.
+    pattern, in which `**` stands for any folders; where it matches folders and no file, it means these. Hidden files
+    and folders are named by name only.
 
     Args:
         patterns: as the user wrote them; the shell may have left patterns to us.
@@ -35,7 +36,7 @@ def find_cases(patterns: Sequence[str]) -> list[str]:
     for pattern in patterns:
         names = _matches(pattern)
         if not names:
-            folder = Path(pattern).is_dir()
+            folder = bool(pattern) and Path(pattern).is_dir()
             what = "has no task files (tasks/1)" if folder else "is no file, and matches none"
             raise UsageError(f"{quote(pattern)} {what}: there is nothing to score")
         found |= dict.fromkeys(case_name(name) for name in names)
@@ -51,7 +52,9 @@ def _matches(pattern: str) -> list[str]:
     # The name comes first: it may have brackets in it.
     if os.path.lexists(path) or not glob.has_magic(pattern):
         return [pattern]
-    return [name for name in glob.glob(pattern, recursive=True) if not Path(name).is_dir()]  # noqa: PTH207
+    names = glob.glob(pattern, recursive=True)  # noqa: PTH207
+    files = [name for name in names if not Path(name).is_dir()]
+    return files or [task for folder in names for task in _tasks_in(folder)]
 
 
 def _tasks_in(folder: str) -> list[str]:

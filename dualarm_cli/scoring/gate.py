@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from dualarm_cli.loading.text_source import quote
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.scoring.baseline import Recorded
 from dualarm_cli.scoring.causes import why_slower
@@ -33,6 +34,11 @@ def judge_all(
     """
     recorded = baseline or {}
     known = set(evaluations) | (set() if subset else set(recorded))
+    fresh = {
+        _files(e.inputs): case
+        for case, e in evaluations.items()
+        if case not in recorded and e.inputs
+    }
     return [
         judge(
             case,
@@ -40,9 +46,15 @@ def judge_all(
             recorded.get(case),
             max_regression,
             compared=baseline is not None,
+            renamed=fresh.get(_files(recorded[case].inputs), "") if case in recorded else "",
         )
         for case in sorted(known)
     ]
+
+
+def _files(inputs: Mapping[str, str]) -> frozenset[tuple[str, str]]:
+    """Returns what files a case was read from, by name from its folder and content."""
+    return frozenset(inputs.items())
 
 
 def judge(
@@ -52,6 +64,7 @@ def judge(
     max_regression: float,
     *,
     compared: bool,
+    renamed: str = "",
 ) -> Verdict:
     """Returns the verdict on one case.
 
@@ -61,12 +74,15 @@ def judge(
         before: what it came to then; None where it is not in the baseline.
         max_regression: by what share its cycle time may be longer than it was.
         compared: whether there is a baseline at all.
+        renamed: a case that is new and has the very files of this one; empty for none.
     """
     if evaluation is None:
         text = (
             "is in the baseline, but was not scored; --update-baseline takes it out, "
             "--subset leaves out what is not named"
         )
+        if renamed:
+            text = f"is now {quote(renamed)}, with the same files; --update-baseline takes the new name"
         return Verdict(case, "missing", None, before, (Finding(text, case),))
     if evaluation.status != "planned":
         return Verdict(case, evaluation.status, evaluation, before, evaluation.findings)

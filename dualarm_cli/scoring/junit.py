@@ -65,6 +65,8 @@ def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
         message = lines[0] if lines else words(verdict.state)
         found = ElementTree.SubElement(case, tag, {"type": verdict.state, "message": message})
         found.text = "\n".join(lines)
+    if verdict.evaluation is None or verdict.evaluation.cycle_time is None:
+        return
     figures = (
         f"cycle time {cycle_words(verdict)} s, change {change_words(verdict)}, gap {gap_words(verdict)}, "
         f"clearance {clearance_words(verdict)} mm: {words(verdict.state)}"

@@ -177,7 +177,7 @@ def _sensitivity(
     factors = [_factor(p, k, [row for row, _ in known]) for k, p in enumerate(study.parameters)]
     stepped = all(parameter.span is None for parameter in study.parameters)
     values = np.array([value for _, value in known], dtype=np.float64)
-    found: Sensitivity = sensitivity(factors, values, stepped)
+    found: Sensitivity = sensitivity(factors, values, stepped, objective.step)
     notes = list(found.notes)
     if searched and not found.is_grid:
         notes.append("the search tried good points more often than others")

@@ -23,8 +23,6 @@ _WORST_FIRST: tuple[Status, ...] = (
 )
 if set(_WORST_FIRST) != set(STATUSES):  # pragma: no cover
     raise AssertionError("a status without a rank")
-SAME = 1e-6
-"""Costs nearer than this are the same: rounding does not make one plan better than another [SI]."""
 TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
     "cycle_time": sum,
     "gap": max,
@@ -72,8 +70,7 @@ class Row:
         values = [figures[objective.name] for objective in objectives]
         if any(value is None for value in values):
             return None
-        known = [o.cost(v) for o, v in zip(objectives, values, strict=True) if v is not None]
-        return [round(cost / SAME) * SAME for cost in known]
+        return [o.cost(v) for o, v in zip(objectives, values, strict=True) if v is not None]
 
 
 @dataclass(frozen=True)

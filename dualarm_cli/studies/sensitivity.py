@@ -29,6 +29,8 @@ PER_BIN = 4
 """Plans that a part should have on average."""
 FEW = 5
 """Plans per parameter below which the numbers are hints."""
+STRAIGHT = 0.7
+"""Part of the variance that a linear fit must explain, so that slopes say something."""
 SAME = 1e-9
 """Spread relative to the values below which an objective counts as the same everywhere."""
 
@@ -112,7 +114,9 @@ def word_factor(name: str, chosen: Sequence[int], count: int) -> Factor:
     return Factor(name, np.asarray(chosen, dtype=np.int64), count, None)
 
 
-def sensitivity(factors: Sequence[Factor], values: FloatArray, stepped: bool) -> Sensitivity:
+def sensitivity(
+    factors: Sequence[Factor], values: FloatArray, stepped: bool, step: float = 0.0
+) -> Sensitivity:
     """Returns what an objective depends on.
 
     Args:
@@ -120,13 +124,14 @@ def sensitivity(factors: Sequence[Factor], values: FloatArray, stepped: bool) ->
         values: the objective, shape (n,).
         stepped: whether all parameters have steps: with a plan for every combination of those that occur, shares are
             exact for these.
+        step: spread of the objective up to which it counts as the same in all plans.
     """
     count = len(values)
     grid = stepped and _is_grid(factors, count)
     whole = grid and count == int(np.prod([factor.count for factor in factors]))
     varied = [factor for factor in factors if len(np.unique(factor.levels)) > 1]
     spread = float(np.ptp(values)) if count else 0.0
-    if count < 2 or spread <= SAME * float(np.abs(values).max()):
+    if count < 2 or spread <= max(step, SAME * float(np.abs(values).max())):
         why = "fewer than two plans" if count < 2 else "it is the same in all plans"
         none = tuple(
             Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
@@ -260,7 +265,9 @@ def _notes(
         notes.append("values at which nothing has a plan are left out")
     if not grid:
         notes.append("shares are estimates: the plans are no whole grid")
-    if linear_share is not None and linear_share < 0.7:
+        if linear_share is not None and linear_share >= STRAIGHT:
+            notes.append(f"a linear fit explains {linear_share:.0%}: slopes tell more than shares")
+    if linear_share is not None and linear_share < STRAIGHT:
         notes.append(
             f"a linear fit explains {linear_share:.0%} only: the slopes say little, look at the main effects"
         )

@@ -206,6 +206,24 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
         (["--baseline", "b", "--max-regression", "-1%"], "must be 0 or more"),
         (["--baseline", "b", "--max-regression", "nan"], "is not a number"),
         (["--baseline", "b", "--max-regression", "2 s"], "unit 's'"),
+        (["--baseline", "b", "--max-regression", "2"], "is 200 %; write 2% or 200%"),
+        (
+            ["--baseline", "b", "--max-regression", "x"],
+            "'x' is not a number; write one such as 2% or 0.02",
+        ),
+        (["--baseline", "b"], "b: E500 there is no such file; --update-baseline writes it"),
+        (
+            ["--baseline", "b", "--update-baseline", "--junit", "./b"],
+            "is the file of --baseline as well",
+        ),
+        (["--junit", "x", "--markdown", "x"], "--markdown x: is the file of --junit as well"),
+        (
+            ["--scheduler", "foo"],
+            "--scheduler 'foo': is no address; write one such as tcp://10.0.0.1:8786",
+        ),
+        (["--scheduler", ""], "--scheduler '': is no address"),
+        (["--scheduler", "xyz://a:1"], "--scheduler 'xyz://a:1': is no address"),
+        (["--cache", "cells"], "--cache cells: has other files in it"),
         (
             ["--baseline", "b", "--update-baseline", "--max-regression", "1%"],
             "--max-regression does not go with --update-baseline",
@@ -213,8 +231,11 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
         (["--scheduler", "tcp://x:1", "--jobs", "2"], "--jobs does not go with --scheduler"),
         (["--cache", "c", "--no-cache"], "--cache does not go with --no-cache"),
         (["--timeout", "0"], "must be above 0 s"),
-        (["--timeout", "soon"], "--timeout: 'soon' is not a number"),
-        (["--jobs", "0"], "--jobs"),
+        (
+            ["--timeout", "soon"],
+            "--timeout: 'soon' is not a number; write one such as 30 or '2 min'",
+        ),
+        (["--jobs", "0"], "or equal to 1. Try 'dualarm score --help'."),
         (["--junit", "nowhere/x.xml"], "there is no folder nowhere"),
         (["--platform", "nothing"], "there is no 'nothing'"),
         (["--effort", "some"], "--effort"),

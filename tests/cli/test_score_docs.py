@@ -84,7 +84,7 @@ def test_hooks_name_commands_that_there_are_and_files_that_matter():
         assert hook["language"] == "python"
         assert hook["entry"].split()[1] in typer.main.get_command(app).commands
     check, score = hooks["dualarm-check"], hooks["dualarm-score"]
-    for name in ("cells/a/tasks.yaml", "cell.yml", "robots/x/robot.yaml"):
+    for name in ("cells/a/tasks.yaml", "cell.yml", "robots/x/robot.yaml", "cells/a/study.yaml"):
         assert re.search(check["files"], name)
     for name in (".github/workflows/score.yaml", "mytasks.yaml"):
         assert not re.search(check["files"], name)

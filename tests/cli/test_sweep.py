@@ -11,12 +11,16 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from dualarm_cli.cli.run import run
 from dualarm_cli.cli.sweep import exit_code
+from dualarm_cli.evaluation.evaluate import evaluate
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.model.evaluation import Evaluation
 
 STUDY = """\
 dualarm: study/1
@@ -43,13 +47,35 @@ def folder(tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch) 
     return tmp_path
 
 
-def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
+class _OneAfterTheOther:
+    """Evaluates in this process: what a crew's processes come to, without waiting until they have loaded."""
+
+    def __init__(self, _processes: int, timeout: float | None = None) -> None:
+        """Takes what a crew takes."""
+        assert timeout is None
+
+    def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        """Yields answers in the order of the requests."""
+        for index, request in enumerate(requests):
+            yield index, evaluate(request)
+
+    def close(self) -> None:
+        """Has nothing to end."""
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Lets all that follows be planned in this process."""
+    return lambda: monkeypatch.setattr("dualarm_cli.evaluation.crew.Crew", _OneAfterTheOther)
+
+
+def test_a_study_is_planned_ranked_and_written(folder, here, capsys) -> None:
     """Six points and the files as they are, one of which is among them: six plans; then none."""
     assert run(["sweep", "study.yaml", "--out", "out", "--csv", "rows.csv", "--jobs", "2"]) == 0
     out, err = capsys.readouterr()
     assert "study.yaml: 6 of 6 points have a plan" in out
     assert "what matters" in out
-    assert "6 plans made, 1 known already" in err
+    assert "6 jobs planned, 1 known already" in err
     document = json.loads((folder / "out" / "study.json").read_text())
     rows = document["rows"]
     assert document["counts"]["planned"] == len(rows) == 6
@@ -66,19 +92,21 @@ def test_a_study_is_planned_ranked_and_written(folder, capsys) -> None:
     assert [float(row["cycle_time"]) for row in table] == [row["cycle_time"] for row in rows]
     for picture in ("pareto.png", "sensitivity.png"):
         assert (folder / "out" / picture).read_bytes().startswith(b"\x89PNG")
-    # Again: nothing is planned, and all files are the same to the byte, by one process as by two.
-    assert run(["sweep", "study.yaml", "--out", "again", "--jobs", "1"]) == 0
-    assert "0 plans made, 7 known already" in capsys.readouterr().err
+    # Again: nothing is planned, and all files are the same to the byte, by this process as by two others.
+    here()
+    assert run(["sweep", "study.yaml", "--out", "again"]) == 0
+    assert "0 jobs planned, 7 known already" in capsys.readouterr().err
     for name in ("study.json", "table.csv", "pareto.png", "sensitivity.png"):
         assert (folder / "out" / name).read_bytes() == (folder / "again" / name).read_bytes()
-    assert run(["sweep", "study.yaml", "--no-cache", "--jobs", "1", "--json", "-q"]) == 0
+    assert run(["sweep", "study.yaml", "--no-cache", "--json", "-q"]) == 0
     captured = capsys.readouterr()
     assert captured.out == (folder / "out" / "study.json").read_text()
     assert captured.err == ""
 
 
-def test_points_without_a_plan_do_not_stop_others(folder, capsys) -> None:
+def test_points_without_a_plan_do_not_stop_others(folder, here, capsys) -> None:
     """900 mm is out of reach; where all are, the exit code is 3."""
+    here()
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [80 mm, 900 mm]"))
     assert run(["sweep", "study.yaml", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -93,28 +121,36 @@ def test_points_without_a_plan_do_not_stop_others(folder, capsys) -> None:
     assert "tasks.yaml:" in failure["example"]
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [900 mm]"))
     assert run(["sweep", "study.yaml"]) == 3
-    assert "2 points without a plan; of the first: tasks.yaml:" in capsys.readouterr().out
+    assert (
+        "2 points without a plan; of the first (x 900 mm, y 0.1): tasks.yaml:"
+        in capsys.readouterr().out
+    )
 
 
-def test_a_bad_value_is_a_row_of_its_own(folder, capsys) -> None:
+def test_a_bad_value_is_a_row_of_its_own(folder, here, capsys) -> None:
     """Told of the study file; the others are planned, and the exit code is 2."""
+    here()
     (folder / "study.yaml").write_text(STUDY.replace("values: [0.1, 0.11]", "values: [0.1, 2000]"))
     assert run(["sweep", "study.yaml"]) == 2
     out = capsys.readouterr().out
     assert "3 of 6 points have a plan" in out
     assert (
-        "3 points with bad input; of the first: study.yaml:9:3: E200 parameter 'y' makes tasks.P2.move.xyz[1] of"
+        "3 points with bad input; of the first (x 70 mm, y 2000): study.yaml:9:3: E200 parameter 'y' makes tasks.P2"
         in out
     )
     assert "outside the range of length" in out
 
 
-def test_a_time_out_is_a_row_of_its_own(folder, capsys) -> None:
-    """No plan is made in a millisecond; the point is what the files are already, so that it is tried as one."""
+def test_a_time_out_is_a_row_of_its_own(folder, capsys, monkeypatch) -> None:
+    """No plan is made in a millisecond; one attempt at each is enough here, as each takes a process of its own."""
+    monkeypatch.setattr("dualarm_cli.evaluation.crew.ATTEMPTS", 1)
     text = STUDY.replace(RANGE, "values: [80 mm]").replace("values: [0.1, 0.11]", "values: [0.1]")
     (folder / "study.yaml").write_text(text)
     assert run(["sweep", "study.yaml", "--timeout", "1 ms", "--jobs", "1"]) == 3
-    assert "1 point timed out: tasks.yaml: took longer than 0.001 s" in capsys.readouterr().out
+    assert (
+        "1 point timed out (x 80 mm, y 0.1): tasks.yaml: took longer than 0.001 s"
+        in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(
@@ -128,16 +164,50 @@ def test_a_time_out_is_a_row_of_its_own(folder, capsys) -> None:
         (["--csv", "none/a.csv"], "--csv none/a.csv: there is no folder none"),
         (["--csv", "tasks.yaml"], "--csv tasks.yaml: is there already; add --force"),
         (["--out", "tasks.yaml"], "--out tasks.yaml: is a file"),
+        (
+            ["--csv", "study.yaml", "--force"],
+            "--csv study.yaml: is a file that the study is read from",
+        ),
+        (["--csv", "./cell.yaml", "--force"], "--csv cell.yaml: is a file that the study is read"),
+        (
+            ["--csv", "o/study.json", "--out", "o", "--force"],
+            "--csv o/study.json: is a file of --out",
+        ),
+        (
+            ["--scheduler", "foo"],
+            "--scheduler 'foo': is no address; write one such as tcp://10.0.0.1:8786",
+        ),
     ],
 )
 def test_options_that_cannot_be_are_refused_before_anything_is_planned(
     options, message, folder, capsys
 ) -> None:
-    """Exit code 2, one sentence."""
+    """Exit code 2, one sentence; what is there stays as it is."""
+    (folder / "o").mkdir()
+    (folder / "o" / "study.json").write_text("{}")
+    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert run(["sweep", "study.yaml", *options]) == 2
     captured = capsys.readouterr()
     assert message in captured.err
     assert captured.out == ""
+    assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
+
+
+def test_figures_of_an_earlier_study_do_not_stay_beside_what_has_no_plan(
+    folder, here, capsys
+) -> None:
+    """They would be taken for this one's."""
+    (folder / "study.yaml").write_text(STUDY.replace(RANGE, "values: [900 mm]"))
+    here()
+    (folder / "out").mkdir()
+    for name in ("study.json", "pareto.png", "sensitivity.png"):
+        (folder / "out" / name).write_text("old")
+    assert run(["sweep", "study.yaml", "--out", "out", "--force"]) == 3
+    captured = capsys.readouterr()
+    assert "study.yaml: none of 2 points has a plan" in captured.out
+    assert "pareto.png and sensitivity.png are not drawn: no point has a plan" in captured.err
+    assert {path.name for path in (folder / "out").iterdir()} == {"study.json", "table.csv"}
+    assert json.loads((folder / "out" / "study.json").read_text())["counts"]["planned"] == 0
 
 
 def test_a_wrong_study_is_refused_with_all_that_is_wrong(folder, capsys) -> None:
@@ -155,33 +225,29 @@ def test_the_missing_extra_names_itself(folder, capsys, monkeypatch) -> None:
     assert "optuna is not installed: pip install 'dualarm[optimise]'" in capsys.readouterr().err
 
 
-def test_a_search_is_the_same_whatever_the_number_of_processes(folder, capsys) -> None:
-    """To the byte; nine points are two batches, the second one of which follows from the first."""
+def test_a_search_is_the_same_whatever_the_number_of_processes(
+    folder, here, capsys, monkeypatch
+) -> None:
+    """To the byte, by two others or by this one; five points are three batches of two, each from what came before."""
     pytest.importorskip("optuna")
+    monkeypatch.setattr("dualarm_cli.studies.search.BATCH", 2)
     (folder / "study.yaml").write_text(STUDY.replace(RANGE, "range: {from: 70 mm, to: 90 mm}"))
     documents = []
-    for jobs in ("1", "2"):
-        arguments = [
-            "sweep",
-            "study.yaml",
-            "--optimise",
-            "--budget",
-            "9",
-            "--no-cache",
-            "--jobs",
-            jobs,
-        ]
-        assert run([*arguments, "--json", "-q"]) == 0
+    arguments = ["--optimise", "--budget", "5", "--no-cache", "--jobs", "2", "--json", "-q"]
+    for prepare in (lambda: None, here):
+        prepare()
+        assert run(["sweep", "study.yaml", *arguments]) == 0
         documents.append(capsys.readouterr().out)
     assert documents[0] == documents[1]
     document = json.loads(documents[0])
-    assert document["method"] == {"name": "optimise", "budget": 9, "seed": 0, "batch": 8}
-    assert document["counts"]["points"] == 9
+    assert document["method"] == {"name": "optimise", "budget": 5, "seed": 0, "batch": 2}
+    assert document["counts"]["points"] == 5
 
 
-def test_a_budget_for_all_points_finds_the_optimum(folder, capsys) -> None:
+def test_a_budget_for_all_points_finds_the_optimum(folder, here, capsys) -> None:
     """The search and the enumeration have the same rows."""
     pytest.importorskip("optuna")
+    here()
     assert run(["sweep", "study.yaml", "--json", "-q"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert run(["sweep", "study.yaml", "--optimise", "--budget", "6", "--json", "-q"]) == 0
@@ -207,7 +273,7 @@ def test_the_most_severe_end_counts(counts, code) -> None:
     assert exit_code({"counts": counts}) == code
 
 
-def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder) -> None:
+def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder, here, capsys) -> None:
     """130 within 2 s, no process left; what was planned is not planned again."""
     (folder / "study.yaml").write_text(STUDY.replace("step: 10 mm", "step: 0.5 mm"))
     command = [sys.executable, "-m", "dualarm_cli", "sweep", "study.yaml", "--jobs", "1"]
@@ -230,10 +296,9 @@ def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder) -> None:
     (folder / "study.yaml").write_text(
         STUDY.replace("step: 10 mm", "step: 0.5 mm").replace("to: 90", "to: 70.5")
     )
-    again = subprocess.run(
-        [*command, "--quiet", "--json"], capture_output=True, text=True, check=True
-    )
-    assert json.loads(again.stdout)["counts"]["planned"] == 4
+    here()
+    assert run([*command[3:], "--quiet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["counts"]["planned"] == 4
     # Four points and the files as they are; the first ones were known.
     assert len(list(kept.glob("*/*.json"))) == max(done, 5)
 

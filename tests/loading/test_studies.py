@@ -112,7 +112,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
             _parameter("values: [1]", "robot: limits.turn.velocity"),
             [
                 "study.yaml:5:12: E300 'limits.turn' of robot.yaml has no 'velocity'; there: acceleration, jerk, "
-                "source; what a study varies must stand in the file, if only with its default"
+                "source; position and velocity limits are the URDF's, and cannot be varied"
             ],
         ),
         (

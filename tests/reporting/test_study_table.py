@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from dualarm_cli.reporting.study_figure import draw_pareto, draw_sensitivity
+from dualarm_cli.model.study import OBJECTIVES
+from dualarm_cli.reporting.figures import new_figure
+from dualarm_cli.reporting.study_figure import _widen, draw_pareto, draw_sensitivity
 from dualarm_cli.reporting.study_table import (
     MOST_ROWS,
     most_time,
@@ -35,7 +37,11 @@ def _row(rank: int | None, x: Any, word: str, **figures: Any) -> dict[str, Any]:
 def document() -> dict[str, Any]:
     """Three rows of four points; names that would be formulas, markup or mathematics."""
     failed = _row(None, 30, "right", **dict.fromkeys(("cycle_time", "gap", "clearance", "travel")))
-    failed |= {"status": "infeasible", "reasons": ["a.yaml:3:1: does not reach\n  by 3 mm"]}
+    failed |= {
+        "point": 3,
+        "status": "infeasible",
+        "reasons": ["a.yaml:3:1: no plan:\n  left: does not reach\n  b.yaml:4:1: right: touches"],
+    }
     influence = {"main_effect": 0.5, "share": 0.75, "slope": None, "rank_correlation": -1.0}
     section = {
         "plans": 3, "whole_grid": True, "linear_share": 0.5, "notes": ["3 plans"],
@@ -95,12 +101,40 @@ def test_the_sentences_name_the_best_and_what_failed(document) -> None:
         "best clearance: 20.0 mm with =x 10 mm, [b]arm left; the files as they are: 10.0 mm"
         in lines
     )
-    assert "1 point without a plan: a.yaml:3:1: does not reach by 3 mm" in lines
+    assert (
+        "1 point without a plan (=x 30 mm, [b]arm right): a.yaml:3:1: no plan: left: does not reach; "
+        "b.yaml:4:1: right: touches" in lines
+    )
+
+
+def test_an_objective_that_looks_the_same_everywhere_has_no_best_row(document) -> None:
+    """21.68 and 21.71 mm are 21.7 mm both; of 20.0 and 21.7 one is best."""
+    for row, clearance in zip(document["rows"], (0.02168, 0.02171, 0.02166, None), strict=True):
+        row["clearance"] = clearance
+    assert "clearance: 21.7 mm in all plans; the files as they are: 10.0 mm" in sentences(document)
+    document["rows"][2]["clearance"] = 0.02
+    assert any(
+        line.startswith("best clearance: 21.7 mm with =x 10") for line in sentences(document)
+    )
+
+
+def test_files_that_have_no_plan_as_they_are_are_said_to_have_none(document) -> None:
+    """In the words of the other sentences."""
+    document["reference"] = {"status": "infeasible"} | dict.fromkeys(("cycle_time", "clearance"))
+    assert any(
+        line.endswith("; the files as they are: without a plan") for line in sentences(document)
+    )
+
+
+def test_a_study_without_any_plan_says_so(document) -> None:
+    """There is no table above it."""
+    document["rows"] = document["rows"][3:]
+    assert sentences(document)[0] == "[s].yaml: none of 4 points has a plan"
 
 
 def test_rows_beyond_the_most_are_counted(document) -> None:
     """The table stays on a screen."""
-    document["rows"] = [_row(k, k, "left") for k in range(1, MOST_ROWS + 4)]
+    document["rows"][:3] = [_row(k, k, "left") for k in range(1, MOST_ROWS + 4)]
     assert f"│ {MOST_ROWS} " in _shown(rows_table(document))
     assert f"│ {MOST_ROWS + 1} " not in _shown(rows_table(document))
     assert "... and 3 more rows; --csv FILE has all" in sentences(document)
@@ -127,18 +161,21 @@ def test_the_csv_gives_every_number_back_and_runs_no_formula(document) -> None:
         "",
         "",
         "",
-        "a.yaml:3:1: does not reach by 3 mm",
+        "a.yaml:3:1: no plan: left: does not reach; b.yaml:4:1: right: touches",
     ]
 
 
 def test_sensitivity_is_shown_with_what_it_rests_on(document) -> None:
-    """What is not known is a dash; interactions from 5 % on are told."""
+    """What is not known is a dash; interactions from 5 % on are told; what holds for all objectives is noted once."""
+    document["sensitivity"][1]["notes"] = ["3 plans", "a curve"]
     text = _shown(sensitivity_table(document))
     assert "0.500 s │   75% │     – │      -1.00" in text
     assert "500.0 mm" in text
-    assert sensitivity_sentences(document)[:2] == [
-        "note: cycle time: 3 plans",
+    assert sensitivity_sentences(document) == [
+        "note: 3 plans",
+        "note: clearance: a curve",
         "cycle time: =x and [b]arm act together: 10% of the variance",
+        "clearance: =x and [b]arm act together: 10% of the variance",
     ]
 
 
@@ -147,6 +184,18 @@ def test_most_time_adds_jobs_up() -> None:
     jobs = [{"limiting": {"lines": 1.0, "left_s": 1.0}}, {"limiting": {"lines": 3.0}}]
     assert most_time(jobs) == "lines 80%"
     assert most_time([{"limiting": {}}]) == "–"
+
+
+def test_no_drama_is_made_of_what_hardly_differs() -> None:
+    """Clearances of 21.68 to 21.71 mm are drawn on an axis of a millimetre, about the same middle."""
+    pytest.importorskip("matplotlib")
+    panel = new_figure(3.0, 3.0).subplots()
+    panel.set_ylim(21.68, 21.71)
+    _widen(panel, "y", OBJECTIVES["clearance"])
+    assert panel.get_ylim() == pytest.approx((21.195, 22.195))
+    panel.set_ylim(20.0, 30.0)
+    _widen(panel, "y", OBJECTIVES["clearance"])
+    assert panel.get_ylim() == (20.0, 30.0)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def test_bytes_do_not_depend_on_the_order_of_anything(recorded):
 
 def refused(path, text):
     """Returns the message that a baseline is refused with."""
-    path.write_text(text)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError) as error:
         read_baseline(path)
     return str(error.value)
@@ -99,6 +99,12 @@ def test_no_cut_of_a_baseline_is_taken_for_one(written):
 def test_what_is_something_else_is_refused(tmp_path, text):
     """Never a traceback, never a pass."""
     refused(tmp_path / "scores.json", text)
+
+
+def test_what_is_no_text_is_said_in_words_of_ours(tmp_path):
+    """None of Python's."""
+    assert "byte 0xe9 is not UTF-8" in refused(tmp_path / "scores.json", b'{"a": "\xe9"}')
+    assert "nested too deep" in refused(tmp_path / "scores.json", "[" * 100_000)
 
 
 def test_no_cases_and_no_file_are_refused(tmp_path):

@@ -30,6 +30,8 @@ def tree(tmp_path, monkeypatch):
         ["cells/**/tasks.yaml"],
         ["cells"],
         ["./cells/"],
+        ["cells/*"],
+        ["cel*"],
         ["."],
         ["cells/*/tasks.yaml", "cells/b/../b/c/tasks.yaml"],
         ["cells/b", "cells/a", "cells/[x]/tasks.yaml", "cells/a/tasks.yaml"],

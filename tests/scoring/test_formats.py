@@ -49,6 +49,9 @@ def test_junit_is_valid_by_its_schema_whatever_names_hold(verdicts):
     failing = sum(code != 0 for code in EXIT_CODES.values())
     assert int(suite.get("failures")) + int(suite.get("errors")) == failing
     assert data.startswith(MARK)
+    # Figures of cases that have none would be dashes only.
+    silent = [case.get("name") for case in suite if case.find("system-out") is None]
+    assert [name.rpartition("tasks.yaml")[2] for name in silent] == ["missing"]
 
 
 def test_the_schema_itself_finds_mistakes(verdicts):

@@ -56,6 +56,24 @@ def test_cases_are_new_missing_or_left_out(evaluation, recorded):
     assert {v.state for v in judge_all(found, None, 0.0)} == {"pass"}
 
 
+def test_a_case_with_another_name_is_missing_but_is_told_as_renamed(evaluation, recorded):
+    """By its files, which have the same names from its folder; other content, or none known, is another case."""
+    files = {"cell.yaml": "11", "tasks.yaml": "22"}
+    found = {"new": evaluation("new", inputs=files), "odd": evaluation("odd", inputs={})}
+    baseline = {
+        "old": recorded(inputs=files),
+        "other": recorded(inputs=files | {"cell.yaml": "33"}),
+        "bare": recorded(inputs={}),
+    }
+    missing = {v.case: v for v in judge_all(found, baseline, 0.0) if v.state == "missing"}
+    assert set(missing) == {"old", "other", "bare"}
+    told = {
+        case: "is now 'new', with the same files" in str(v.reasons[0])
+        for case, v in missing.items()
+    }
+    assert told == {"old": True, "other": False, "bare": False}
+
+
 @pytest.mark.parametrize("status", [status for status in STATUSES if status != "planned"])
 def test_what_has_no_verified_plan_never_passes(evaluation, recorded, status):
     """Whatever its cycle time says, and whether it is in the baseline or not."""

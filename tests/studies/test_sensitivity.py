@@ -119,6 +119,7 @@ def test_of_samples_the_shares_are_estimates_and_what_does_nothing_has_about_non
     assert _of(found, "c").share == pytest.approx(0.0, abs=0.05)
     assert _of(found, "a").slope == pytest.approx(2 / np.sqrt(5), abs=0.07)
     assert "shares are estimates: the plans are no whole grid" in found.notes
+    assert "a linear fit explains 100%: slopes tell more than shares" in found.notes
 
 
 def test_chance_explains_nothing_on_average() -> None:
@@ -141,6 +142,9 @@ def test_few_plans_are_said_to_be_few() -> None:
     assert one.notes == ("no sensitivity: fewer than two plans",)
     same = sensitivity([numeric_factor("p", [1.0, 2.0], [1.0, 2.0])], np.array([3.0, 3.0]), True)
     assert same.notes == ("no sensitivity: it is the same in all plans",)
+    near = [numeric_factor("p", [1.0, 2.0], [1.0, 2.0])], np.array([0.02, 0.02003])
+    assert sensitivity(*near, True, step=1e-4).notes == same.notes
+    assert sensitivity(*near, True, step=1e-5).influences[0].share == pytest.approx(1.0)
     two = sensitivity(
         [numeric_factor(n, [1.0, 2.0], [1.0, 2.0]) for n in "pq"], np.array([3.0, 4.0]), True
     )

@@ -163,6 +163,20 @@ def test_the_pareto_set_comes_first_then_all_by_the_first_objective(make_study) 
     assert ranking.unranked == 1
 
 
+def test_what_looks_alike_in_the_table_makes_no_row_better(make_study) -> None:
+    """Proofs of one clearance differ by hundredths of a millimetre: 21.68 and 21.71 mm are both shown as 21.7."""
+    objectives = make_study(("cycle_time", "clearance"), a=[1]).objectives
+    rows = [
+        _row(0, _planned(cycle_time=3.852, clearance=0.02171)),
+        _row(1, _planned(cycle_time=3.714, clearance=0.02168)),
+        _row(2, _planned(cycle_time=3.7139, clearance=0.0208)),
+        _row(3, _planned(cycle_time=4.0, clearance=0.0218)),
+    ]
+    ranking = rank(rows, objectives)
+    assert ranking.pareto == {1, 3}
+    assert [row.number for row in ranking.rows] == [1, 3, 2, 0]
+
+
 def test_the_document_counts_failures_by_reason_and_has_no_clock(
     make_study, counting, desk
 ) -> None:
