@@ -175,8 +175,12 @@ def _evaluate(
     from dualarm_cli.evaluation.answers import answers
 
     def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
-        _refuse_settings(some[0])
-        return run(some)
+        doubted = False
+        for index, evaluation in run(some):
+            if evaluation.status == "bad_input" and not doubted:
+                doubted = True
+                _refuse_settings(some[index])
+            yield index, evaluation
 
     found: dict[str, Evaluation] = {}
     known = 0
@@ -192,16 +196,13 @@ def _evaluate(
 
 
 def _refuse_settings(request: Request) -> None:
-    """Raises where a solver that was named is none, before every single case says so."""
-    if (request.platform, request.redundancy, request.timing) == (None, None, "ruckig"):
-        return
-    from dualarm_cli.evaluation.evaluate import settings_of
-    from dualarm_cli.planning.methods import METHODS
-    from dualarm_cli.timing import TIMING_SOLVERS
+    """Raises where a solver that was named is none, instead of every single case saying so.
 
-    settings = settings_of(request)
-    METHODS[settings.platform]
-    TIMING_SOLVERS[settings.timing]
+    Not asked before there is a reason: methods take a second to load, in which all processes could plan.
+    """
+    from dualarm_cli.evaluation.evaluate import settings_of
+
+    settings_of(request)
 
 
 def _tell(

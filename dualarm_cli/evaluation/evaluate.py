@@ -18,10 +18,12 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.planner import plan
 from dualarm_cli.planning.redundancy_choice import with_redundancy
 from dualarm_cli.reporting.measures import joint_travel, limiting_times, sliding_joints
 from dualarm_cli.reporting.report import relative_gap, smallest_clearance
+from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
 
@@ -60,10 +62,13 @@ def settings_of(request: Request) -> PlanSettings:
     """Returns what a request is planned by.
 
     Raises:
-        UnknownSolverError: no family has the solver that `redundancy` names.
+        UnknownSolverError: no family has a solver that is named.
     """
-    settings = PlanSettings(timing=request.timing, effort=request.effort, seed=request.seed)
-    return with_redundancy(settings.naming(platform=request.platform), request.redundancy)
+    plain = PlanSettings(timing=request.timing, effort=request.effort, seed=request.seed)
+    settings = with_redundancy(plain.naming(platform=request.platform), request.redundancy)
+    METHODS[settings.platform]
+    TIMING_SOLVERS[settings.timing]
+    return settings
 
 
 def _evaluated(request: Request) -> Evaluation:

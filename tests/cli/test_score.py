@@ -304,6 +304,33 @@ def test_an_answer_that_is_known_needs_no_heavy_library(cells, kept):
     assert json.loads(result.stdout)["passed"]
 
 
+def test_who_supervises_loads_no_planner_though_a_method_is_named(cells):
+    """It would take a second in which all processes could plan; a method that is none is told by what they answer."""
+    cells(1)
+    arguments = ["score", *QUICK, ALL, "--no-cache", "--json", "--quiet"]
+    code = (
+        f"import sys; from dualarm_cli.cli.run import run; run({arguments!r}); "
+        "print([m for m in ('pinocchio', 'dualarm_cli.planning') if m in sys.modules], file=sys.stderr)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stderr.strip() == "[]"
+    assert json.loads(result.stdout)["passed"]
+
+
+@pytest.mark.parametrize("option", ["--platform", "--timing", "--redundancy"])
+def test_a_method_that_is_none_is_one_error_whatever_the_cells_come_to(cells, score, option):
+    """One is out of reach, one is wrong itself."""
+    names = cells(2)
+    for name, old, new in ((names[0], "80 mm", "1080 mm"), (names[1], "return", "retrun")):
+        path = Path(name)
+        path.write_text(path.read_text().replace(old, new))
+    code, out, err = score(ALL, option, "nothing", "--jobs", "1")
+    assert (code, out) == (2, "")
+    assert "there is no 'nothing'" in err
+
+
 def test_scores_are_the_same_bytes_by_one_process_by_two_and_on_a_cluster(cells, capsys):
     """The baseline and the document; nothing is taken from a cache. The cluster has two workers."""
     from distributed import LocalCluster
