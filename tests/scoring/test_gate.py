@@ -71,6 +71,7 @@ def test_a_case_with_another_name_is_missing_but_is_told_as_renamed(evaluation, 
         case: "is now 'new', with the same files" in str(v.reasons[0])
         for case, v in missing.items()
     }
+    assert not any("is now" in str(missing[case].reasons[0]) for case in ("other", "bare"))
     assert told == {"old": True, "other": False, "bare": False}
 
 

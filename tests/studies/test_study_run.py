@@ -177,6 +177,20 @@ def test_what_looks_alike_in_the_table_makes_no_row_better(make_study) -> None:
     assert [row.number for row in ranking.rows] == [1, 3, 2, 0]
 
 
+def test_nothing_matters_for_an_objective_that_looks_the_same_in_all_plans(
+    make_study, counting, desk
+) -> None:
+    """20.00 and 20.03 mm; with 20.3 mm the parameter explains all."""
+    for far, share in ((0.02003, None), (0.0203, 1.0)):
+        study = make_study(("clearance",), a=[0, 1])
+        figures = {"cycle_time": 1.0, "gap": 0.1, "travel": 1.0}
+        run = counting(lambda a=0, far=far, f=figures: f | {"clearance": far if a else 0.02})
+        one = desk(run)
+        rows = one.rows(study, study_points(study))
+        document = study_document(study, rows, one.reference(study), {"name": "grid"})
+        assert document["sensitivity"][0]["parameters"][0]["share"] == pytest.approx(share)
+
+
 def test_the_document_counts_failures_by_reason_and_has_no_clock(
     make_study, counting, desk
 ) -> None:
