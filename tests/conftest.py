@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shutil
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +18,15 @@ from hypothesis import settings
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parent.parent
+TINY_CELL = "dualarm: cell/1\nrobot: ../../robots/planar/robot.yaml\n"
+TINY_TASKS = """\
+dualarm: tasks/1
+cell: cell.yaml
+return: true
+tasks:
+  - {id: P1, arm: left, move: {xyz: [80 mm, X mm, 0], rpy: [180 deg, 0, 0], free: yaw}}
+  - {id: P2, arm: right, move: {xyz: [50 mm, 100 mm, 0], rpy: [180 deg, 0, 0], free: yaw}}
+"""
 # The same examples every time, so that a change fails for what it did; DUALARM_EXPLORE=1 looks for others.
 settings.register_profile("same", derandomize=True)
 if not os.environ.get("DUALARM_EXPLORE"):
@@ -54,3 +65,29 @@ def general_robots() -> ModuleType:
 def wrist_arms() -> ModuleType:
     """Six-axis arms with a spherical wrist, from random axes and from rows of Denavit and Hartenberg."""
     return _module("wrist_arms")
+
+
+@pytest.fixture
+def cells(
+    tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., list[str]]:
+    """Makes a project of some tiny cells in the working directory, and returns their task files.
+
+    A planar robot of its own, planned in a fifth of a second; what an X stands for differs from cell to cell.
+    """
+    monkeypatch.chdir(tmp_path)
+
+    def make(count: int, tasks: str = TINY_TASKS) -> list[str]:
+        Path("dualarm.toml").touch()
+        robots = tasks_folder.parent / "robots"
+        shutil.copytree(robots / "bottin_planar", "robots/planar", dirs_exist_ok=True)
+        names = []
+        for number in range(count):
+            folder = Path(f"cells/{number:03d}")
+            folder.mkdir(parents=True)
+            (folder / "cell.yaml").write_text(TINY_CELL)
+            (folder / "tasks.yaml").write_text(tasks.replace("X", f"{10 + 0.1 * number:g}"))
+            names.append(f"cells/{number:03d}/tasks.yaml")
+        return names
+
+    return make

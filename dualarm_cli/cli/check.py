@@ -16,20 +16,21 @@ if TYPE_CHECKING:
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.robot import Robot
+    from dualarm_cli.model.study import Study
     from dualarm_cli.model.touches import Touches
 
-    Noun = Robot | Cell | Job | Touches | Base
+    Noun = Robot | Cell | Job | Touches | Base | Study
 
 
 def check_command(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Task, cell, robot, points or base files.", show_default=False),
+        typer.Argument(help="Task, cell, robot, study, points or base files.", show_default=False),
     ],
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Validate cell, robot, task, points or base files, all errors at once, without planning."""
+    """Validate cell, robot, task, study, points or base files, all errors at once, without planning."""
     from dualarm_cli.loading.diagnostics import render
 
     results = [_check_one(str(file)) for file in files]
@@ -116,9 +117,13 @@ def _describe(noun: Noun) -> tuple[str, str]:
     from dualarm_cli.loading.bases import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
+    from dualarm_cli.model.study import Study
     from dualarm_cli.model.touches import Touches
     from dualarm_cli.planning.tool_changes import with_changes
 
+    if isinstance(noun, Study):
+        counts = [(len(noun.parameters), "parameter"), (len(noun.tasks), "task file")]
+        return "study", ", ".join(_count(*count) for count in counts)
     if isinstance(noun, Touches):
         return "points", _count(len(noun.names), "point")
     if isinstance(noun, Base):

@@ -10,15 +10,19 @@ from dualarm_cli.cli.curve import curve_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
+from dualarm_cli.cli.score import score_command
 from dualarm_cli.cli.solvers import solvers_command
+from dualarm_cli.cli.sweep import sweep_command
 from dualarm_cli.cli.verify import verify_command
 
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)
 app.command("curve")(curve_command)
 app.add_typer(compare_app)
+app.command("sweep")(sweep_command)
 app.add_typer(robot_app)
 app.command("calibrate")(calibrate_command)
+app.command("score")(score_command)
 app.command("check")(check_command)
 app.command("verify")(verify_command)
 app.command("solvers")(solvers_command)

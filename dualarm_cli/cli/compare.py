@@ -16,8 +16,9 @@ from dualarm_cli.cli.output import (
     stderr_console,
     stdout_console,
 )
-from dualarm_cli.cli.result_files import json_bytes, printable, refuse_folder, write_folder
+from dualarm_cli.cli.result_files import json_bytes, refuse_folder, write_folder
 from dualarm_cli.errors import UsageError
+from dualarm_cli.reporting.printable import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -193,7 +194,7 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
     """Writes the folder and the figure asked for, and says so unless told to be quiet."""
     say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.reporting.comparison_figure import draw_comparison
     from dualarm_cli.reporting.comparison_table import comparison_csv
 

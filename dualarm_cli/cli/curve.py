@@ -148,7 +148,7 @@ def _report(
 
 
 def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, force: bool) -> None:
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
 
     if out is not None:
         from dualarm_cli.exporting.curve_csv import curve_csv

@@ -26,6 +26,23 @@ SeedOption = Annotated[
     int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
 ]
 
+PlatformOption = Annotated[
+    str | None,
+    typer.Option(
+        "--platform",
+        help="Method that chooses the platform angles.",
+        show_default="sequence; sampled where an arm is not SRS",
+    ),
+]
+RedundancyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--redundancy",
+        help="Redundancy solver of stops, or of paths.",
+        show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
+    ),
+]
+TimingOption = Annotated[str, typer.Option("--timing", help="Timing solver.")]
 TimeLimitOption = Annotated[
     str | None,
     typer.Option(
@@ -38,7 +55,12 @@ TimeLimitOption = Annotated[
 
 
 def read_time_limit(text: str | None) -> float | None:
-    """Returns a time limit [s], None where there is none.
+    """Returns a time limit [s], None where there is none; see `read_duration`."""
+    return read_duration("--time-limit", text)
+
+
+def read_duration(option: str, text: str | None) -> float | None:
+    """Returns the duration that an option gives [s], None where it is not given.
 
     Raises:
         UsageError: it is no duration above 0.
@@ -48,11 +70,11 @@ def read_time_limit(text: str | None) -> float | None:
     if text is None:
         return None
     try:
-        limit = parse_quantity(text, TIME)
+        limit = parse_quantity(text, TIME, "30 or '2 min'")
     except QuantityError as error:
-        raise UsageError(f"--time-limit: {error}") from error
+        raise UsageError(f"{option}: {error}") from error
     if limit <= 0.0:
-        raise UsageError(f"--time-limit {text}: must be above 0 s; write one such as 30 or '2 min'")
+        raise UsageError(f"{option} {text}: must be above 0 s; write one such as 30 or '2 min'")
     return limit
 
 

@@ -12,8 +12,11 @@ import typer
 from dualarm_cli.cli.options import (
     Effort,
     EffortOption,
+    PlatformOption,
+    RedundancyOption,
     SeedOption,
     TimeLimitOption,
+    TimingOption,
     read_time_limit,
     refuse_plot,
 )
@@ -47,23 +50,9 @@ def plan_command(
             show_default=False,
         ),
     ] = None,
-    platform: Annotated[
-        str | None,
-        typer.Option(
-            "--platform",
-            help="Method that chooses the platform angles.",
-            show_default="sequence; sampled where an arm is not SRS",
-        ),
-    ] = None,
-    redundancy: Annotated[
-        str | None,
-        typer.Option(
-            "--redundancy",
-            help="Redundancy solver of stops, or of paths.",
-            show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
-        ),
-    ] = None,
-    timing: Annotated[str, typer.Option("--timing", help="Timing solver.")] = "ruckig",
+    platform: PlatformOption = None,
+    redundancy: RedundancyOption = None,
+    timing: TimingOption = "ruckig",
     effort: EffortOption = Effort.normal,
     time_limit: TimeLimitOption = None,
     rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
@@ -80,7 +69,10 @@ def plan_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Plan a cell's tasks: verified joint schedule and throughput report."""
+    """Plan a cell's tasks: verified joint schedule and throughput report.
+
+    Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
+    """
     from dualarm_cli.loading.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.planning.redundancy_choice import with_redundancy
@@ -113,13 +105,14 @@ def plan_command(
         print_json(report)
     elif not quiet:
         _print(report, folder)
-    if schedule.verification is None or not schedule.verification.passed:
+    verified = schedule.verification is not None and schedule.verification.passed
+    if not verified or not all(line["kept"] for line in report["budget"]):
         raise typer.Exit(1)
 
 
 def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
     """Writes the figure of a job's paths, else of its seams, else of who does what when."""
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.reporting.gantt_figure import draw_gantt
     from dualarm_cli.reporting.path_figure import draw_paths
     from dualarm_cli.reporting.seam_figure import draw_seams

@@ -92,7 +92,7 @@ def _refuse_contradictions(tasks: Path | None, stage: int, given: list[str]) -> 
 def _write_figure(
     plot: Path, problem: PlatformProblem, rows: list[Row], before: FloatArray
 ) -> None:
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.reporting.platform_figure import FIGURE_KINDS, draw_move
 
     kind = plot.suffix.lower().lstrip(".")

@@ -36,7 +36,7 @@ def write_folder(out: str, files: dict[str, bytes]) -> None:
     Raises:
         OutputError: the folder or a file cannot be made.
     """
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
 
     folder = Path(out)
     try:
@@ -51,19 +51,3 @@ def json_bytes(document: dict[str, Any]) -> bytes:
     """Returns a document as it is written to a file."""
     text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     return text.encode("utf-8", "backslashreplace")
-
-
-def printable(value: Any) -> Any:
-    """Returns a document in which text that would steer a terminal, or is no text at all, is spelt out.
-
-    Args:
-        value: JSON-ready; names in it may come from somebody's files.
-    """
-    if isinstance(value, str):
-        return "".join(
-            c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
-            for c in value
-        )
-    if isinstance(value, dict):
-        return {printable(key): printable(entry) for key, entry in value.items()}
-    return [printable(entry) for entry in value] if isinstance(value, list) else value

@@ -87,7 +87,7 @@ def export_command(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:
     """Write the complete URDF that any other tool loads."""
-    from dualarm_cli.exporting.files import write_file
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.loading.robots import load_robot
 
     write_file(out, load_robot(robot).robot.urdf.encode(), force)

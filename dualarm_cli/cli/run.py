@@ -62,7 +62,7 @@ def run(arguments: list[str]) -> int:
     except _COMMAND_LINE_ERROR as error:
         context = getattr(error, "ctx", None)
         hint = f" Try '{context.command_path} --help'." if context is not None else ""
-        return _report(f"{error.format_message()}{hint}", 2, arguments)
+        return _report(f"{error.format_message().rstrip('.')}.{hint}", 2, arguments)
     except InputError as error:
         from dualarm_cli.loading.diagnostics import render
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stdout_console
-from dualarm_cli.cli.result_files import printable
+from dualarm_cli.reporting.printable import printable
 
 if TYPE_CHECKING:
+    from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.verification import Check, Verification
 
@@ -54,7 +55,7 @@ def verify_command(
         )
     job = load_job(tasks) if tasks else None
     judged = verify(found, job, clearance=clearance is not False and job is not None)
-    checks = (*judged.checks, *_file_checks(schedule, found))
+    checks = (*judged.checks, *_budget_checks(found, job, judged), *_file_checks(schedule, found))
     judged = replace(
         judged, checks=tuple(replace(check, detail=printable(check.detail)) for check in checks)
     )
@@ -69,6 +70,27 @@ def verify_command(
         console.print(f"verification: {'passed' if judged.passed else 'FAILED'}")
     if not judged.passed:
         raise typer.Exit(1)
+
+
+def _budget_checks(schedule: Schedule, job: Job | None, judged: Verification) -> list[Check]:
+    """Checks the task file's budget, where it has one and the numbers are usable."""
+    from dataclasses import replace
+
+    from dualarm_cli.model.verification import Check
+    from dualarm_cli.verification.budget_checks import judge_budget
+
+    usable = all(check.name not in ("finite", "time") for check in judged.failures)
+    if job is None or job.budget is None or not usable:
+        return []
+    checks = []
+    for line in judge_budget(replace(schedule, verification=judged), job):
+        proven = line.measured is not None
+        verdict: Any = "passed" if line.kept else "failed" if proven else "not checked"
+        unit = "s" if line.name == "cycle_time" else "m"
+        checks.append(
+            Check(f"budget_{line.name}", verdict, line.measured, line.allowed, unit, str(line))
+        )
+    return checks
 
 
 def _file_checks(path: Path, schedule: Schedule) -> list[Check]:

@@ -1,17 +1,16 @@
-"""Files written whole or not at all."""
+"""A schedule's files, written as one set."""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dualarm_cli.errors import OutputError
 from dualarm_cli.exporting.schedule_csv import to_csv
 from dualarm_cli.exporting.schedule_json import to_json
+from dualarm_cli.exporting.whole_files import replace_all
 from dualarm_cli.model.schedule import Schedule
 
 SCHEDULE, TABLE, URDF = "schedule.json", "schedule.csv", "robot.urdf"
@@ -63,7 +62,7 @@ def write_schedule_set(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
-    _replace_all(folder, files)
+    replace_all(folder, files)
 
 
 def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
@@ -74,60 +73,3 @@ def _refuse_existing(folder: Path, names: Iterable[str]) -> None:
             raise OutputError(
                 f"--out {folder}: already holds {what}; add --force to replace it, or name another"
             )
-
-
-def write_file(path: Path, content: bytes, force: bool) -> None:
-    """Writes one file whole or not at all.
-
-    Raises:
-        OutputError: it is there already and `force` is not given, or it cannot be written.
-    """
-    if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; add --force to replace it")
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder; name a file")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: there is no folder {path.parent}")
-    _replace_all(path.parent, {path.name: content})
-
-
-def _replace_all(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Writes all files beside their places first, then moves each into it, in order."""
-    written: list[tuple[Path, Path]] = []
-    try:
-        for name, content in files.items():
-            written.append((_write_beside(folder, name, content), folder / name))
-        for temporary, place in written:
-            temporary.replace(place)
-        _sync_folder(folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
-    finally:
-        for temporary, _ in written:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-
-
-def _write_beside(folder: Path, name: str, content: bytes) -> Path:
-    """Writes content to a new hidden file of the folder and onto the disk."""
-    handle, path = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=folder)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(path).chmod(0o666 & ~umask)
-    except BaseException:
-        Path(path).unlink(missing_ok=True)
-        raise
-    return Path(path)
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

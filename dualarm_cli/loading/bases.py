@@ -25,18 +25,19 @@ class Base:
     """The robot of the pair in whose base frame that is; None for the cell."""
 
 
-def read_base(project: Project, path: Path, name: str) -> Base:
+def read_base(project: Project, path: Path, name: str, role: str | None = None) -> Base:
     """Returns the pose that a file holds.
 
     Args:
         project: what the file must stay in.
         path: the file.
         name: what the user calls it.
+        role: what the file is to the cell: base.left or base.right.
 
     Raises:
         InputError: everything wrong with the file.
     """
-    document = read_document(project, path, name, "base/1")
+    document = read_document(project, path, name, "base/1", role)
     findings = Findings()
     findings.extend(document.diagnostics)
     model = validate(document, BaseFile, findings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +137,8 @@ class _CellReader:
     def _one_robot(self, reference: str, loc: Loc) -> Robot | None:
         try:
             place = find_robot(self.project, reference, self.path, self.name)
-            robot, notes = build_robot(place)
+            side = ".".join(str(step) for step in loc[:2]) if len(loc) > 1 else "robot"
+            robot, notes = build_robot(replace(place, role=side))
         except BadReferenceError as error:
             self.findings.add(self.document, loc, str(error), "E500")
             return None

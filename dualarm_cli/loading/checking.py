@@ -11,14 +11,16 @@ from dualarm_cli.loading.documents import read_document
 from dualarm_cli.loading.points import load_points
 from dualarm_cli.loading.projects import Project
 from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.loading.studies import load_study
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.study import Study
 from dualarm_cli.model.touches import Touches
 
 
-def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base:
+def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
     """Returns what a file describes, told apart by its `dualarm` key.
 
     Args:
@@ -36,6 +38,8 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base:
         return load_points(path).touches
     if kind == "base/1":
         return read_base(project, Path(path), str(path))
+    if kind == "study/1":
+        return load_study(path)
     return load_cell(path).cell if kind == "cell/1" else load_job(path)
 
 

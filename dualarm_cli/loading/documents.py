@@ -13,15 +13,15 @@ from dualarm_cli.loading.projects import Project
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc, parse_yaml
 
-KINDS = ("robot/1", "cell/1", "tasks/1", "points/1", "base/1")
+KINDS = ("robot/1", "cell/1", "tasks/1", "points/1", "base/1", "study/1")
 """File kinds that this version reads."""
-LATER_KINDS = ("study/1",)
-"""File kinds of the format that this version does not read."""
 
 M = TypeVar("M", bound=BaseModel)
 
 
-def read_document(project: Project, path: Path, name: str, kind: str | None = None) -> Document:
+def read_document(
+    project: Project, path: Path, name: str, kind: str | None = None, role: str | None = None
+) -> Document:
     """Returns the document in a file and makes sure of what kind it is.
 
     Args:
@@ -29,15 +29,17 @@ def read_document(project: Project, path: Path, name: str, kind: str | None = No
         path: the file.
         name: what the user calls it.
         kind: what it must be, such as `cell/1`; None for any kind that this version reads.
+        role: what it is to the job, such as `robot.left`; None for what its kind says.
 
     Raises:
-        InputError: it cannot be read, is not YAML, or is something else.
+        InputError: it cannot be read, is not YAML, is something else, or lacks a value that is to be replaced.
     """
     document = parse_yaml(project.read(path, name))
     problem = _kind_problem(document.data, kind)
     if problem is not None:
         loc, code, message = problem
         raise InputError([document.diagnostic(loc, code, message), *document.diagnostics])
+    project.overrides.apply(document, role or str(document.data["dualarm"]).partition("/")[0])
     return document
 
 
@@ -60,10 +62,6 @@ def _kind_problem(data: object, kind: str | None) -> tuple[Loc, str, str] | None
     if found_kind in KINDS:
         message = (
             f"this is a {str(found_kind).split('/')[0]} file ({found_kind}); needed here: {kind}"
-        )
-    elif found_kind in LATER_KINDS:
-        message = (
-            f"{found_kind} files are not available in this version; it reads {', '.join(KINDS)}"
         )
     else:
         hint = suggest(str(found_kind), [kind] if kind else list(KINDS), "this version reads")

@@ -67,7 +67,8 @@ def _base(
         return None
     try:
         file = project.follow(value, path)
-        return read_base(project, file, display_name(value, document.source.name))
+        name = display_name(value, document.source.name)
+        return read_base(project, file, name, f"base.{loc[1]}")
     except BadReferenceError as error:
         findings.add(document, loc, str(error), "E500")
     except InputError as error:

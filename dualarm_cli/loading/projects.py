@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.loading.bundled import robots_folder
+from dualarm_cli.loading.overrides import Overrides
 from dualarm_cli.loading.text_source import TextSource, quote, read_text
 
 _MARKERS = ("dualarm.toml", ".git")
@@ -27,6 +28,8 @@ class Project:
     """What stands before names of files within it, such as `robots` for the bundled ones."""
     inputs: dict[str, str] = field(default_factory=dict)
     """SHA-256 of every file read, by its name within the project."""
+    overrides: Overrides = field(default_factory=Overrides)
+    """What takes the place of values of the files."""
 
     @classmethod
     def of(cls, path: Path) -> Project:
@@ -50,7 +53,9 @@ class Project:
 
     def bundled(self) -> Project:
         """Returns the bundled robots as a project that shares this one's record."""
-        return Project(Path(os.path.realpath(robots_folder())), "robots", self.inputs)
+        return Project(
+            Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides
+        )
 
     def name_of(self, path: Path) -> str:
         """Returns a file's name within the project, with forward slashes."""

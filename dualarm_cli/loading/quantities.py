@@ -54,17 +54,18 @@ class QuantityError(ValueError):
     """A quantity that cannot be read, or that is out of range; its text is the whole message."""
 
 
-def parse_quantity(value: object, dimension: Dimension) -> float:
+def parse_quantity(value: object, dimension: Dimension, example: str = "") -> float:
     """Returns the SI value of a number or of text such as `120 mm`.
 
     Args:
         value: a number, or text with a unit; a plain number is SI.
         dimension: what it must be.
+        example: what to write instead of one that cannot be read; one of the dimension where it is not given.
 
     Raises:
         QuantityError: no number, an unknown or foreign unit, or an absurd size.
     """
-    number, unit = _split(value, dimension)
+    number, unit = _split(value, dimension, example or _example(dimension))
     if unit not in dimension.units:
         known = [name for name in dimension.units if name]
         raise QuantityError(
@@ -80,19 +81,31 @@ def parse_quantity(value: object, dimension: Dimension) -> float:
     return result + 0.0  # -0.0 becomes 0.0
 
 
-def _split(value: object, dimension: Dimension) -> tuple[float, str]:
-    """Returns number and unit of a value."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value), dimension.unit
-    example = _example(dimension)
-    if not isinstance(value, str):
-        raise QuantityError(f"must be a number such as {example}, not {quote(value)}")
+def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float, str]:
+    """Returns number and unit of a text; the unit is empty where there is none.
+
+    Args:
+        value: text such as `120 mm`.
+        example: what to write instead of one that cannot be read.
+
+    Raises:
+        QuantityError: it is not a number, with or without a unit.
+    """
     text = value.strip().translate(_SPELLING)
     match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
     if match is None or _LEADING_ZERO.match(text):
         raise QuantityError(f"{quote(value)} is not a number{_advice(text, example)}")
-    unit = _POWER.sub(r"s^\1", match[2]) if match[2] else dimension.unit
-    return float(match[1]), unit
+    return float(match[1]), _POWER.sub(r"s^\1", match[2]) if match[2] else ""
+
+
+def _split(value: object, dimension: Dimension, example: str) -> tuple[float, str]:
+    """Returns number and unit of a value."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value), dimension.unit
+    if not isinstance(value, str):
+        raise QuantityError(f"must be a number such as {example}, not {quote(value)}")
+    number, unit = split_quantity(value, example)
+    return number, unit or dimension.unit
 
 
 def _advice(text: str, example: str) -> str:

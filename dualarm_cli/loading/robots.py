@@ -54,6 +54,8 @@ class RobotFilePlace:
     """The file."""
     name: str
     """What the user calls it."""
+    role: str = "robot"
+    """What it is to the cell: robot, robot.left or robot.right."""
 
 
 def load_robot(name_or_path: str | Path, relative_to: Path | None = None) -> LoadedRobot:
@@ -126,7 +128,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     Raises:
         InputError: everything wrong with the file and its URDF.
     """
-    document = read_document(place.project, place.path, place.name, "robot/1")
+    document = read_document(place.project, place.path, place.name, "robot/1", place.role)
     findings = Findings()
     findings.extend(document.diagnostics)
     described = _check_description(document, findings)

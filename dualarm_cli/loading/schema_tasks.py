@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic.config import JsonDict
 
+from dualarm_cli.loading.budgets import BudgetSection
 from dualarm_cli.loading.fields import (
     Distance,
     Duration,
@@ -276,6 +277,9 @@ class TasksFile(Section):
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for these tasks.")
     defaults: DefaultsSection = Field(
         default=DefaultsSection(), description="What tasks have that do not say otherwise."
+    )
+    budget: BudgetSection | None = Field(
+        default=None, description="What every plan of these tasks must keep."
     )
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,

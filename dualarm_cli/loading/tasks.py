@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.loading.budgets import read_budget
 from dualarm_cli.loading.buffers import check_buffers, read_buffers
 from dualarm_cli.loading.cells import build_cell
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
 from dualarm_cli.loading.handovers import cell_with_taken_parts, handover_shares
+from dualarm_cli.loading.overrides import Overrides
 from dualarm_cli.loading.paths import PathReader
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
@@ -51,16 +55,21 @@ from dualarm_cli.model.place import Place
 _ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
 
 
-def load_job(path: str | Path) -> Job:
+def load_job(
+    path: str | Path, name: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> Job:
     """Returns the job that a task file describes, with its cell and robot.
 
     Args:
         path: the task file.
+        name: what the user calls it; None for its path.
+        overrides: values in place of those in the files, put there before these are checked; see `loading.overrides`.
 
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    project, name = Project.of(Path(path)), str(path)
+    project, name = Project.of(Path(path)), name or str(path)
+    project.overrides = Overrides(overrides)
     document = read_document(project, Path(path), name, "tasks/1")
     findings = Findings()
     findings.extend(document.diagnostics)
@@ -82,6 +91,8 @@ def load_job(path: str | Path) -> Job:
         tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
         if not findings.diagnostics and model is not None and model.order == "given":
             order_notes = check_order(document, tasks, findings, model.mode)
+    if loaded is not None:
+        findings.extend(project.overrides.unused())
     findings.raise_if_any()
     if model is None or loaded is None:
         raise InputError(findings.diagnostics)
@@ -101,6 +112,7 @@ def load_job(path: str | Path) -> Job:
         model.order,
         tuple(tuple(names) for names in model.sequences),
         buffers=buffers,
+        budget=read_budget(document, model.budget),
     )
 
 

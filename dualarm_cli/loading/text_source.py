@@ -6,6 +6,9 @@ import hashlib
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +23,19 @@ _SNIPPET_LENGTH = 160
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 # U+0085, U+2028 and U+2029 end a line for some parsers only; line numbers would differ.
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
+
+_READ: ContextVar[dict[str, str] | None] = ContextVar("read", default=None)
+
+
+@contextmanager
+def recorded_reads() -> Iterator[dict[str, str]]:
+    """Within its `with` block every input file that is read is recorded: its SHA-256 by its path as it was opened."""
+    record: dict[str, str] = {}
+    token = _READ.set(record)
+    try:
+        yield record
+    finally:
+        _READ.reset(token)
 
 
 def suggest(word: str, known: list[str], label: str = "allowed") -> str:
@@ -112,6 +128,9 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
         raise _file_error(
             name, f"has {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB are read", "E100"
         )
+    record = _READ.get()
+    if record is not None:
+        record[str(path)] = hashlib.sha256(data).hexdigest()
     return data
 
 

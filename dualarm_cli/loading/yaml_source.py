@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.loading.overrides import Override
 from dualarm_cli.loading.text_source import TextSource, quote
 from dualarm_cli.loading.yaml_scalars import ScalarError, core_scalar
 
@@ -48,6 +49,8 @@ class Document:
     """Place of everything."""
     diagnostics: list[Diagnostic] = field(default_factory=list)
     """What is wrong with single keys and numbers."""
+    replaced: dict[Loc, tuple[Override, str]] = field(default_factory=dict)
+    """By place: values that are not the file's own, and their paths as people read them."""
 
     def place(self, loc: Iterable[str | int], key: bool = False) -> tuple[int, int]:
         """Returns line and column of a value, or of the deepest known value around it.
@@ -67,8 +70,17 @@ class Document:
     def diagnostic(
         self, loc: Iterable[str | int], code: str, message: str, key: bool = False
     ) -> Diagnostic:
-        """Returns a diagnostic at the place of a value (or of its key)."""
-        return self.source.diagnostic(*self.place(loc, key), code, message)
+        """Returns a diagnostic at the place of a value (or of its key).
+
+        What is wrong with a replaced value is told of who replaced it.
+        """
+        steps = tuple(loc)
+        found = self.source.diagnostic(*self.place(steps, key), code, message)
+        for length in range(len(steps), 0, -1):
+            if steps[:length] in self.replaced:
+                override, shown = self.replaced[steps[:length]]
+                return override.blame(found, shown)
+        return found
 
 
 def parse_yaml(source: TextSource) -> Document:
@@ -121,6 +133,14 @@ def _syntax_error(source: TextSource, error: yaml.MarkedYAMLError) -> Diagnostic
         begun = error.context_mark
         since = f" (begun at line {begun.line + 1})" if begun and begun.line + 1 != line else ""
         message = f"not YAML: {problem}{context}{since}"
+        if text[column - 1 : column] == "[" and text[: column - 1].rstrip()[-1:] not in (
+            "",
+            ",",
+            ":",
+            "{",
+            "[",
+        ):
+            message += "; text with brackets needs quotes there"
     return source.diagnostic(line, column, "E101", message)
 
 

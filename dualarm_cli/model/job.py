@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Cell, Held
 from dualarm_cli.model.handover import Handover
@@ -133,6 +134,8 @@ class Job:
     """What is done in each stage; None for the k-th target of each arm in stage k."""
     buffers: Mapping[str, Buffer] = field(default_factory=dict)
     """Places for parts between tasks, by name."""
+    budget: Budget | None = None
+    """What its plans must keep besides, or None."""
 
     @property
     def is_decided(self) -> bool:

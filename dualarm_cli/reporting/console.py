@@ -88,6 +88,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         lines.append(f"bottleneck stages: {worst}")
     lines.append(bound_line(report))
     lines.append(f"collisions: {report['collisions']}")
+    lines += [f"budget: {line['text']}" for line in report["budget"]]
     if report["assumed_limits"]:
         lines.append(
             f"acceleration and jerk limits are assumed, not the maker's, for "

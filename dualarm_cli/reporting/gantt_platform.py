@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.reporting.gantt_labels import Bar, Wanted
+from dualarm_cli.reporting.measures import sliding_joints
 
 STILL = 1e-7
 """Platform joints that are slower than this stand [rad/s or m/s]."""
@@ -62,7 +62,7 @@ def platform_words(
     columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
     if not columns:
         return []
-    sliding = _sliding(schedule.robot.urdf)
+    sliding = sliding_joints(schedule.robot.urdf)
     slides = [name in sliding for name in schedule.robot.platform]
     edges = [float(trajectory.time[0]), *np.ravel(moves).tolist(), float(trajectory.time[-1])]
     words = []
@@ -82,9 +82,3 @@ def place_text(value: float, slides: bool) -> str:
     digits = 0 if slides or abs(shown - round(shown)) < WHOLE else 1
     text = f"{round(shown, digits) + 0.0:.{digits}f}".replace("-", "−")
     return f"{text} mm" if slides else f"{text}°"
-
-
-def _sliding(urdf: str) -> set[str]:
-    """Returns the names of a URDF's joints that slide."""
-    joints = ElementTree.fromstring(urdf).iter("joint")
-    return {joint.get("name", "") for joint in joints if joint.get("type") == "prismatic"}

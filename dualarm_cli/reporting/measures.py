@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -51,18 +52,49 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
     time = dict.fromkeys([*groups, LINES, DWELLS], 0.0)
     counts: Counter[str] = Counter()
     parts = stage_parts(schedule)
+    counts.update(part.group for part in parts if part.group)
+    _add_shares(schedule, parts, time, lambda part: part.group)
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], groups.index(item[0])))
+    return Bottlenecks(dict(ranked), time)
+
+
+def limiting_times(schedule: Schedule) -> dict[str, float]:
+    """Returns what a schedule's length is made of [s], as `bottlenecks` does, but transfers by their deciding joint.
+
+    Args:
+        schedule: with stages and segments, or with events at least.
+    """
+    time: dict[str, float] = {}
+    _add_shares(schedule, stage_parts(schedule), time, lambda part: _joint(schedule, part))
+    return {name: length for name, length in time.items() if length > LEAST_OTHER}
+
+
+def _add_shares(
+    schedule: Schedule,
+    parts: Sequence[StageParts],
+    time: dict[str, float],
+    name_of: Callable[[StageParts], str],
+) -> None:
+    """Adds the shares of all stages of the critical arm to `time`, transfers by the name of who decides them."""
     last = _last_arm(parts) if overlap(schedule.stages) else ""
     for part in parts:
-        if part.group:
-            counts[part.group] += 1
         if last and part.critical != last:
             continue
         for name, length in _shares(part).items():
+            name = name_of(part) if name == part.group else name
             time[name] = time.get(name, 0.0) + length
     if last and (rest := schedule.duration - sum(time.values())) > LEAST_OTHER:
         time[OTHER] = time.get(OTHER, 0.0) + rest
-    ranked = sorted(counts.items(), key=lambda item: (-item[1], groups.index(item[0])))
-    return Bottlenecks(dict(ranked), time)
+
+
+def _joint(schedule: Schedule, part: StageParts) -> str:
+    """Returns the joint of the deciding group that needs longest for a stage's transfer; the group if none is known."""
+    robot, stage = schedule.robot, part.stage
+    joints = robot.platform if part.group == PLATFORM else robot.arms[part.group].joints
+    if stage.bottleneck in joints:
+        return stage.bottleneck
+    known = [joint for joint in joints if stage.joint_times.get(joint, 0.0) > 0.0]
+    return max(known, key=lambda joint: stage.joint_times[joint], default=part.group)
 
 
 def _last_arm(parts: Sequence[StageParts]) -> str:
@@ -142,3 +174,9 @@ def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float
     trajectory = schedule.trajectory
     length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
     return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
+
+
+def sliding_joints(urdf: str) -> set[str]:
+    """Returns the names of a URDF's joints that slide."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.get("type") == "prismatic"}

@@ -18,6 +18,7 @@ from dualarm_cli.reporting.measures import elbow_imbalance, joint_travel, platfo
 from dualarm_cli.reporting.path_measures import path_measures
 from dualarm_cli.reporting.seam_measures import seam_measures
 from dualarm_cli.reporting.waits import drawn_out, wait_rows, waited
+from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
 from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
 
@@ -51,6 +52,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
+        "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
         "paths": path_measures(schedule, job),
         "seams": seam_measures(schedule, job),
         "conveyors": conveyor_rows(schedule, job),

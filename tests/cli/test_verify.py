@@ -220,3 +220,31 @@ def test_clearance_is_proven_where_the_cell_is_known(planned, first_pick, capsys
     assert document["clearances"] == []
     assert run(["verify", str(planned), "--clearance"]) == 2
     assert "--clearance needs --tasks" in capsys.readouterr().err
+
+
+def test_a_budget_is_a_check_of_its_own_in_verify_and_in_plan(
+    planned, tasks_folder, tmp_path, capsys
+):
+    """Kept: exit 0. Missed: exit 1 by both, with where it is written; the plan's files are there all the same."""
+    (tmp_path / "dualarm.toml").touch()
+    folder = tasks_folder / "01_first_pick"
+    (tmp_path / "cell.yaml").write_text((folder / "cell.yaml").read_text())
+    text = (folder / "tasks.yaml").read_text()
+    tasks = tmp_path / "tasks.yaml"
+    for seconds, code, verdict in ((60, 0, "passed"), (1, 1, "failed")):
+        tasks.write_text(
+            text.replace("\ntasks:\n", f"\nbudget: {{cycle_time: {seconds} s}}\ntasks:\n")
+        )
+        found, document = judged(capsys, planned, "--tasks", tasks, "--no-clearance")
+        checks = {check["name"]: check for check in document["checks"]}
+        assert (found, checks["budget_cycle_time"]["verdict"]) == (code, verdict)
+        assert checks["budget_cycle_time"]["allowed"] == seconds
+        out = tmp_path / f"out{seconds}"
+        quick = ["--effort", "quick", "--platform", "fixed", "--out", str(out)]
+        assert run(["plan", str(tasks), *quick]) == code
+        told = capsys.readouterr().out
+        assert ("MISSED" in told) is bool(code)
+        assert f"at most {seconds} s" in told
+        report = json.loads((out / "report.json").read_text())
+        assert [line["kept"] for line in report["budget"]] == [not code]
+        assert report["verification"]["passed"]

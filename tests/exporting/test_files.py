@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.errors import OutputError
-from dualarm_cli.exporting.files import check_writable, write_file, write_schedule_set
+from dualarm_cli.exporting.files import check_writable, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
+from dualarm_cli.exporting.whole_files import write_file
 
 NAMES = ["report.json", "robot.urdf", "schedule.csv", "schedule.json"]
 
@@ -232,3 +233,13 @@ def test_one_file_is_written_whole_and_not_over_another(tmp_path):
         write_file(tmp_path, b"x", True)
     with pytest.raises(OutputError, match="there is no folder"):
         write_file(tmp_path / "no" / "x", b"x", False)
+
+
+def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
+    """`--junit /dev/null` as root would take it from the whole machine; a named pipe stands for one here."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OutputError, match="is not a regular file"):
+        write_file(pipe, b"x", True)
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]

@@ -57,9 +57,8 @@ def test_each_kind_of_file_is_told_apart_by_its_first_key(project: Path) -> None
         ("[1, 2]", "f:1:1: E200 must be a mapping that begins with 'dualarm: tasks/1', not a list of 2"),
         ("cell: a", "f:1:1: E202 'dualarm' is missing; begin the file with 'dualarm: tasks/1'"),
         ("dualarn: tasks/1", "f:1:1: E202 'dualarm' is missing (there is 'dualarn'); begin the file with 'dualarm: tasks/1'"),
-        ("dualarm: task/1", "f:1:10: E200 unknown kind 'task/1', did you mean 'tasks/1'? This version reads: robot/1, cell/1, tasks/1, points/1, base/1"),
-        ("dualarm: study/1", "f:1:10: E200 study/1 files are not available in this version; it reads robot/1, cell/1, tasks/1, points/1, base/1"),
-        ("dualarm: [1]", "f:1:10: E200 unknown kind a list of 1; this version reads: robot/1, cell/1, tasks/1, points/1, base/1"),
+        ("dualarm: task/1", "f:1:10: E200 unknown kind 'task/1', did you mean 'tasks/1'? This version reads: robot/1, cell/1, tasks/1, points/1, base/1, study/1"),
+        ("dualarm: [1]", "f:1:10: E200 unknown kind a list of 1; this version reads: robot/1, cell/1, tasks/1, points/1, base/1, study/1"),
     ],
 )  # fmt: skip
 def test_a_file_of_no_known_kind_is_refused(text: str, message: str, project: Path) -> None:

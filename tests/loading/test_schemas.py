@@ -9,9 +9,10 @@ from dualarm_cli.loading.fields import Section
 from dualarm_cli.loading.schema_cell import CellFile
 from dualarm_cli.loading.schema_points import BaseFile, PointsFile
 from dualarm_cli.loading.schema_robot import RobotFile
+from dualarm_cli.loading.schema_study import StudyFile
 from dualarm_cli.loading.schema_tasks import TasksFile
 
-FILES = [RobotFile, CellFile, TasksFile, PointsFile, BaseFile]
+FILES = [RobotFile, CellFile, TasksFile, PointsFile, BaseFile, StudyFile]
 
 
 @pytest.mark.parametrize("model", FILES)

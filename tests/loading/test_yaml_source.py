@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.loading.text_source import TextSource
 from dualarm_cli.loading.yaml_source import Document, parse_yaml
 
@@ -122,3 +123,16 @@ def test_a_billion_laughs_end_at_the_first_anchor(messages: Callable[..., list[s
     lines = ["a0: &a0 [x, x]"] + [f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 60)]
     (message,) = messages(lambda: parse("\n".join(lines)))
     assert message.startswith("f:1:5: E105 anchor")
+
+
+def test_brackets_within_braces_are_told_to_need_quotes() -> None:
+    """As of paths in study files; other errors of syntax are not."""
+    hint = "text with brackets needs quotes there"
+    for text, expected in (
+        ("a: {b: base.xyz[2], c: 1}", True),
+        ("a: {b: 'base.xyz[2]' c}", False),
+        ("a: [1", False),
+    ):
+        with pytest.raises(InputError) as error:
+            parse_yaml(TextSource("f", text, ""))
+        assert (hint in str(error.value)) is expected

@@ -1,0 +1,270 @@
+"""`dualarm score`: many cells planned, held against a baseline; for CI."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.options import (
+    Effort,
+    EffortOption,
+    PlatformOption,
+    RedundancyOption,
+    SeedOption,
+    TimingOption,
+    read_duration,
+)
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stdout_console,
+)
+from dualarm_cli.cli.score_options import (
+    BaselineOption,
+    CacheOption,
+    CasesArgument,
+    GithubOption,
+    JobsOption,
+    JunitOption,
+    MarkdownOption,
+    NoCacheOption,
+    RegressionOption,
+    SchedulerOption,
+    SubsetOption,
+    TimeoutOption,
+    UpdateOption,
+    read_regression,
+    refuse_combinations,
+)
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.evaluation.answers import Run
+    from dualarm_cli.evaluation.request import Request
+    from dualarm_cli.evaluation.store import Store
+    from dualarm_cli.model.evaluation import Evaluation
+    from dualarm_cli.scoring.baseline import Baseline
+    from dualarm_cli.scoring.verdict import Verdict
+
+
+def score_command(
+    tasks: CasesArgument,
+    baseline: BaselineOption = None,
+    max_regression: RegressionOption = None,
+    update_baseline: UpdateOption = False,
+    subset: SubsetOption = False,
+    platform: PlatformOption = None,
+    redundancy: RedundancyOption = None,
+    timing: TimingOption = "ruckig",
+    effort: EffortOption = Effort.normal,
+    seed: SeedOption = 0,
+    jobs: JobsOption = None,
+    timeout: TimeoutOption = None,
+    scheduler: SchedulerOption = None,
+    cache: CacheOption = None,
+    no_cache: NoCacheOption = False,
+    junit: JunitOption = None,
+    markdown: MarkdownOption = None,
+    github: GithubOption = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite files that are no earlier results.")
+    ] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Plan many cells and hold them against a baseline and their budgets: for CI.
+
+    Exit code 1 if a cycle time got longer than allowed, a case is missing, misses its budget, fails its verification
+    or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
+    of these in the order 4, 2, 3, 1. The other cases are planned all the same.
+    """
+    from dualarm_cli.cli.score_files import refuse_report, refuse_same_file, write_reports
+    from dualarm_cli.evaluation.request import Request
+    from dualarm_cli.scoring import junit as junit_format
+    from dualarm_cli.scoring import markdown as markdown_format
+    from dualarm_cli.scoring.cases import find_cases
+    from dualarm_cli.scoring.gate import judge_all
+
+    refuse_combinations(
+        baseline=baseline,
+        regression=max_regression,
+        update=update_baseline,
+        subset=subset,
+        jobs=jobs,
+        scheduler=scheduler,
+        cache=cache,
+        no_cache=no_cache,
+    )
+    allowed, limit = read_regression(max_regression), read_duration("--timeout", timeout)
+    refuse_same_file({"--baseline": baseline, "--junit": junit, "--markdown": markdown})
+    refuse_report("--junit", junit, junit_format.MARK, force)
+    refuse_report("--markdown", markdown, markdown_format.MARK.encode(), force)
+    requests = [
+        Request.of(
+            case,
+            platform=platform,
+            redundancy=redundancy,
+            timing=timing,
+            effort=effort.value,
+            seed=seed,
+        )
+        for case in find_cases(tasks)
+    ]
+    settings = requests[0].settings
+    former = _former(baseline, settings, update_baseline, subset, force)
+    store = open_store(cache, no_cache)
+    with evaluators(jobs, scheduler, limit) as run:
+        found = _evaluate(requests, run, store, quiet)
+    verdicts = judge_all(
+        found,
+        None if former is None else former.cases,
+        math.inf if update_baseline else allowed,
+        subset=subset or update_baseline,
+    )
+    # Where the baseline is written anew, or is not there yet, nothing is held against it.
+    compared = baseline if former is not None and not update_baseline else None
+    write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
+    if update_baseline and baseline is not None:
+        _update(baseline, verdicts, former if subset else None, settings, quiet)
+    # Printed last: where something cannot be written, that is the one document on stdout.
+    _tell(verdicts, settings, allowed, compared, github, json_output, quiet)
+    _end(verdicts)
+
+
+def _former(
+    path: Path | None, settings: dict[str, object], update: bool, subset: bool, force: bool
+) -> Baseline | None:
+    """Returns the baseline to compare with, or None.
+
+    Raises:
+        InputError: it cannot be used.
+        UsageError: it was planned by other settings, so that nothing can be told from it.
+    """
+    from dualarm_cli.cli.score_files import read_former
+
+    if path is None:
+        return None
+    former = read_former(path, update, force)
+    if former is None or dict(former.settings) == settings:
+        return former
+    if update and not subset:
+        return None
+    other = ", ".join(
+        f"{name} {former.settings.get(name)} there, {value} here"
+        for name, value in settings.items()
+        if former.settings.get(name) != value
+    )
+    raise UsageError(
+        f"--baseline {path}: was made by other settings ({other}); use the same, or --update-baseline"
+    )
+
+
+def _evaluate(
+    requests: list[Request], run: Run, store: Store | None, quiet: bool
+) -> dict[str, Evaluation]:
+    """Returns what every case came to; `run` plans what the store does not know."""
+    from dualarm_cli.cli.score_progress import ScoreProgress
+    from dualarm_cli.evaluation.answers import answers
+
+    def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        doubted = False
+        for index, evaluation in run(some):
+            if evaluation.status == "bad_input" and not doubted:
+                doubted = True
+                _refuse_settings(some[index])
+            yield index, evaluation
+
+    found: dict[str, Evaluation] = {}
+    known = 0
+    with ScoreProgress(len(requests), quiet) as progress:
+        for answer in answers(requests, checked, store):
+            found[requests[answer.index].case] = answer.evaluation
+            known += answer.known
+            progress.tell(answer.evaluation, answer.known)
+    if store is not None and not quiet:
+        print_message(f"unchanged and not planned again: {known} of {len(requests)}")
+    say_unkept(store)
+    return found
+
+
+def _refuse_settings(request: Request) -> None:
+    """Raises where a solver that was named is none, instead of every single case saying so.
+
+    Not asked before there is a reason: methods take a second to load, in which all processes could plan.
+    """
+    from dualarm_cli.evaluation.evaluate import settings_of
+
+    settings_of(request)
+
+
+def _tell(
+    verdicts: list[Verdict],
+    settings: dict[str, object],
+    allowed: float,
+    baseline: Path | None,
+    github: bool,
+    json_output: bool,
+    quiet: bool,
+) -> None:
+    """Prints the result; what failed is told on stderr where stdout has no table."""
+    from dualarm_cli.scoring.document import score_document
+    from dualarm_cli.scoring.github import github_commands
+    from dualarm_cli.scoring.words import reason_lines
+
+    if github:
+        for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
+            print_message(line)
+    if json_output:
+        name = None if baseline is None else str(baseline)
+        print_json(score_document(verdicts, settings, allowed, name))
+    elif not quiet:
+        _print(verdicts, allowed, baseline is not None)
+    if json_output or quiet:
+        for verdict in verdicts:
+            for line in reason_lines(verdict) if verdict.failed else ():
+                print_message(line)
+
+
+def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
+    from dualarm_cli.scoring.table import score_table
+    from dualarm_cli.scoring.words import advice, counted, reason_lines, rule_words
+
+    console = stdout_console()
+    console.print(score_table(verdicts))
+    lines = [line for verdict in verdicts for line in reason_lines(verdict)]
+    lines += [counted(verdicts) + (f"; {rule_words(allowed)}" if compared else "")]
+    for line in (*lines, *advice(verdicts)):
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _update(
+    path: Path,
+    verdicts: list[Verdict],
+    former: Baseline | None,
+    settings: dict[str, object],
+    quiet: bool,
+) -> None:
+    from dualarm_cli.cli.score_files import write_baseline
+
+    if write_baseline(path, verdicts, former, settings):
+        if not quiet:
+            print_message(f"written: {path}")
+    else:
+        what = "stays as it is" if path.exists() else "is not written"
+        print_message(f"{path} {what}: cases without a plan cannot be held against anything")
+
+
+def _end(verdicts: list[Verdict]) -> None:
+    """Ends the process with the most severe of its cases."""
+    from dualarm_cli.scoring.verdict import exit_code
+
+    if code := exit_code(verdicts):
+        raise typer.Exit(code)

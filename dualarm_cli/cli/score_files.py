@@ -1,0 +1,152 @@
+"""Files that `dualarm score` writes: none over somebody else's, each whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dualarm_cli.errors import Diagnostic, InputError, OutputError, UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.scoring.baseline import Baseline
+    from dualarm_cli.scoring.verdict import Verdict
+
+
+def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> None:
+    """Raises before any work is done where a report could not be written, or would replace what is none.
+
+    Args:
+        option: that names it.
+        path: the file, None where none is asked for.
+        mark: what a report of ours begins with: it may be replaced by the next one.
+        force: whether anything may be replaced.
+
+    Raises:
+        OutputError: with what to do.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise OutputError(f"{option} {path}: is a folder; name a file")
+    if not path.parent.is_dir():
+        raise OutputError(f"{option} {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise OutputError(f"{option} {path}: no permission to write in {path.parent}")
+    if force or not path.exists():
+        return
+    try:
+        with path.open("rb") as file:
+            begin = file.read(len(mark))
+    except OSError as error:
+        raise OutputError(f"{option} {path}: cannot be read: {error.strerror}") from None
+    if begin not in (mark, b""):
+        raise OutputError(
+            f"{option} {path}: is there already and is no report of an earlier score; add --force to replace it"
+        )
+
+
+def refuse_same_file(named: Mapping[str, Path | None]) -> None:
+    """Raises where two options name one file: the second one would replace what the first one wrote.
+
+    Args:
+        named: files by option; None where there is none.
+
+    Raises:
+        UsageError: with both.
+    """
+    seen: dict[str, str] = {}
+    for option, path in named.items():
+        if path is not None:
+            first = seen.setdefault(os.path.realpath(path), option)
+            if first != option:
+                raise UsageError(f"{option} {path}: is the file of {first} as well; name another")
+
+
+def read_former(path: Path, update: bool, force: bool) -> Baseline | None:
+    """Returns the baseline to compare with; None where a new one is to be written and there is none yet.
+
+    Raises:
+        InputError: it is missing or damaged, and nobody asked for a new one in its place.
+    """
+    from dualarm_cli.scoring.baseline import read_baseline
+
+    if update:
+        refuse_report("--baseline", path, b"", force=True)
+        if not path.exists():
+            return None
+    elif not path.exists():
+        text = "there is no such file; --update-baseline writes it"
+        raise InputError([Diagnostic(str(path), 0, 0, "E500", text)])
+    try:
+        return read_baseline(path)
+    except InputError:
+        if update and force:
+            return None
+        raise
+
+
+def write_reports(
+    verdicts: Sequence[Verdict],
+    max_regression: float,
+    compared: bool,
+    junit: Path | None,
+    markdown: Path | None,
+    github: bool,
+) -> None:
+    """Writes the reports that are asked for, and what GitHub shows of the step.
+
+    Raises:
+        OutputError: one cannot be written.
+    """
+    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.scoring.markdown import markdown_text
+
+    if junit is not None:
+        from dualarm_cli.scoring.junit import junit_bytes
+
+        write_file(junit, junit_bytes(verdicts), force=True)
+    summary = os.environ.get("GITHUB_STEP_SUMMARY") if github else None
+    if markdown is None and not summary:
+        return
+    text = markdown_text(verdicts, max_regression, compared).encode("utf-8", "backslashreplace")
+    if markdown is not None:
+        write_file(markdown, text, force=True)
+    if summary:
+        try:
+            with Path(summary).open("ab") as file:
+                file.write(text + b"\n")
+        except OSError as error:
+            raise OutputError(
+                f"GITHUB_STEP_SUMMARY {summary}: cannot be written: {error.strerror}"
+            ) from None
+
+
+def write_baseline(
+    path: Path, verdicts: Sequence[Verdict], former: Baseline | None, settings: dict[str, object]
+) -> bool:
+    """Writes the baseline anew, unless some case has no plan: then it stays as it is.
+
+    Args:
+        path: its file.
+        verdicts: on the cases that are to be in it.
+        former: whose other cases stay in it; None for none.
+        settings: what was planned by.
+
+    Returns:
+        Whether it was written.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.scoring.baseline import Recorded, baseline_bytes
+
+    cases = dict(former.cases) if former is not None else {}
+    for verdict in verdicts:
+        if verdict.evaluation is None or not verdict.evaluation.has_plan:
+            return False
+        cases[verdict.case] = Recorded.of(verdict.evaluation)
+    write_file(path, baseline_bytes(settings, cases), force=True)
+    return True

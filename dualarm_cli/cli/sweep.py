@@ -1,0 +1,242 @@
+"""`dualarm sweep`: layout studies: parameters of cells over ranges, planned, ranked, explained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.options import read_duration
+from dualarm_cli.cli.output import (
+    JsonOption,
+    QuietOption,
+    print_json,
+    print_message,
+    stdout_console,
+)
+from dualarm_cli.cli.score_options import (
+    CacheOption,
+    JobsOption,
+    NoCacheOption,
+    SchedulerOption,
+    TimeoutOption,
+    refuse_combinations,
+)
+from dualarm_cli.cli.sweep_files import refuse_inputs, refuse_results, write_results
+from dualarm_cli.cli.sweep_progress import progress_bar
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.study import Point, Study
+    from dualarm_cli.studies.rows import Row
+    from dualarm_cli.studies.study_run import Desk
+
+DEFAULT_BUDGET = 40
+"""Points that --optimise tries where nothing else is said."""
+
+
+def sweep_command(
+    study: Annotated[Path, typer.Argument(help="Study file (study/1).", show_default=False)],
+    optimise: Annotated[
+        bool,
+        typer.Option(
+            "--optimise",
+            help="Search for good points instead of planning all (extra `optimise`).",
+        ),
+    ] = False,
+    budget: Annotated[
+        int | None,
+        typer.Option(
+            "--budget",
+            min=1,
+            max=100_000,
+            help="Points that --optimise tries at most.",
+            show_default=str(DEFAULT_BUDGET),
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of --optimise.", show_default="0"),
+    ] = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    timeout: TimeoutOption = None,
+    cache: CacheOption = None,
+    no_cache: NoCacheOption = False,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", help="All rows as a CSV file.", show_default=False)
+    ] = None,
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out",
+            help="Folder for study.json, table.csv, pareto.png and sensitivity.png.",
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
+    json_output: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Plan a cell's tasks over ranges of its parameters: what is best, what can be had together, what matters.
+
+    Finished plans are kept in a cache: a run that was ended goes on where it was. Points without a plan do not stop
+    others. Exit code 4 if this program failed at one, 2 if one's input was bad, 3 if none has a plan, 1 if the
+    verifier fails a plan.
+    """
+    from dualarm_cli.loading.studies import load_study
+    from dualarm_cli.loading.text_source import recorded_reads
+    from dualarm_cli.reporting.printable import printable
+    from dualarm_cli.studies.document import study_document
+    from dualarm_cli.studies.requests import check_settings
+
+    search = _search_options(optimise, budget, seed)
+    limit = read_duration("--timeout", timeout)
+    refuse_combinations(
+        baseline=None,
+        regression=None,
+        update=False,
+        subset=False,
+        jobs=jobs,
+        scheduler=scheduler,
+        cache=cache,
+        no_cache=no_cache,
+    )
+    refuse_results(out, csv, force)
+    with recorded_reads() as read:
+        noun = load_study(study)
+    refuse_inputs(out, csv, read)
+    check_settings(noun)
+    points, method = _points(noun, search, quiet)
+    store = open_store(cache, no_cache)
+    with evaluators(jobs, scheduler, limit) as run:
+        rows, reference = _carry_out(noun, points, method, run, store, quiet)
+    document: dict[str, Any] = printable(study_document(noun, rows, reference, method))
+    say_unkept(store)
+    write_results(document, out, csv, quiet)
+    if json_output:
+        print_json(document)
+    elif not quiet:
+        _print(document)
+    if code := exit_code(document):
+        raise typer.Exit(code)
+
+
+def _search_options(optimise: bool, budget: int | None, seed: int | None) -> dict[str, Any] | None:
+    """Returns how to search, None for enumerating.
+
+    Raises:
+        UsageError: an option that goes with --optimise only.
+        MissingDependencyError: optuna is not installed.
+    """
+    from dualarm_cli.studies.search import BATCH, require_optuna
+
+    if not optimise:
+        for name, value in (("--budget", budget), ("--seed", seed)):
+            if value is not None:
+                raise UsageError(f"{name} {value}: goes with --optimise only")
+        return None
+    require_optuna()
+    return {
+        "name": "optimise",
+        "budget": DEFAULT_BUDGET if budget is None else budget,
+        "seed": seed or 0,
+        "batch": BATCH,
+    }
+
+
+def _points(
+    study: Study, search: dict[str, Any] | None, quiet: bool
+) -> tuple[list[Point] | None, dict[str, Any]]:
+    """Returns the points to plan, None where they are searched for, and what the document says of the method."""
+    from dualarm_cli.studies.points import study_points
+    from dualarm_cli.studies.search import whole_grid
+
+    if search is None:
+        points = study_points(study)
+        sampling = study.sampling
+        if sampling is None:
+            return points, {"name": "grid"}
+        return points, {"name": sampling.method, "count": sampling.count, "seed": sampling.seed}
+    if study.sampling is not None and not quiet:
+        print_message("note: with --optimise the study's `sample:` is not used")
+    size = whole_grid(study)
+    if size is not None and size <= search["budget"]:
+        return study_points(study), search | {"whole_grid": True}
+    return None, search
+
+
+def _carry_out(
+    study: Study,
+    points: list[Point] | None,
+    method: dict[str, Any],
+    run: Any,
+    store: Any,
+    quiet: bool,
+) -> tuple[list[Row], Row]:
+    """Returns all rows and the one of the files as they are; says how far it is."""
+    from dualarm_cli.studies.search import search
+    from dualarm_cli.studies.study_run import Desk
+
+    total = method["budget"] if points is None else len(points)
+    desk = Desk(run, store)
+    try:
+        with progress_bar(total, quiet) as desk.tell:
+            reference = desk.reference(study)
+            if points is None:
+                rows = search(study, total, method["seed"], lambda p, r: desk.rows(study, p, r))
+            else:
+                rows = desk.rows(study, points)
+    except KeyboardInterrupt:
+        if not quiet and store is not None:
+            print_message(
+                f"{_plans(desk)}; those that are done are kept in {store.folder}: the same command goes on from there"
+            )
+        raise
+    if not quiet:
+        print_message(_plans(desk))
+    return rows, reference
+
+
+def _plans(desk: Desk) -> str:
+    known = f", {desk.known} known already" if desk.known else ""
+    return f"{desk.planned} job{'s' * (desk.planned != 1)} planned{known}"
+
+
+def _print(document: dict[str, Any]) -> None:
+    from dualarm_cli.reporting.study_table import (
+        SENSITIVITY_WORDS,
+        rows_table,
+        sensitivity_sentences,
+        sensitivity_table,
+        sentences,
+    )
+
+    console = stdout_console()
+    planned = document["counts"]["planned"] > 0
+    if planned:
+        console.print(rows_table(document))
+    for line in sentences(document):
+        console.print(line, markup=False, soft_wrap=True)
+    if planned:
+        console.print(sensitivity_table(document))
+        for line in (SENSITIVITY_WORDS, *sensitivity_sentences(document)):
+            console.print(line, markup=False, soft_wrap=True)
+
+
+def exit_code(document: dict[str, Any]) -> int:
+    """Returns what the process ends with: the most severe of 4, 2, 3, 1, 0.
+
+    4 if this program failed at a point, 2 if the input of one was bad, 3 if none has a plan, 1 if the verifier fails
+    one. Points without a plan among others that have one are a result.
+    """
+    counts = document["counts"]
+    if counts.get("internal_error") or counts.get("crashed"):
+        return 4
+    if counts.get("bad_input"):
+        return 2
+    if not counts["planned"] and not counts.get("fails_verification"):
+        return 3
+    return 1 if counts.get("fails_verification") else 0

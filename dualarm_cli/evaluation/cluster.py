@@ -1,0 +1,230 @@
+"""The same evaluations on a Dask cluster: each thread of its workers has a crew of one process."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from dualarm_cli.errors import MissingDependencyError, UsageError
+from dualarm_cli.evaluation.crew import Crew
+from dualarm_cli.evaluation.fingerprint import digest, programs
+from dualarm_cli.evaluation.inputs import GONE, hashes_now
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.model.evaluation import Evaluation, Finding
+
+CONNECTING = 10.0
+"""How long a scheduler may take to answer [s]."""
+POLL = 0.02
+"""How often it is looked what has been done meanwhile [s]."""
+LOOK = 5.0
+"""How often it is looked whether there are workers, while nothing comes [s]."""
+DESERTED = 60.0
+"""How long a cluster may be without workers [s]: those that die are started again, by whoever sees to them."""
+CLOSING = 1.0
+"""How long taking leave of it may take [s]."""
+ELSEWHERE = (
+    "the cluster does not see this file as it is here: workers need the same files at the same paths, such as a "
+    "shared folder"
+)
+"""What is said of a case whose files other machines lack or have otherwise."""
+OTHER_PROGRAMS = (
+    "a worker of the cluster that came later would plan otherwise: it has another version of dualarm, of Python or of "
+    "a library; install the same there"
+)
+"""What is said of a case that came to a worker which was not there when all were compared."""
+_here = threading.local()
+
+
+class Cluster:
+    """A Dask cluster whose workers have this very version of dualarm."""
+
+    def __init__(self, address: str, timeout: float | None = None) -> None:
+        """Connects, and compares what plans there with what plans here.
+
+        Args:
+            address: of the scheduler, such as `tcp://10.0.0.1:8786`.
+            timeout: how long one request may take [s]; None for no limit.
+
+        Raises:
+            MissingDependencyError: `distributed` is not installed.
+            UsageError: there is no such scheduler, it has no workers, or they would plan otherwise.
+        """
+        try:
+            from distributed import Client
+        except ImportError:
+            raise MissingDependencyError("distributed", "cluster") from None
+        self._address, self._timeout = address, timeout
+        # What it logs are tracebacks of its own; what they come to is said of the cases.
+        for logger in ("distributed", "distributed.client"):
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(address, timeout=CONNECTING, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise UsageError(
+                f"--scheduler {address}: no scheduler answers there ({error}); start one by `dask scheduler`"
+            ) from None
+        try:
+            self._check(address)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Cluster:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Takes leave of the cluster."""
+        self.close()
+
+    def close(self) -> None:
+        """Takes leave of the cluster; what it is doing for this client it does no longer, as soon as it can stop."""
+        with suppress(Exception):
+            self._client.close(timeout=CLOSING)
+
+    def _check(self, address: str) -> None:
+        """Raises UsageError where no worker is there, or one would plan otherwise."""
+        try:
+            there: Mapping[str, Mapping[str, str]] = self._client.run(_programs_there)
+        except Exception as error:
+            raise UsageError(
+                f"--scheduler {address}: its workers cannot run this version of dualarm "
+                f"({type(error).__name__}: {error}); install the same one there"
+            ) from None
+        if not there:
+            raise UsageError(
+                f"--scheduler {address}: it has no workers; start some by `dask worker {address}`"
+            )
+        own = dict(programs())
+        for worker, found in sorted(there.items()):
+            other = [name for name in own if found.get(name) != own[name]]
+            if other:
+                named = ", ".join(
+                    f"{name} {str(found.get(name))[:12]} there, {own[name][:12]} here"
+                    for name in other[:4]
+                )
+                raise UsageError(
+                    f"--scheduler {address}: worker {worker} would plan otherwise: {named}; install the same there"
+                )
+
+    def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        """Yields the place of each request and what it came to, in the order in which they are done.
+
+        Args:
+            requests: any number; their files are read by the workers, at the same paths.
+
+        Raises:
+            UsageError: all workers have gone.
+        """
+        from distributed import as_completed
+
+        wanted = digest(dict(programs()))
+        places = {
+            self._client.submit(
+                evaluate_there, request.as_document(), self._timeout, wanted, pure=False
+            ): index
+            for index, request in enumerate(requests)
+        }
+        known: dict[str, str] = {}
+        try:
+            done = as_completed(list(places), loop=self._client.loop)
+            seen = looked = time.monotonic()
+            while done.count():
+                for future in done.next_batch(block=False):
+                    index = places[future]
+                    yield index, _answer(future, requests[index], known)
+                    seen = looked = time.monotonic()
+                time.sleep(POLL)
+                if time.monotonic() > looked + LOOK:
+                    looked = time.monotonic()
+                    seen = looked if self._has_workers() else seen
+                    self._refuse_deserted(seen)
+        finally:
+            with suppress(Exception):
+                self._client.cancel([future for future in places if not future.done()])
+
+    def _has_workers(self) -> bool:
+        """Returns whether there are workers; true where nobody answers, as the client itself gives that up."""
+        try:
+            return bool(self._client.nthreads())
+        except Exception:
+            return True
+
+    def _refuse_deserted(self, seen: float) -> None:
+        """Raises UsageError where the last worker was seen too long ago."""
+        if time.monotonic() > seen + DESERTED:
+            raise UsageError(
+                f"--scheduler {self._address}: it has had no workers for {DESERTED:g} s; start some by "
+                f"`dask worker {self._address}` and run the same command again"
+            )
+
+
+def _programs_there() -> dict[str, str]:
+    """Returns what plans on a worker."""
+    return dict(programs())
+
+
+def evaluate_there(
+    request: Mapping[str, Any], timeout: float | None, wanted: str
+) -> dict[str, Any] | None:
+    """Returns what a request comes to, as a document; runs on a worker of the cluster.
+
+    A process of its own does it, as it would without a cluster: one that dies or takes too long does not take the
+    worker with it, and threads of a worker do not share a planner.
+
+    Args:
+        request: as a document.
+        timeout: how long it may take [s]; None for no limit.
+        wanted: hash of the programs that are to plan; None is returned where others would.
+    """
+    if digest(dict(programs())) != wanted:
+        return None
+    crew = getattr(_here, "crew", None)
+    if crew is None or _here.timeout != timeout:
+        if crew is not None:
+            crew.close()
+        crew = Crew(1, timeout)
+        _here.crew, _here.timeout = crew, timeout
+    found = list(crew.run([Request.of_document(request)]))
+    return found[0][1].as_document()
+
+
+def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation:
+    """Returns what a request came to, or why the cluster has no answer that counts here.
+
+    Args:
+        future: of its evaluation, done in one way or the other.
+        request: what was asked.
+        known: hashes of files here, added to.
+    """
+    try:
+        if future.status == "finished":
+            document = future.result()
+            if document is None:
+                return _refused(request, OTHER_PROGRAMS)
+            return _seen_alike(Evaluation.of_document(document), request, known)
+        why = future.exception() or "it has lost it, or its scheduler has ended"
+    except (Exception, asyncio.CancelledError) as error:
+        why = error
+    finding = Finding(f"the cluster gave it up: {why}", request.case)
+    return Evaluation(request.case, "crashed", findings=(finding,))
+
+
+def _seen_alike(answer: Evaluation, request: Request, known: dict[str, str]) -> Evaluation:
+    """Returns an answer if it was made from what the files hold here; what is wrong otherwise."""
+    if answer.status in ("timed_out", "crashed"):
+        return answer
+    # A task file that nobody can read is told as it would be without a cluster.
+    names = answer.inputs or [request.file]
+    here = hashes_now(names, request.folder, known)
+    other = [name for name in names if answer.inputs.get(name, GONE) != here[name]]
+    return _refused(request, f"{ELSEWHERE} ({', '.join(other)})") if other else answer
+
+
+def _refused(request: Request, text: str) -> Evaluation:
+    return Evaluation(request.case, "bad_input", findings=(Finding(text, request.case),))

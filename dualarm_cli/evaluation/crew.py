@@ -1,0 +1,229 @@
+"""Crew: processes that evaluate requests, supervised: one that dies or takes too long costs its own request only."""
+
+from __future__ import annotations
+
+import math
+import os
+import selectors
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from dualarm_cli.errors import DualArmError
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.evaluation.worker_process import Attempt, WorkerProcess
+from dualarm_cli.model.evaluation import Evaluation, Finding, Status
+
+ATTEMPTS = 2
+"""How often a request is tried whose process dies or takes too long."""
+LONGEST_START = 120.0
+"""How long a process may take to load its libraries [s]."""
+LONGEST_WAIT = 3600.0
+"""Longest time that is waited at once [s]; the kernel counts no further than some weeks."""
+FAILED_STARTS = 3
+"""After how many processes that die before they are ready it is given up."""
+
+
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+"""Where Linux shows what a container is given."""
+MOST_CORES = 1024
+"""More than any machine has."""
+
+
+class WorkersFailedError(DualArmError):
+    """No process could be started that evaluates anything."""
+
+    exit_code = 4
+
+
+class Crew:
+    """As many processes as are wanted, started when there is work and kept warm until `close`."""
+
+    def __init__(self, processes: int, timeout: float | None = None) -> None:
+        """Prepares; nothing is started yet.
+
+        Args:
+            processes: how many there are at most, one or more.
+            timeout: how long one request may take [s], from when a process that is ready begins; None for no limit.
+        """
+        self._processes, self._timeout = max(1, processes), timeout
+        self._workers: list[WorkerProcess] = []
+        self._failed_starts: list[str] = []
+
+    def __enter__(self) -> Crew:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends all processes."""
+        self.close()
+
+    def close(self) -> None:
+        """Ends all processes at once."""
+        while self._workers:
+            self._workers[-1].end()
+            self._workers.pop()
+
+    def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        """Returns the place of each request and what it came to, in the order in which they are done.
+
+        Processes are started at once, and load their libraries while the caller still prepares to listen.
+
+        Args:
+            requests: any number.
+
+        Raises:
+            WorkersFailedError: processes die before they are ready; raised while listening.
+        """
+        while len(self._workers) < min(self._processes, len(requests)):
+            self._workers.append(WorkerProcess(None))
+        return self._listen(requests)
+
+    def _listen(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        try:
+            yield from self._run(requests)
+        finally:
+            # Whoever stops early leaves nothing behind that would answer the next one's requests.
+            for worker in [w for w in self._workers if w.attempt or w.first]:
+                self._workers.remove(worker)
+                worker.end()
+
+    def _run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+        waiting = deque(Attempt(index) for index in range(len(requests)))
+        again: deque[Attempt] = deque()
+        left = len(requests)
+        self._failed_starts.clear()
+        # Processes that have died since the last requests are replaced; no request is lost to them.
+        self._answered(requests, again, 0.0)
+        while left:
+            self._assign(requests, waiting, again)
+            done = self._answered(requests, again, self._patience())
+            left -= len(done)
+            yield from done
+            if len(self._failed_starts) >= FAILED_STARTS:
+                raise WorkersFailedError(
+                    f"{FAILED_STARTS} processes in a row ended before they were ready, the last one by "
+                    f"{self._failed_starts[-1]}"
+                )
+
+    def _assign(
+        self, requests: Sequence[Request], waiting: deque[Attempt], again: deque[Attempt]
+    ) -> None:
+        """Gives work to processes that are ready, and starts some where there is more work than processes."""
+        for worker in self._workers:
+            if worker.ready and worker.attempt is None:
+                attempt = worker.first or (waiting.popleft() if waiting else None)
+                if attempt is not None:
+                    worker.give(attempt, requests[attempt.index])
+        # What failed once gets a process that has done nothing else; an idle one makes room for it.
+        while again and len(self._workers) >= self._processes:
+            idle = next((w for w in self._workers if w.attempt is None and w.first is None), None)
+            if idle is None:
+                break
+            self._workers.remove(idle)
+            idle.end()
+        while again and len(self._workers) < self._processes:
+            self._workers.append(WorkerProcess(again.popleft()))
+        starting = sum(not worker.ready for worker in self._workers)
+        while len(self._workers) < self._processes and starting < len(waiting):
+            self._workers.append(WorkerProcess(None))
+            starting += 1
+
+    def _answered(
+        self, requests: Sequence[Request], again: deque[Attempt], wait: float
+    ) -> list[tuple[int, Evaluation]]:
+        """Returns what has come from processes, or was given up, within a time [s]."""
+        done = []
+        for worker in self._heard(wait):
+            documents, ended = worker.read()
+            for document in documents:
+                if document == "ready":
+                    worker.ready = True
+                    self._failed_starts.clear()
+                elif worker.attempt is not None:
+                    done.append((worker.attempt.index, Evaluation.of_document(document)))
+                    worker.attempt = None
+            if ended:
+                done += self._lost(worker, requests, again, "crashed")
+        for worker in self._late():
+            done += self._lost(worker, requests, again, "timed_out")
+        return done
+
+    def _heard(self, wait: float) -> list[WorkerProcess]:
+        """Returns the processes that have something to say, or have ended, within a time [s]."""
+        with selectors.DefaultSelector() as selector:
+            for worker in self._workers:
+                selector.register(worker.answers, selectors.EVENT_READ, worker)
+            return [key.data for key, _ in selector.select(wait)]
+
+    def _patience(self) -> float:
+        """Returns how long until one of the processes is late [s]."""
+        limits = [limit for worker in self._workers if (limit := self._until(worker)) is not None]
+        return min(LONGEST_WAIT, max(0.0, min(limits, default=math.inf) - time.monotonic()))
+
+    def _until(self, worker: WorkerProcess) -> float | None:
+        """Returns until when a process must have said something; None where it has time."""
+        if not worker.ready:
+            return worker.since + LONGEST_START
+        if worker.attempt is None or self._timeout is None:
+            return None
+        return worker.since + self._timeout
+
+    def _late(self) -> list[WorkerProcess]:
+        now = time.monotonic()
+        return [w for w in self._workers if (limit := self._until(w)) is not None and limit <= now]
+
+    def _lost(
+        self,
+        worker: WorkerProcess,
+        requests: Sequence[Request],
+        again: deque[Attempt],
+        status: Status,
+    ) -> list[tuple[int, Evaluation]]:
+        """Ends a process that died or is late, and returns the request that is given up for it, if one is."""
+        self._workers.remove(worker)
+        ended = worker.end()
+        if not worker.ready:
+            self._failed_starts.append(ended)
+            if worker.first is not None:
+                again.append(worker.first)
+            return []
+        attempt = worker.attempt
+        if attempt is None:
+            return []
+        if attempt.number < ATTEMPTS:
+            again.append(Attempt(attempt.index, attempt.number + 1))
+            return []
+        case = requests[attempt.index].case
+        if status == "timed_out":
+            text = f"took longer than {self._timeout:g} s, {ATTEMPTS} times (--timeout)"
+        else:
+            text = f"its process died {ATTEMPTS} times, at last by {ended}"
+        return [(attempt.index, Evaluation(case, status, findings=(Finding(text, case),)))]
+
+
+def usable_cores() -> int:
+    """Returns how many cores this process may use: those that it may run on, no more than its container is given."""
+    return max(1, min(len(os.sched_getaffinity(0)), math.ceil(_given_cores(CONTROL_GROUPS))))
+
+
+def _given_cores(root: Path) -> float:
+    """Returns how many cores' time this process's control group has, or one around it; many where none says.
+
+    Args:
+        root: where the kernel shows control groups (version 2).
+    """
+    cores = float(MOST_CORES)
+    with suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/self/cgroup").read_text().splitlines()
+        own = next(line.removeprefix("0::/") for line in lines if line.startswith("0::/"))
+        for folder in (
+            root,
+            *(root.joinpath(*own.split("/")[:k]) for k in range(1, own.count("/") + 2)),
+        ):
+            with suppress(OSError, ValueError):
+                quota, period = (folder / "cpu.max").read_text().split()
+                cores = min(cores, int(quota) / int(period))
+    return cores

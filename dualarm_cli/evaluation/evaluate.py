@@ -1,0 +1,152 @@
+"""One job read, planned and judged; every error becomes a status."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from dualarm_cli.errors import DualArmError, InfeasibleError, InputError
+from dualarm_cli.evaluation.inputs import names_of
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.loading.text_source import recorded_reads
+from dualarm_cli.model.evaluation import Evaluation, Finding
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.methods import METHODS
+from dualarm_cli.planning.planner import plan
+from dualarm_cli.planning.redundancy_choice import with_redundancy
+from dualarm_cli.reporting.measures import joint_travel, limiting_times, sliding_joints
+from dualarm_cli.reporting.report import relative_gap, smallest_clearance
+from dualarm_cli.timing import TIMING_SOLVERS
+from dualarm_cli.verification import verify
+from dualarm_cli.verification.budget_checks import judge_budget
+
+MOST_FINDINGS = 20
+"""Most findings of one case that are told."""
+_PLACE = re.compile(r"([^\n]+?):(\d+):(\d+): (.*)", re.DOTALL)
+_LIMITS = ("acceleration", "jerk", "lower", "upper", "velocity")
+
+
+def evaluate(request: Request) -> Evaluation:
+    """Returns what a request comes to.
+
+    Raises:
+        MemoryError: there is too little of it: nothing that is said then can be relied on.
+    """
+    with recorded_reads() as record:
+        try:
+            found = _evaluated(request)
+        except MemoryError:
+            raise
+        except InputError as error:
+            findings = [Finding(d.message, d.file, d.line, d.column) for d in error.diagnostics]
+            found = _failed(request, "bad_input", findings)
+        except InfeasibleError as error:
+            found = _failed(request, "infeasible", [_located(str(error), request.case)])
+        except DualArmError as error:
+            status = "bad_input" if error.exit_code == 2 else "internal_error"
+            found = _failed(request, status, [Finding(str(error), request.case)])
+        except Exception as error:
+            text = f"internal error: {type(error).__name__}: {error}; this is a bug"
+            found = _failed(request, "internal_error", [Finding(text, request.case)])
+    return replace(found, inputs=names_of(record, request.folder))
+
+
+def settings_of(request: Request) -> PlanSettings:
+    """Returns what a request is planned by.
+
+    Raises:
+        UnknownSolverError: no family has a solver that is named.
+    """
+    plain = PlanSettings(timing=request.timing, effort=request.effort, seed=request.seed)
+    settings = with_redundancy(plain.naming(platform=request.platform), request.redundancy)
+    METHODS[settings.platform]
+    TIMING_SOLVERS[settings.timing]
+    return settings
+
+
+def _evaluated(request: Request) -> Evaluation:
+    job = load_job(request.path, request.case, request.overrides)
+    schedule = plan(job, settings_of(request))
+    return evaluation_of(request.case, schedule, job)
+
+
+def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
+    """Returns the evaluation of a plan: judged, measured, held against its budget.
+
+    Args:
+        case: what the job is called.
+        schedule: its plan, not yet judged.
+        job: what it was planned for.
+    """
+    judged = verify(schedule, job, clearance=True)
+    schedule = replace(schedule, verification=judged)
+    nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
+    sliding = sliding_joints(schedule.robot.urdf)
+    turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
+    found = Evaluation(
+        case,
+        "planned" if judged.passed else "fails_verification",
+        cycle_time=float(schedule.duration),
+        closes=job.returns,
+        lower_bound=_finite(schedule.lower_bound),
+        gap=_finite(relative_gap(schedule)),
+        clearance=_finite(nearest.get("clearance")),
+        required_clearance=_finite(nearest.get("required")),
+        travel=float(sum(joint_travel(schedule, turning).values())),
+        limiting=dict(sorted(limiting_times(schedule).items())),
+        limits=_limits(schedule.robot.limits),
+        sliding=tuple(sorted(sliding.intersection(schedule.robot.limits.joints))),
+        budgets=judge_budget(schedule, job),
+        findings=tuple(Finding(f"{check.name}: {check.detail}", case) for check in judged.failures)[
+            :MOST_FINDINGS
+        ],
+    )
+    figures = (
+        *(found.cycle_time, found.travel, *found.limiting.values()),
+        *(line.measured for line in found.budgets),
+    )
+    if not all(math.isfinite(figure) for figure in figures if figure is not None):
+        return Evaluation(
+            case, "internal_error", findings=(Finding("a figure is not finite", case),)
+        )
+    return found
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _limits(limits: JointLimits) -> dict[str, dict[str, float]]:
+    """Returns the finite limits of each joint."""
+    return {
+        joint: {
+            name: value
+            for name in _LIMITS
+            if math.isfinite(value := float(getattr(limits, name)[limits.joints.index(joint)]))
+        }
+        for joint in sorted(limits.joints)
+    }
+
+
+def _failed(request: Request, status: Any, findings: list[Finding]) -> Evaluation:
+    more = len(findings) - MOST_FINDINGS
+    if more > 0:
+        findings = [*findings[:MOST_FINDINGS], Finding(f"... and {more} more", request.case)]
+    return Evaluation(request.case, status, findings=tuple(findings))
+
+
+def _located(text: str, case: str) -> Finding:
+    """Returns a finding at the first place that a text begins a line with; of the case where it names none."""
+    for line in text.splitlines():
+        found = _PLACE.fullmatch(line.strip())
+        if found is not None:
+            rest = text.replace(f"{found[1]}:{found[2]}:{found[3]}: ", "", 1)
+            return Finding(rest, found[1], int(found[2]), int(found[3]))
+    return Finding(text, case)

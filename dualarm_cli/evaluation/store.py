@@ -1,0 +1,143 @@
+"""Store: evaluations by what decides them, in a folder that several processes may use at once.
+
+Each entry is a file of its own, written beside its place and moved into it, and carries its own checksum. Whatever is
+cut off, changed or of another format is as if it were not there. There are no locks: who writes last has written the
+same as who wrote before.
+
+`answers/` holds evaluations by `answer_key`. `files/` holds, for a task file with what it contains, the names of the
+files that it was read from the last time; with these and what they hold now the key of the answer is known without
+reading the job.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from dualarm_cli.evaluation.fingerprint import answer_key, canonical, digest, question
+from dualarm_cli.evaluation.inputs import GONE, hashes_now
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.exporting.whole_files import write_new
+from dualarm_cli.model.evaluation import REPEATABLE, Evaluation
+
+FORMAT = "dualarm.cache/1"
+DEFAULT_FOLDER = ".dualarm-cache"
+"""Where answers are kept, in the working directory."""
+ABANDONED = 3600.0
+"""Files in the making that are older than this were left by a process that was killed [s]."""
+MOST_BYTES = 50_000_000
+"""Largest entry that is read [bytes]."""
+
+
+class Store:
+    """Answers that are known already."""
+
+    def __init__(self, folder: Path) -> None:
+        """Opens a store; its folder is made when something is kept."""
+        self.folder = folder
+        self.problem = ""
+        """Why an answer could not be kept; empty while all could."""
+        self._hashes: dict[str, str] = {}
+        _remove_abandoned(folder / "making")
+
+    def find(self, request: Request) -> Evaluation | None:
+        """Returns the answer to a request, or None where it is not known for what the files hold now."""
+        names = self._read("files", self._files_key(request))
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            return None
+        inputs = hashes_now(names, request.folder, self._hashes)
+        document = self._read("answers", answer_key(request, inputs))
+        try:
+            found = Evaluation.of_document(document)
+        except ValueError:
+            return None
+        same = found.case == request.case and dict(found.inputs) == inputs
+        return found if same and found.status in REPEATABLE else None
+
+    def keep(self, request: Request, answer: Evaluation) -> None:
+        """Keeps an answer, if the same input always comes to it and the files still hold what it was made from.
+
+        What cannot be written is not kept: `problem` then says why.
+        """
+        if answer.status not in REPEATABLE or not answer.inputs:
+            return
+        if hashes_now(answer.inputs, request.folder, {}) != dict(answer.inputs):
+            return
+        files = self._files_key(request, fresh=True)
+        try:
+            self._write("answers", answer_key(request, answer.inputs), answer.as_document())
+            self._write("files", files, list(answer.inputs))
+        except OSError as error:
+            self.problem = self.problem or (error.strerror or type(error).__name__)
+
+    def _files_key(self, request: Request, fresh: bool = False) -> str:
+        """Returns the key of what a task file was read from: by its name, what it holds and what replaces it."""
+        known = {} if fresh else self._hashes
+        held = hashes_now([request.file], request.folder, known)[request.file]
+        return digest({"question": question(request), "task": held if held != GONE else ""})
+
+    def _place(self, kind: str, key: str) -> Path:
+        return self.folder / kind / key[:2] / f"{key[2:]}.json"
+
+    def _read(self, kind: str, key: str) -> Any:
+        """Returns what an entry holds; None where there is none that is whole."""
+        try:
+            with self._place(kind, key).open("rb") as file:
+                data = file.read(MOST_BYTES)
+            entry = json.loads(data)
+        except (OSError, ValueError, RecursionError):
+            return None
+        if not isinstance(entry, dict) or entry.get("format") != FORMAT or entry.get("key") != key:
+            return None
+        content = entry.get("content")
+        try:
+            whole = entry.get("sha256") == _checksum(content)
+        except (ValueError, RecursionError):
+            return None
+        return content if whole else None
+
+    def _write(self, kind: str, key: str, content: Any) -> None:
+        """Writes an entry whole or not at all.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        ignore = self.folder / ".gitignore"
+        if not ignore.exists():
+            self._move_in(ignore, b"# made by dualarm; may be deleted at any time\n*\n")
+        entry = {"format": FORMAT, "key": key, "sha256": _checksum(content), "content": content}
+        self._move_in(self._place(kind, key), canonical(entry).encode())
+
+    def _move_in(self, place: Path, data: bytes) -> None:
+        """Writes a file of the store beside its place, onto the disk, and then moves it there.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        making = self.folder / "making"
+        making.mkdir(parents=True, exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        made = write_new(making, "", "", data)
+        try:
+            made.replace(place)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                made.unlink()
+            raise
+
+
+def _checksum(content: Any) -> str:
+    return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Removes what killed processes have left half made."""
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            with contextlib.suppress(OSError):
+                if time.time() - path.stat().st_mtime > ABANDONED:
+                    path.unlink()

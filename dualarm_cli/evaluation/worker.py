@@ -1,0 +1,38 @@
+"""A process that evaluates one request after the other: a line of JSON in, a line of JSON out."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import sys
+
+from dualarm_cli.evaluation.request import Request
+
+_PARENT_DEATH_SIGNAL = 1
+"""PR_SET_PDEATHSIG of Linux's prctl."""
+
+
+def main(answers: int, parent: int) -> None:
+    """Answers requests from stdin until it ends.
+
+    Args:
+        answers: file descriptor that answers are written to: stdout is for libraries that print.
+        parent: id of the process that has started this one and that it must not outlive.
+    """
+    # Ctrl-C is for whoever started this process, who then ends it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        return
+    from dualarm_cli.evaluation.evaluate import evaluate
+
+    with os.fdopen(answers, "wb") as out:
+        out.write(b'"ready"\n')
+        out.flush()
+        for line in sys.stdin.buffer:
+            answer = evaluate(Request.of_document(json.loads(line)))
+            out.write(json.dumps(answer.as_document(), allow_nan=False).encode() + b"\n")
+            out.flush()

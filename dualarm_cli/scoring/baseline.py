@@ -1,0 +1,157 @@
+"""Baseline: what the cases came to when somebody last said that it is good (`dualarm.scores/1`)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NoReturn
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.loading.text_source import quote, read_bytes
+from dualarm_cli.model.evaluation import Evaluation
+
+FORMAT = "dualarm.scores/1"
+LARGEST_FILE = 100_000_000
+"""Largest baseline that is read [bytes]."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What one case came to then."""
+
+    cycle_time: float
+    """[s]."""
+    clearance: float | None = None
+    """Least clearance proven [m]."""
+    gap: float | None = None
+    """By what share the plan was above its lower bound."""
+    limiting: Mapping[str, float] = field(default_factory=dict)
+    """What the time was made of, see `Evaluation` [s]."""
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """By joint what it could do, see `Evaluation`."""
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of every file that was read, by its name from the task file's folder."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Recorded:
+        """Returns what is recorded of a case that has a plan."""
+        return cls(**{entry.name: getattr(evaluation, entry.name) for entry in fields(cls)})
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What all cases came to then, and what they were planned by."""
+
+    settings: Mapping[str, Any]
+    """Of `Request.settings`."""
+    cases: Mapping[str, Recorded]
+    """By name."""
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Returns the baseline in a file.
+
+    Args:
+        path: as the user names it.
+
+    Raises:
+        InputError: it is missing, is something else, is damaged, has a number that is none, or has no cases.
+    """
+    name = str(path)
+    data = read_bytes(path, name, LARGEST_FILE)
+    try:
+        document = json.loads(data, object_pairs_hook=_members, parse_constant=_no_number)
+    except json.JSONDecodeError as error:
+        _refuse(name, f"is not JSON: {error.msg}", error.lineno, error.colno)
+    except UnicodeDecodeError as error:
+        _refuse(name, f"is no baseline: byte 0x{data[error.start]:02x} is not UTF-8")
+    except RecursionError:
+        _refuse(name, "is no baseline: nested too deep")
+    except ValueError as error:
+        _refuse(name, f"is no baseline: {error}")
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        found = document.get("format") if isinstance(document, dict) else document
+        _refuse(
+            name,
+            f"is no baseline that this version reads: its format is {quote(found)}, not '{FORMAT}'",
+        )
+    cases, settings = document.get("cases"), document.get("settings")
+    if not isinstance(cases, dict) or not isinstance(settings, dict):
+        _refuse(name, "is damaged: 'cases' and 'settings' must be there")
+    if not cases:
+        _refuse(name, "has no cases, so that nothing could be held against it")
+    return Baseline(settings, {case: _recorded(name, case, entry) for case, entry in cases.items()})
+
+
+def _recorded(file: str, case: str, entry: Any) -> Recorded:
+    """Returns what is recorded of one case; raises InputError where it is damaged."""
+    known = {one.name for one in fields(Recorded)}
+    if not isinstance(entry, dict) or set(entry) != known:
+        _refuse(file, f"is damaged: case {quote(case)} must have {', '.join(sorted(known))}")
+    for name in ("cycle_time", "clearance", "gap"):
+        optional = name != "cycle_time" and entry[name] is None
+        if not optional and not _is_number(entry[name]):
+            _refuse(file, f"is damaged: case {quote(case)}: {name} is {quote(entry[name])}")
+    if entry["cycle_time"] < 0.0:
+        _refuse(file, f"is damaged: case {quote(case)}: cycle_time is negative")
+    groups = [entry["limiting"], entry["limits"], entry["inputs"]]
+    if not all(isinstance(group, dict) for group in groups):
+        _refuse(file, f"is damaged: case {quote(case)}: limiting, limits, inputs must be objects")
+    tables = [entry["limiting"], *entry["limits"].values()]
+    whole = all(isinstance(t, dict) and all(map(_is_number, t.values())) for t in tables)
+    if not whole or not all(isinstance(text, str) for text in entry["inputs"].values()):
+        _refuse(file, f"is damaged: case {quote(case)}: limiting, limits or inputs")
+    return Recorded(**entry)
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)
+
+
+def _members(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    members = dict(pairs)
+    if len(members) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"{quote(next(k for k in keys if keys.count(k) > 1))} stands there twice")
+    return members
+
+
+def _no_number(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not a number")
+
+
+def _refuse(file: str, message: str, line: int = 0, column: int = 0) -> NoReturn:
+    advice = "; --update-baseline with --force writes a new one"
+    raise InputError([Diagnostic(file, line, column, "E310", message + advice)])
+
+
+def baseline_bytes(settings: Mapping[str, Any], cases: Mapping[str, Recorded]) -> bytes:
+    """Returns a baseline as it is written: the same bytes for the same content, one line for each small table."""
+    document = {
+        "format": FORMAT,
+        "settings": dict(settings),
+        "cases": {
+            case: {entry.name: getattr(recorded, entry.name) for entry in fields(Recorded)}
+            for case, recorded in cases.items()
+        },
+    }
+    text = "".join(_lines(document, 0)) + "\n"
+    # Half a surrogate, as in names that are no text, becomes JSON's own escape.
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _lines(value: Any, depth: int) -> Iterable[str]:
+    """Yields a value as JSON; mappings of plain values below the cases are on one line."""
+    nested = isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values())
+    if not isinstance(value, Mapping) or not value or (depth > 2 and not nested):
+        yield json.dumps(value, sort_keys=True, allow_nan=False, ensure_ascii=False)
+        return
+    yield "{"
+    indent = "  " * (depth + 1)
+    for number, key in enumerate(value if depth == 0 else sorted(value)):
+        yield f"{',' if number else ''}\n{indent}{json.dumps(key, ensure_ascii=False)}: "
+        yield from _lines(value[key], depth + 1)
+    yield f"\n{'  ' * depth}}}"

@@ -1,0 +1,64 @@
+"""A score as one JSON document; nothing in it depends on the clock or on what was known already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from dualarm_cli.reporting.printable import printable
+from dualarm_cli.scoring.gate import FLOOR
+from dualarm_cli.scoring.verdict import STATES, Verdict, exit_code
+
+FORMAT = "dualarm.score/1"
+
+
+def score_document(
+    verdicts: Sequence[Verdict],
+    settings: Mapping[str, Any],
+    max_regression: float,
+    baseline: str | None,
+) -> dict[str, Any]:
+    """Returns the document of a score.
+
+    Args:
+        verdicts: by name.
+        settings: what was planned by.
+        max_regression: by what share a cycle time might be longer.
+        baseline: name of the baseline's file; None where there is none.
+    """
+    states = [verdict.state for verdict in verdicts]
+    code = exit_code(verdicts)
+    document: dict[str, Any] = printable(
+        {
+            "format": FORMAT,
+            "passed": code == 0,
+            "exit_code": code,
+            "settings": dict(settings),
+            "baseline": baseline,
+            "max_regression": max_regression,
+            "floor": FLOOR,
+            "counts": {state: states.count(state) for state in STATES},  # type: ignore[arg-type]
+            "cases": [_row(verdict) for verdict in verdicts],
+        }
+    )
+    return document
+
+
+def _row(verdict: Verdict) -> dict[str, Any]:
+    found, before = verdict.evaluation, verdict.before
+    figures: dict[str, Any] = dict.fromkeys(
+        ("cycle_time", "lower_bound", "gap", "clearance", "required_clearance", "travel")
+    )
+    if found is not None:
+        figures = {name: getattr(found, name) for name in figures}
+    return {
+        "case": verdict.case,
+        "state": verdict.state,
+        **figures,
+        "baseline_cycle_time": None if before is None else before.cycle_time,
+        "change": verdict.change,
+        "limiting": {} if found is None else dict(found.limiting),
+        "budgets": [] if found is None else [asdict(line) for line in found.budgets],
+        "reasons": [asdict(reason) for reason in verdict.reasons],
+    }

@@ -1,0 +1,79 @@
+"""A score as JUnit XML, as CI servers read it.
+
+Of the published format this has `testsuites`, `testsuite`, `testcase`, `failure`, `error` and `system-out`, with the
+attributes that all readers know. There is no time in it: times would differ from run to run.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
+from dualarm_cli.scoring.words import (
+    change_words,
+    clearance_words,
+    cycle_words,
+    gap_words,
+)
+
+SUITE = "dualarm score"
+MARK = b"<?xml version='1.0' encoding='UTF-8'?>\n<testsuites name=\"dualarm score\""
+"""What a file begins with that was written here."""
+_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0 has no way to write."""
+
+
+def junit_bytes(verdicts: Sequence[Verdict]) -> bytes:
+    """Returns the XML of a score, with a case for each task file.
+
+    It has a failure where the gate is closed, and an error where nothing can be said of the cell.
+
+    Args:
+        verdicts: by name.
+    """
+    failures = [v for v in verdicts if v.failed and not _is_error(v)]
+    errors = [v for v in verdicts if _is_error(v)]
+    counts = {
+        "tests": str(len(verdicts)),
+        "failures": str(len(failures)),
+        "errors": str(len(errors)),
+    }
+    suites = ElementTree.Element("testsuites", {"name": SUITE, **counts})
+    suite = ElementTree.SubElement(suites, "testsuite", {"name": SUITE, **counts, "skipped": "0"})
+    for verdict in verdicts:
+        _add_case(suite, verdict)
+    ElementTree.indent(suites)
+    body: bytes = ElementTree.tostring(suites, encoding="UTF-8", xml_declaration=True)
+    return body + b"\n"
+
+
+def _is_error(verdict: Verdict) -> bool:
+    return EXIT_CODES[verdict.state] in (2, 4) or verdict.state == "timed_out"
+
+
+def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
+    name = xml_text(verdict.case)
+    folder, _, _ = name.rpartition("/")
+    case = ElementTree.SubElement(
+        suite, "testcase", {"name": name, "classname": folder.replace("/", ".") or SUITE}
+    )
+    if verdict.failed:
+        tag = "error" if _is_error(verdict) else "failure"
+        lines = [xml_text(str(reason)) for reason in verdict.reasons]
+        message = lines[0] if lines else words(verdict.state)
+        found = ElementTree.SubElement(case, tag, {"type": verdict.state, "message": message})
+        found.text = "\n".join(lines)
+    if verdict.evaluation is None or verdict.evaluation.cycle_time is None:
+        return
+    figures = (
+        f"cycle time {cycle_words(verdict)} s, change {change_words(verdict)}, gap {gap_words(verdict)}, "
+        f"clearance {clearance_words(verdict)} mm: {words(verdict.state)}"
+    )
+    ElementTree.SubElement(case, "system-out").text = figures
+
+
+def xml_text(text: str) -> str:
+    """Returns text that XML can hold: what it cannot is spelt out."""
+    return _NO_XML.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)

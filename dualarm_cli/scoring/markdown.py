@@ -1,0 +1,71 @@
+"""A score as Markdown: for step summaries and comments on pull requests."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from dualarm_cli.reporting.printable import printable
+from dualarm_cli.scoring.verdict import Verdict, words
+from dualarm_cli.scoring.words import (
+    advice,
+    change_words,
+    clearance_words,
+    counted,
+    cycle_words,
+    gap_words,
+    reason_lines,
+    rule_words,
+)
+
+MARK = "<!-- dualarm score -->\n"
+"""What a file begins with that was written here."""
+MOST_ROWS = 1000
+"""Most cases in the table: step summaries end at a megabyte. Those that fail come first where there are more."""
+_SPECIAL = re.compile(r"([\\`*_\[\]{}()#|~!])")
+
+
+def markdown_text(verdicts: Sequence[Verdict], max_regression: float, compared: bool) -> str:
+    """Returns the Markdown of a score: a heading, what failed and why, a table.
+
+    Args:
+        verdicts: by name.
+        max_regression: by what share a cycle time might be longer.
+        compared: whether there is a baseline.
+    """
+    failed = [verdict for verdict in verdicts if verdict.failed]
+    shown = list(verdicts)
+    if len(shown) > MOST_ROWS:
+        shown = sorted(shown, key=lambda verdict: (not verdict.failed, verdict.case))[:MOST_ROWS]
+    title = f"{len(failed)} of {len(verdicts)} cells fail" if failed else "all cells are good"
+    lines = [f"## dualarm score: {title}", "", counted(verdicts) + "."]
+    if compared:
+        lines += ["", rule_words(max_regression) + "."]
+    reasons = [line for verdict in failed[:MOST_ROWS] for line in reason_lines(verdict)]
+    if reasons:
+        lines += ["", *(f"- {_plain(line)}" for line in reasons)]
+    lines += ["", "| cell | cycle time s | change | gap | clearance mm | verdict |"]
+    lines += ["| --- | ---: | ---: | ---: | ---: | --- |"]
+    for verdict in shown:
+        state = words(verdict.state)
+        cells = (
+            _plain(printable(verdict.case)),
+            cycle_words(verdict),
+            change_words(verdict),
+            gap_words(verdict),
+            clearance_words(verdict),
+            f"**{state}**" if verdict.failed else state,
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    if len(verdicts) > len(shown):
+        lines += ["", f"... and {len(verdicts) - len(shown)} more."]
+    if notes := advice(verdicts):
+        lines += ["", *(f"- {_plain(line)}" for line in notes)]
+    return MARK + "\n".join(lines) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Returns text that Markdown shows as it is: no markup, no HTML, nobody is mentioned."""
+    text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    text = _SPECIAL.sub(r"\\\1", text).replace("@", "&#64;")
+    return " ".join(text.split())

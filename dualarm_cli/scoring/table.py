@@ -1,0 +1,38 @@
+"""A score as a table for people at a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.reporting.printable import one_line
+from dualarm_cli.scoring.verdict import Verdict, words
+from dualarm_cli.scoring.words import change_words, clearance_words, cycle_words, gap_words
+
+_COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
+
+
+def score_table(verdicts: Sequence[Verdict]) -> Table:
+    """Returns the table: a row for each case.
+
+    Args:
+        verdicts: by name.
+    """
+    table = Table()
+    table.add_column("case", overflow="fold")
+    for name in ("cycle time s", "change", "gap", "clearance mm"):
+        table.add_column(name, justify="right")
+    table.add_column("verdict")
+    for verdict in verdicts:
+        colour = _COLOURS.get(verdict.state, "bold red")
+        table.add_row(
+            escape(one_line(verdict.case)),
+            cycle_words(verdict),
+            change_words(verdict),
+            gap_words(verdict),
+            clearance_words(verdict),
+            f"[{colour}]{words(verdict.state)}[/]",
+        )
+    return table

@@ -1,0 +1,77 @@
+"""Figures and sentences that all formats of a score have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dualarm_cli.reporting.printable import one_line, printable
+from dualarm_cli.scoring.gate import FLOOR
+from dualarm_cli.scoring.verdict import STATES, Verdict, words
+
+NOTHING = "–"
+
+
+def cycle_words(verdict: Verdict) -> str:
+    """Returns the cycle time [s]."""
+    time = verdict.evaluation.cycle_time if verdict.evaluation is not None else None
+    return NOTHING if time is None else f"{time:.3f}"
+
+
+def change_words(verdict: Verdict) -> str:
+    """Returns the change against the baseline [%]."""
+    change = verdict.change
+    if change is None:
+        return NOTHING
+    return "0.0 %" if abs(change) < 5e-4 else f"{change * 100:+.1f} %"
+
+
+def gap_words(verdict: Verdict) -> str:
+    """Returns the gap to the lower bound [%]."""
+    gap = verdict.evaluation.gap if verdict.evaluation is not None else None
+    return NOTHING if gap is None else f"{gap * 100:.1f} %"
+
+
+def clearance_words(verdict: Verdict) -> str:
+    """Returns the least clearance [mm]."""
+    clearance = verdict.evaluation.clearance if verdict.evaluation is not None else None
+    return NOTHING if clearance is None else f"{clearance * 1e3:.1f}"
+
+
+def reason_lines(verdict: Verdict) -> list[str]:
+    """Returns why a case is not simply a pass, one sentence each, fit to be shown on a terminal."""
+    lines = []
+    for reason in verdict.reasons:
+        placed = replace(reason, file=one_line(reason.file))
+        if reason.file == verdict.case:
+            lines.append(str(replace(placed, message=f"{words(verdict.state)}: {reason.message}")))
+        else:
+            lines.append(f"{one_line(verdict.case)}: {words(verdict.state)}: {placed}")
+    shown: list[str] = printable(lines)
+    return shown
+
+
+def counted(verdicts: Sequence[Verdict]) -> str:
+    """Returns how many cases there are of each state, most severe first."""
+    states = [verdict.state for verdict in verdicts]
+    counts = [f"{states.count(s)} {words(s)}" for s in STATES if s in states]
+    noun = "case" if len(verdicts) == 1 else "cases"
+    return f"{len(verdicts)} {noun}: {', '.join(counts)}"
+
+
+def rule_words(max_regression: float) -> str:
+    """Returns what is allowed."""
+    return f"allowed: {max_regression * 100:g} % longer than the baseline, and {FLOOR * 1e3:g} ms"
+
+
+def advice(verdicts: Sequence[Verdict]) -> list[str]:
+    """Returns what to do about what did not fail, but is not as recorded."""
+    states = [verdict.state for verdict in verdicts]
+    lines = []
+    if better := states.count("improved"):
+        lines.append(
+            f"{better} improved: --update-baseline keeps it so, or it may be lost again unseen"
+        )
+    if new := states.count("new"):
+        lines.append(f"{new} new: --update-baseline takes {'it' if new == 1 else 'them'} in")
+    return lines

@@ -1,0 +1,1 @@
+"""Layout studies: points over parameters, planned, ranked, and what matters of them."""

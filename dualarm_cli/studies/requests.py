@@ -1,0 +1,132 @@
+"""Points of a study as requests for evaluations: which values of which files are replaced by what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dualarm_cli.errors import Diagnostic, InputError, UnknownSolverError
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.loading.amounts import read_amount, scaled, shifted
+from dualarm_cli.loading.overrides import Override
+from dualarm_cli.loading.quantities import QuantityError
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.loading.text_source import quote
+from dualarm_cli.model.study import Amount, Level, Parameter, Point, Study, Target
+
+
+def check_settings(study: Study) -> None:
+    """Makes sure that every method exists that the study's settings name.
+
+    Raises:
+        InputError: one does not, at its place in the study file.
+    """
+    named = [key for key in ("platform", "timing", "redundancy") if key in study.settings]
+    if not named:
+        return
+    # All methods take a second to load, which a study of known plans has no other need for.
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.planning.methods import METHODS
+    from dualarm_cli.planning.redundancy_choice import with_redundancy
+    from dualarm_cli.timing import TIMING_SOLVERS
+
+    checks: dict[str, Callable[[str], object]] = {
+        "platform": lambda name: METHODS[name],
+        "timing": lambda name: TIMING_SOLVERS[name],
+        "redundancy": lambda name: with_redundancy(PlanSettings(), name),
+    }
+    wrong = []
+    for key in named:
+        try:
+            checks[key](str(study.settings[key]))
+        except UnknownSolverError as error:
+            place = study.setting_places[key]
+            message = str(error).partition(": ")[2]
+            wrong.append(Diagnostic(place.file, place.line, place.column, "E200", message))
+    if wrong:
+        raise InputError(wrong)
+
+
+def reference_requests(study: Study) -> list[Request]:
+    """Returns the requests of the files as they are, one per task file."""
+    return [_request(study, k, {}) for k in range(len(study.tasks))]
+
+
+def point_requests(study: Study, point: Point) -> list[Request]:
+    """Returns the requests of a point, one per task file.
+
+    A value that is the file's own is not replaced, so that what the files are already is planned once.
+    """
+    requests = []
+    for k in range(len(study.tasks)):
+        overrides: dict[str, Any] = {}
+        for parameter, level in zip(study.parameters, point, strict=True):
+            for target in parameter.targets:
+                value = new_value(target, k, level)
+                if not _same(target.found[k], value):
+                    overrides[target.keys[k]] = value
+        requests.append(_request(study, k, overrides))
+    return requests
+
+
+def _request(study: Study, k: int, overrides: dict[str, Any]) -> Request:
+    settings: dict[str, Any] = dict(study.settings)
+    return Request.of(study.tasks[k].path, overrides=overrides, **settings)
+
+
+def new_value(target: Target, job: int, level: Level) -> float | str | bool:
+    """Returns what a file has in place of its own value.
+
+    Args:
+        target: the value.
+        job: number of the task file.
+        level: what the parameter is.
+    """
+    found = target.found[job]
+    if not isinstance(level, Amount):
+        return level
+    if target.apply == "set" or not isinstance(found, Amount):
+        return level.written
+    return (shifted if target.apply == "shift" else scaled)(found, level).written
+
+
+def _same(found: Level | None, value: float | str | bool) -> bool:
+    """Returns whether a value is the file's own, whatever its unit."""
+    if not isinstance(found, Amount):
+        return type(found) is type(value) and found == value
+    if isinstance(value, bool):
+        return False
+    try:
+        return read_amount(value).si == found.si
+    except QuantityError:
+        return False
+
+
+def input_problems(study: Study, point: Point) -> list[Diagnostic]:
+    """Returns what is wrong with the files of a point; values that a parameter sets are told of the study file.
+
+    Args:
+        study: the study.
+        point: one whose evaluation says that the input is bad.
+    """
+    found: list[Diagnostic] = []
+    for k, request in enumerate(point_requests(study, point)):
+        causes = {
+            target.keys[k]: parameter
+            for parameter in study.parameters
+            for target in parameter.targets
+        }
+        overrides = {
+            key: Override(value, f"parameter {quote(causes[key].name)}", _at(causes[key]))
+            for key, value in request.overrides.items()
+        }
+        try:
+            load_job(request.path, request.case, overrides)
+        except InputError as error:
+            found += [d for d in error.diagnostics if d not in found]
+    return found
+
+
+def _at(parameter: Parameter) -> Diagnostic:
+    place = parameter.place
+    return Diagnostic(place.file, place.line, place.column, "E300", "")

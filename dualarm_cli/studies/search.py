@@ -1,0 +1,216 @@
+"""Points searched instead of enumerated: a tree-structured Parzen estimator (optuna), in batches.
+
+A batch has always the same size, whatever the number of processes, and is told in the order in which it was asked: so
+the same seed asks for the same points everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.errors import MissingDependencyError
+from dualarm_cli.model.study import Amount, Parameter, Point, Sampling, Study
+from dualarm_cli.studies.points import sample_shares
+from dualarm_cli.studies.rows import Row
+
+BATCH = 8
+"""Points that are asked for at a time."""
+TRIES = 20
+"""How often the estimator is asked again where it proposes what is known."""
+DRAWS = 200
+"""How often a point is drawn at random where the estimator has none that is new."""
+_NO_PLAN = 1e9
+"""What a point without a plan is told to cost; that there is none counts first."""
+
+Rows = Callable[[Sequence[Point], Sequence[Row]], list[Row]]
+"""Evaluates points, given the rows that there are already."""
+
+
+def require_optuna() -> None:
+    """Raises MissingDependencyError where optuna is not installed, without loading it."""
+    from importlib.util import find_spec
+
+    if find_spec("optuna") is None:
+        raise MissingDependencyError("optuna", "optimise")
+
+
+def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[Row]:
+    """Returns the rows of the points that were tried, in their order, no point twice.
+
+    The first ones are spread over the ranges; then come those of which good rows make it likely that they are good.
+    Rows without a plan count as worse than all others. With several objectives their Pareto set is searched for.
+
+    Args:
+        study: what is varied, and what is to become good.
+        budget: how many points at most.
+        seed: of all randomness.
+        evaluate: makes rows of points.
+
+    Raises:
+        MissingDependencyError: optuna is not installed.
+    """
+    require_optuna()
+    searcher = _Searcher(study, budget, seed)
+    rows: list[Row] = []
+    while len(rows) < budget:
+        points = searcher.ask(min(BATCH, budget - len(rows)))
+        if not points:
+            break
+        fresh = evaluate(points, rows)
+        for row in fresh:
+            searcher.tell(row)
+        rows += fresh
+    return rows
+
+
+class _Searcher:
+    """An estimator that is asked for points and told what came of them."""
+
+    def __init__(self, study: Study, budget: int, seed: int) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._state = optuna.trial.TrialState
+        self._study, self._rng = study, np.random.default_rng(seed)
+        self._axes = [_Axis(f"x{k}", parameter) for k, parameter in enumerate(study.parameters)]
+        first = int(np.clip(budget // 3, min(budget, 2), 10 + 2 * len(self._axes)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # parts of the estimator that optuna calls experimental
+            sampler = optuna.samplers.TPESampler(
+                seed=seed,
+                n_startup_trials=first,
+                multivariate=True,
+                constant_liar=True,
+                constraints_func=lambda trial: (trial.user_attrs.get("misses", 0.0),),
+            )
+            directions = ["minimize"] * len(study.objectives)
+            self._optuna = optuna.create_study(directions=directions, sampler=sampler)
+        shares = sample_shares(Sampling("halton", first, seed), len(self._axes))
+        self._spread = iter([self._point(row) for row in shares])
+        self._trials: dict[Point, Any] = {}
+        self._known: dict[Point, tuple[list[float], float]] = {}
+
+    def ask(self, count: int) -> list[Point]:
+        """Returns up to `count` points that have not been asked for; fewer where there are no more."""
+        points = []
+        for _ in range(count):
+            point = self._next()
+            if point is None:
+                break
+            points.append(point)
+        return points
+
+    def tell(self, row: Row) -> None:
+        """Takes what came of a point."""
+        costs = row.costs(self._study.objectives)
+        if costs is None:
+            costs, misses = [_NO_PLAN] * len(self._study.objectives), 1.0
+        else:
+            misses = 0.0
+        self._known[row.point] = costs, misses
+        self._tell(self._trials[row.point], costs, misses)
+
+    def _tell(self, trial: Any, costs: list[float], misses: float) -> None:
+        trial.set_user_attr("misses", misses)
+        self._optuna.tell(trial, costs)
+
+    def _next(self) -> Point | None:
+        """Returns one new point: of the spread, else of the estimator, else any."""
+        for point in self._spread:
+            if point not in self._trials:
+                return self._take(self._asked(point), point)
+        for _ in range(TRIES):
+            trial = self._ask()
+            point = tuple(axis.level(trial.params[axis.name]) for axis in self._axes)
+            if point not in self._trials:
+                return self._take(trial, point)
+            # What is known is told once more, so that the estimator looks elsewhere in the end.
+            if point in self._known:
+                self._tell(trial, *self._known[point])
+            else:
+                self._optuna.tell(trial, state=self._state.FAIL)
+        drawn = self._any()
+        return None if drawn is None else self._take(self._asked(drawn), drawn)
+
+    def _take(self, trial: Any, point: Point) -> Point:
+        self._trials[point] = trial
+        return point
+
+    def _asked(self, point: Point) -> Any:
+        """Returns a trial of one certain point."""
+        values = {a.name: a.value(level) for a, level in zip(self._axes, point, strict=True)}
+        self._optuna.enqueue_trial(values)
+        return self._ask()
+
+    def _ask(self) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return self._optuna.ask({axis.name: axis.distribution for axis in self._axes})
+
+    def _point(self, shares: Sequence[float]) -> Point:
+        return tuple(a.at(float(share)) for a, share in zip(self._axes, shares, strict=True))
+
+    def _any(self) -> Point | None:
+        """Returns a point at random that is new; None where there is none."""
+        for _ in range(DRAWS):
+            point = self._point(self._rng.random(len(self._axes)).tolist())
+            if point not in self._trials:
+                return point
+        return next((p for p in self._all() if p not in self._trials), None)
+
+    def _all(self) -> Iterator[Point]:
+        """Yields every combination where all parameters have steps."""
+        if all(axis.levels for axis in self._axes):
+            yield from product(*(axis.levels for axis in self._axes))
+
+
+class _Axis:
+    """A parameter as the estimator sees it: a share of a range, a place among ordered numbers, or a word."""
+
+    def __init__(self, name: str, parameter: Parameter) -> None:
+        from optuna.distributions import (
+            CategoricalDistribution,
+            FloatDistribution,
+            IntDistribution,
+        )
+
+        self.name, self._span = name, parameter.span
+        self.levels = list(parameter.levels)
+        self.distribution: Any
+        if self._span is not None:
+            self.distribution = FloatDistribution(0.0, 1.0)
+        elif parameter.is_numeric:
+            self.levels.sort(key=lambda level: level.si if isinstance(level, Amount) else 0.0)
+            self.distribution = IntDistribution(0, len(self.levels) - 1)
+        else:
+            self.distribution = CategoricalDistribution(list(range(len(self.levels))))
+
+    def at(self, share: float) -> Any:
+        """Returns the level at a share from 0 to 1."""
+        if self._span is not None:
+            return self._span.at(share)
+        return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
+
+    def level(self, value: Any) -> Any:
+        """Returns the level that the estimator means."""
+        return self._span.at(value) if self._span is not None else self.levels[value]
+
+    def value(self, level: Any) -> Any:
+        """Returns what the estimator calls a level."""
+        if self._span is None:
+            return self.levels.index(level)
+        low, high = self._span.low.number, self._span.high.number
+        return float(np.clip((level.number - low) / (high - low), 0.0, 1.0))
+
+
+def whole_grid(study: Study) -> int | None:
+    """Returns how many points there are if all parameters have steps, else None."""
+    if any(parameter.span is not None for parameter in study.parameters):
+        return None
+    return math.prod(len(parameter.levels) for parameter in study.parameters)

@@ -1,0 +1,249 @@
+"""The store: an answer is found again only where nothing has changed, and a damaged one never."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from dualarm_cli.evaluation import fingerprint
+from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.store import Store
+from dualarm_cli.model.evaluation import Evaluation, Finding
+
+NAMES = (
+    "../../robots/planar/bottin_planar.urdf",
+    "../../robots/planar/robot.yaml",
+    "bundled:sda10f/robot.yaml",
+    "cell.yaml",
+    "tasks.yaml",
+)
+
+
+@pytest.fixture
+def asked(cells, request_for):
+    """A request, and an answer to it that was not planned: the store does not care."""
+    request = request_for(cells(1)[0])
+    inputs = hashes_now(NAMES, request.folder, {})
+    answer = Evaluation(
+        request.case, "planned", cycle_time=0.1 + 0.2, limiting={"b": 1.0, "a": 2.0}, inputs=inputs
+    )
+    return request, answer
+
+
+def test_an_answer_is_found_again_as_it_was(asked, tmp_path):
+    """By another process, to the last digit."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    assert Store(tmp_path / "c").find(request) == answer
+    assert Store(tmp_path / "other").find(request) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["tasks.yaml", "cell.yaml", "../../robots/planar/bottin_planar.urdf"]
+)
+def test_a_file_that_changed_is_noticed_and_one_that_changed_back_as_well(asked, tmp_path, name):
+    """Whatever its time stamp says; a file that is gone is a change too."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    path = Path("cells/000") / name
+    data, status = path.read_bytes(), path.stat()
+    path.write_bytes(data.replace(b"a", b"b", 1))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert Store(tmp_path / "c").find(request) is None
+    path.unlink()
+    assert Store(tmp_path / "c").find(request) is None
+    path.write_bytes(data)
+    assert Store(tmp_path / "c").find(request) == answer
+
+
+def test_two_versions_of_a_file_have_an_answer_each(asked, tmp_path):
+    """As when branches are changed to and fro."""
+    request, answer = asked
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    path = Path("cells/000/cell.yaml")
+    data = path.read_bytes()
+    path.write_bytes(data + b"# other\n")
+    inputs = hashes_now(NAMES, request.folder, {})
+    other = replace(answer, cycle_time=7.0, inputs=inputs)
+    store.keep(request, other)
+    assert Store(tmp_path / "c").find(request) == other
+    path.write_bytes(data)
+    assert Store(tmp_path / "c").find(request) == answer
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"effort": "normal"},
+        {"seed": 1},
+        {"platform": None},
+        {"timing": "toppra"},
+        {"redundancy": "numeric"},
+        {"overrides": {"cell:/clearance": 0.01}},
+    ],
+)
+def test_another_question_has_another_answer(asked, tmp_path, change):
+    """Every setting decides."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    assert Store(tmp_path / "c").find(replace(request, **change)) is None
+
+
+@pytest.mark.parametrize("name", ["dualarm", "sources", "numpy", "pin"])
+def test_another_program_has_another_answer(asked, tmp_path, monkeypatch, name):
+    """Versions of this package, its sources and its libraries."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    other = dict(fingerprint.programs()) | {name: "other"}
+    monkeypatch.setattr(fingerprint, "programs", lambda: other)
+    assert Store(tmp_path / "c").find(request) is None
+
+
+def test_a_project_folder_that_changes_is_another_question(asked, tmp_path):
+    """What paths may lead to depends on it."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    fingerprint._project.cache_clear()
+    Path("cells/dualarm.toml").touch()
+    try:
+        assert Store(tmp_path / "c").find(request) is None
+    finally:
+        fingerprint._project.cache_clear()
+
+
+@pytest.mark.parametrize("status", ["bad_input", "internal_error", "timed_out", "crashed"])
+def test_what_may_come_out_otherwise_is_not_kept(asked, tmp_path, status):
+    """Only what the same input always comes to."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, replace(answer, status=status))
+    assert not (tmp_path / "c").exists()
+
+
+def test_infeasible_ones_are_kept_with_their_findings(asked, tmp_path):
+    """Proving that there is no plan takes as long as finding one."""
+    request, answer = asked
+    failed = replace(answer, status="infeasible", findings=(Finding("too far", "a", 1, 2),))
+    Store(tmp_path / "c").keep(request, failed)
+    assert Store(tmp_path / "c").find(request) == failed
+
+
+def test_a_file_that_changed_while_it_was_planned_is_not_kept(asked, tmp_path):
+    """The answer is of what the file held before."""
+    request, answer = asked
+    Path("cells/000/cell.yaml").write_text("dualarm: cell/1\nrobot: sda10f\n")
+    Store(tmp_path / "c").keep(request, answer)
+    assert not (tmp_path / "c").exists()
+
+
+def test_no_damage_of_an_entry_is_taken_for_an_answer(asked, tmp_path):
+    """Cut off at any place, any byte changed, nested without end: as if it were not there, and mended."""
+    request, answer = asked
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    entries = sorted((tmp_path / "c").rglob("*/*.json"))
+    assert len(entries) == 2
+    for entry in entries:
+        whole = entry.read_bytes()
+        for k in range(0, len(whole), 7):
+            for damaged in (whole[:k], whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :]):
+                entry.write_bytes(damaged)
+                found = Store(tmp_path / "c").find(request)
+                assert found is None
+        entry.write_bytes(b"[" * 100_000)
+        assert Store(tmp_path / "c").find(request) is None
+        store.keep(request, answer)
+        assert entry.read_bytes() == whole
+
+
+def test_an_entry_of_another_key_is_not_believed(asked, tmp_path):
+    """Files of the store that somebody has swapped."""
+    request, answer = asked
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    other = replace(request, seed=1)
+    store.keep(other, replace(answer, cycle_time=9.0))
+    one, two = sorted((tmp_path / "c" / "answers").rglob("*.json"))
+    one_bytes, two_bytes = one.read_bytes(), two.read_bytes()
+    one.write_bytes(two_bytes)
+    two.write_bytes(one_bytes)
+    assert Store(tmp_path / "c").find(request) is None
+    assert Store(tmp_path / "c").find(other) is None
+
+
+def test_entries_may_be_read_by_whom_other_new_files_may(asked, tmp_path):
+    """A cache in a shared folder serves all who share it."""
+    request, answer = asked
+    former = os.umask(0o027)
+    try:
+        Store(tmp_path / "c").keep(request, answer)
+    finally:
+        os.umask(former)
+    entries = [path for path in (tmp_path / "c").rglob("*") if path.is_file()]
+    assert len(entries) == 3
+    assert {path.stat().st_mode & 0o777 for path in entries} == {0o640}
+
+
+def test_a_store_that_cannot_be_written_says_so_and_raises_nothing(asked, tmp_path):
+    """Its folder is a file."""
+    request, answer = asked
+    (tmp_path / "c").write_text("mine")
+    store = Store(tmp_path / "c")
+    store.keep(request, answer)
+    assert store.problem
+    assert store.find(request) is None
+    assert (tmp_path / "c").read_text() == "mine"
+
+
+def test_what_killed_processes_left_is_removed_in_the_end(asked, tmp_path):
+    """Not what another process is making now."""
+    request, answer = asked
+    Store(tmp_path / "c").keep(request, answer)
+    old, new = (tmp_path / "c" / "making" / name for name in ("old", "new"))
+    old.touch()
+    new.touch()
+    os.utime(old, (time.time() - 7200,) * 2)
+    Store(tmp_path / "c")
+    assert not old.exists()
+    assert new.exists()
+    assert (tmp_path / "c" / ".gitignore").read_text().endswith("*\n")
+
+
+WRITER = """
+import json, sys
+from dataclasses import replace
+from pathlib import Path
+from dualarm_cli.evaluation.request import Request
+from dualarm_cli.evaluation.store import Store
+from dualarm_cli.model.evaluation import Evaluation
+request = Request.of_document(json.loads(sys.argv[1]))
+answer = Evaluation.of_document(json.loads(sys.argv[2]))
+store = Store(Path(sys.argv[3]))
+for round in range(50):
+    for seed in range(4):
+        one = replace(request, seed=seed)
+        store.keep(one, replace(answer, cycle_time=float(seed)))
+        found = Store(Path(sys.argv[3])).find(one)
+        assert found is not None and found.cycle_time == seed, (round, seed)
+assert not store.problem, store.problem
+"""
+
+
+def test_three_processes_on_one_store_never_see_half_an_entry(asked, tmp_path):
+    """All write and read the same entries again and again."""
+    request, answer = asked
+    words = [json.dumps(request.as_document()), json.dumps(answer.as_document())]
+    command = [sys.executable, "-c", WRITER, *words, str(tmp_path / "c")]
+    writers = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(3)]
+    for writer in writers:
+        _, err = writer.communicate(timeout=60)
+        assert writer.returncode == 0, err
+    assert not list((tmp_path / "c" / "making").iterdir())
+    assert len(list((tmp_path / "c" / "answers").rglob("*.json"))) == 4
