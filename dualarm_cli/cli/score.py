@@ -158,9 +158,9 @@ def _former(
     if update and not subset:
         return None
     other = ", ".join(
-        f"{name} {former.settings.get(name)} there, {value} here"
-        for name, value in settings.items()
-        if former.settings.get(name) != value
+        f"{name} {former.settings.get(name, 'not said')} there, {settings.get(name, 'not said')} here"
+        for name in dict.fromkeys([*settings, *former.settings])
+        if former.settings.get(name) != settings.get(name)
     )
     raise UsageError(
         f"--baseline {path}: was made by other settings ({other}); use the same, or --update-baseline"

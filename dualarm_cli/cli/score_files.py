@@ -30,6 +30,8 @@ def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> N
         return
     if path.is_dir():
         raise OutputError(f"{option} {path}: is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{option} {path}: is a device or a pipe; name a file")
     if not path.parent.is_dir():
         raise OutputError(f"{option} {path}: there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK | os.X_OK):

@@ -171,6 +171,11 @@ def test_nothing_that_is_missing_or_damaged_passes(cells, score, tmp_path):
     assert baseline.read_text() == whole
     code, _, err = score(ALL, "--baseline", baseline, "--seed", "1")
     assert (code, "seed 0 there, 1 here" in err) == (2, True)
+    document = json.loads(whole)
+    document["settings"]["weight"] = 3
+    baseline.write_text(json.dumps(document))
+    code, _, err = score(ALL, "--baseline", baseline)
+    assert (code, "(weight 3 there, not said here)" in err) == (2, True)
     code, _, err = score("cells/**/nothing.yaml", "--baseline", baseline)
     assert (code, "nothing to score" in err) == (2, True)
 
@@ -248,6 +253,16 @@ def test_options_that_do_not_go_together_are_refused(cells, arguments, words, ca
     captured = capsys.readouterr()
     assert words in captured.err
     assert captured.out == ""
+    assert not Path(".dualarm-cache").exists()
+
+
+def test_pipes_and_devices_are_no_reports(cells, score):
+    """They are refused before anything is planned: whoever opens a pipe waits for its other end."""
+    cells(1)
+    os.mkfifo("pipe")
+    for path in ("pipe", os.devnull):
+        code, _, err = score(ALL, "--junit", path, "--force")
+        assert (code, "is a device or a pipe" in err) == (2, True)
     assert not Path(".dualarm-cache").exists()
 
 
