@@ -8,16 +8,17 @@ have become is the bound.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from dualarm_cli.sequencing.stage_continuations import Continuations
 from dualarm_cli.sequencing.stage_graph import StageGraph
 from dualarm_cli.sequencing.stage_prices import ROUNDING, Paths, Prices
 from dualarm_cli.sequencing.stage_problem import IDLE
+from dualarm_cli.sequencing.stage_steps import StageSteps
 
 MOST_STOPS = 62
 """Stops made are bits of one integer."""
@@ -49,6 +50,8 @@ class _Labels:
     """Stops made, as bits, shape (n,)."""
     node: IntArray
     """The node of the last stage, shape (n,)."""
+    idle: IntArray
+    """The last stop of the arm that is idle in it, the number of stops for none yet; IDLE where none is, shape (n,)."""
     over: FloatArray
     """When that is over at the earliest [s], shape (n,)."""
 
@@ -57,7 +60,7 @@ class _Labels:
 
     def take(self, rows: IntArray | BoolArray) -> _Labels:
         """Returns some of them."""
-        return _Labels(self.made[rows], self.node[rows], self.over[rows])
+        return _Labels(self.made[rows], self.node[rows], self.idle[rows], self.over[rows])
 
 
 class LabelSearch:
@@ -90,6 +93,7 @@ class LabelSearch:
         stop_bits = np.append(np.int64(1) << np.arange(self._count, dtype=np.int64), 0)
         self._bits = stop_bits[graph.stops].sum(axis=1)
         self._needs = self._needed_before()
+        self._steps = StageSteps(graph)
         self._dropped = np.inf
         self._layers: list[_Labels] = [_none() for _ in range(self._count + 1)]
 
@@ -109,7 +113,7 @@ class LabelSearch:
             ]
             layers[k] = self._fewer(_joined(found), k)
         last = layers[self._count]
-        whole = last.over + self.graph.last[last.node]
+        whole = last.over + self._steps.way_back(last.node, last.idle)
         bound = min(self.upper, self._dropped, float(whole.min(initial=np.inf)))
         return Searched(tuple(self._orders(whole, count)), bound)
 
@@ -117,8 +121,9 @@ class LabelSearch:
         """Returns first stages of k stops."""
         graph = self.graph
         rows = np.flatnonzero((graph.weight == k) & np.isfinite(graph.first))
-        begun = _Labels(self._bits[rows], rows, graph.first[rows])
-        return self._on_time(begun)
+        start = np.full((len(rows), 2), self._count)
+        idle = self._steps.idle(start, rows)
+        return self._on_time(_Labels(self._bits[rows], rows, idle, graph.first[rows]))
 
     def _grown(self, labels: _Labels, k: int, weight: int) -> _Labels:
         """Returns labels with one more stage of so many stops that may still become a quicker order."""
@@ -143,10 +148,23 @@ class LabelSearch:
         fits = (labels.made[label] & self._bits[node]) == 0
         fits &= (self._needs[node] & ~labels.made[label]) == 0
         label, node, row = label[fits], node[fits], row[fits]
-        grown = _Labels(
-            labels.made[label] | self._bits[node], node, labels.over[label] + onto[row, node]
-        )
-        return self._on_time(grown)
+        return self._on_time(self._after(labels.take(label), node, onto[row, node]))
+
+    def _after(self, labels: _Labels, node: IntArray, ways: SingleArray) -> _Labels:
+        """Returns labels with one more stage each, before any wait for windows.
+
+        Args:
+            labels: n of them.
+            node: the stages, shape (n,).
+            ways: their lengths in the graph [s], shape (n,).
+        """
+        came, lengths = self._steps.came(labels.node, labels.idle), ways.astype(np.float64)
+        # What an arm did before it was idle the graph has forgotten.
+        rested = np.flatnonzero(labels.idle != IDLE)
+        angle = self.graph.angle[labels.node[rested]]
+        lengths[rested] = self._steps.lengths(came[rested], angle, node[rested])
+        made = labels.made | self._bits[node]
+        return _Labels(made, node, self._steps.idle(came, node), labels.over + lengths)
 
     def _fewer(self, labels: _Labels, k: int) -> _Labels:
         """Returns the best label of each node and stops made, and of these the most promising."""
@@ -163,8 +181,7 @@ class LabelSearch:
     def _bound(self, labels: _Labels, k: int) -> FloatArray:
         """Returns the least that labels of k stops may become [s], shape (n,)."""
         rest = self._rest[self._count - k, labels.node]
-        least = labels.over - self._paid_for(labels.made) + rest + self._whole
-        return np.asarray(least)
+        return np.asarray(labels.over - self._paid_for(labels.made) + rest + self._whole)
 
     def _paid_for(self, made: IntArray) -> FloatArray:
         """Returns the prices of all stops made [s], shape (n,)."""
@@ -176,7 +193,7 @@ class LabelSearch:
     def _on_time(self, labels: _Labels) -> _Labels:
         """Returns labels after their stops have waited for windows, without those that are late."""
         over = self._waited(labels)
-        return _Labels(labels.made, labels.node, over).take(np.isfinite(over))
+        return replace(labels, over=over).take(np.isfinite(over))
 
     def _waited(self, labels: _Labels) -> FloatArray:
         """Returns when labels are over after their stops have waited for windows [s], infinite where too late, (n,)."""
@@ -200,8 +217,7 @@ class LabelSearch:
         needs = np.zeros(problem.stops + 1, dtype=np.int64)
         for one, other in problem.before:
             needs[problem.tasks[other][0]] |= np.int64(1) << np.int64(problem.tasks[one][-1])
-        stops = self.graph.stops
-        return np.asarray(needs[stops[:, 0]] | needs[stops[:, 1]])
+        return np.asarray(needs[self.graph.stops[:, 0]] | needs[self.graph.stops[:, 1]])
 
     def _orders(self, whole: FloatArray, count: int) -> Iterator[IntArray]:
         """Yields the nodes of different orders, the quickest first: every way that leads to the last labels.
@@ -246,34 +262,39 @@ class LabelSearch:
         # Labels are sorted by the stops made.
         begin, end = np.searchsorted(others.made, [made, made + 1])
         came = others.take(np.arange(begin, end))
-        ways = self.graph.ways.one_by_one(came.node, np.full(len(came), node))
-        every = _Labels(came.made | self._bits[node], np.full(len(came), node), came.over + ways)
+        then = np.full(len(came), node)
+        every = self._after(came, then, self.graph.ways.one_by_one(came.node, then))
         later = self._waited(every) - labels.over[row]
+        later[every.idle != labels.idle[row]] = np.inf
         for number in np.flatnonzero(np.isfinite(later)).tolist():
             yield int(begin) + number, max(0.0, float(later[number]))
 
 
 def _none() -> _Labels:
-    return _Labels(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
+    none = np.zeros(0, dtype=np.int64)
+    return _Labels(none, none, none, np.zeros(0))
 
 
 def _joined(found: list[_Labels]) -> _Labels:
     return _Labels(
         np.concatenate([one.made for one in found]),
         np.concatenate([one.node for one in found]),
+        np.concatenate([one.idle for one in found]),
         np.concatenate([one.over for one in found]),
     )
 
 
 def _best_of_same(labels: _Labels) -> _Labels:
-    """Returns the one that is over soonest of those with the same stops made and the same node."""
+    """Returns the one that is over soonest of those with the same stops made, the same node and the same idle arm."""
     if not len(labels):
         return labels
-    key = labels.made.astype(np.uint64) * MIXED ^ labels.node.astype(np.uint64)
+    # Idle arms' last stops are 62 at most, IDLE is -1.
+    place = 64 * labels.node + labels.idle + 1
+    key = labels.made.astype(np.uint64) * MIXED ^ place.astype(np.uint64)
     order = np.argsort(key)
-    key, made, node = key[order], labels.made[order], labels.node[order]
+    key, made, place = key[order], labels.made[order], place[order]
     # Where two keys happen to be the same both labels stay.
-    new = (key[1:] != key[:-1]) | (made[1:] != made[:-1]) | (node[1:] != node[:-1])
+    new = (key[1:] != key[:-1]) | (made[1:] != made[:-1]) | (place[1:] != place[:-1])
     begin = np.flatnonzero(np.append(True, new))
     over = np.minimum.reduceat(labels.over[order], begin)
-    return _Labels(made[begin], node[begin], over)
+    return replace(labels.take(order[begin]), over=over)

@@ -10,8 +10,9 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.sequencing.stage_graph import ENDS, StageGraph
 from dualarm_cli.sequencing.stage_labels import LabelSearch
 from dualarm_cli.sequencing.stage_prices import Prices, needed
-from dualarm_cli.sequencing.stage_problem import StageOrder
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder
 from dualarm_cli.sequencing.stage_proof import keeps_rules
+from dualarm_cli.sequencing.stage_times import with_angles
 
 Look = Callable[[StageGraph, IntArray], FloatArray]
 """Returns how much longer moves between nodes take, looked at closely [s], shape (k,); arguments as of
@@ -52,15 +53,15 @@ def near_orders(
     for _ in range(rounds):
         own = needed(graph, prices, upper)
         looked = LabelSearch(graph.kept(own), prices, upper, labels, stop).run(count)
-        found = [own[nodes] for nodes in looked.orders]
+        some = [own[nodes] for nodes in looked.orders]
         if stop():
             break
-        if not found:
+        if not some:
             # All that was nearly as good takes longer.
             upper *= 1.0 + NEAR
             continue
-        seen |= {nodes.tobytes(): nodes for nodes in found}
-        moves = np.unique(np.concatenate([_moves(nodes) for nodes in found]), axis=0)
+        seen |= {nodes.tobytes(): nodes for nodes in some}
+        moves = np.unique(np.concatenate([_moves(nodes) for nodes in some]), axis=0)
         # ENDS is -1.
         key = (moves[:, 0] + 1) * (graph.nodes + 1) + moves[:, 1] + 1
         new = ~np.isin(key, known)
@@ -68,14 +69,20 @@ def near_orders(
             break
         known = np.append(known, key[new])
         graph = graph.longer(moves[new], look(graph, moves[new]))
-    rated = sorted(seen.values(), key=graph.length)
+    found = []
+    for nodes in seen.values():
+        slots, total = graph.stops[nodes], plain.length(nodes)
+        if not keeps_rules(graph.problem, slots):
+            continue
+        one = StageOrder(slots, graph.angle[nodes], total)
+        if (slots == IDLE).any():
+            # What an idle arm did before it is forgotten in paths.
+            one = with_angles(graph.problem, slots)
+        found.append((one.total + graph.length(nodes) - total, one))
     answers: dict[bytes, StageOrder] = {}
-    for nodes in rated:
-        slots = graph.stops[nodes]
-        if keeps_rules(graph.problem, slots) and len(answers) < count:
-            one = StageOrder(slots, graph.angle[nodes], plain.length(nodes))
-            answers.setdefault(slots.tobytes(), one)
-    return list(answers.values())
+    for _, one in sorted(found, key=lambda rated: rated[0]):
+        answers.setdefault(one.slots.tobytes(), one)
+    return list(answers.values())[:count]
 
 
 def _moves(nodes: IntArray) -> IntArray:

@@ -152,6 +152,10 @@ def test_no_order_takes_less_than_any_bound_and_the_best_known_is_never_lost(
         assert proof.order.total <= start.total
         if np.isfinite(least):
             assert proof.order.total >= least - CLOSE
+            if effort is THOROUGH:
+                # Idle arms, windows and rules among it.
+                assert proof.order.total == pytest.approx(least, abs=CLOSE)
+                assert proof.bound == pytest.approx(least, abs=2 * CLOSE)
         assert proof.order.total == pytest.approx(totals(problem, proof.order.slots[None])[0])
         assert keeps_rules(problem, proof.order.slots)
 
