@@ -13,6 +13,7 @@ from dualarm_cli.sequencing.stage_exact import side_by_side
 from dualarm_cli.sequencing.stage_insertion import Insertions, meeting_places
 from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, is_few, never_touching
 from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
+from dualarm_cli.sequencing.stage_proof import ProofEffort, prove_order
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals
 from dualarm_cli.sequencing.stage_units import stage_units
@@ -121,6 +122,10 @@ def test_nothing_is_better_than_what_is_found():
         assert found.total >= least - 1e-9
         assert found.total <= 1.06 * least
         exact += found.total <= least + 1e-9
+        proof = prove_order(problem, found, ProofEffort(40, 100_000))
+        assert faults(problem, proof.order.slots) == []
+        assert proof.order.total == pytest.approx(least, abs=2e-4)
+        assert proof.bound == pytest.approx(least, abs=4e-4)
     assert exact >= 3
 
 
