@@ -11,7 +11,7 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.order_trials import most_promising
+from dualarm_cli.planning.order_trials import TRIALS, most_promising
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
@@ -153,7 +153,8 @@ def _promising(
     if settings.platform in WHOLE_SEQUENCES and not windows:
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
-    return [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
+    promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
+    return promising[: TRIALS[settings.effort].planned]
 
 
 def _expected(order: DecidedOrder) -> float:

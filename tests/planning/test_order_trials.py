@@ -109,3 +109,17 @@ def test_the_order_of_a_job_is_proven_nearly_best_and_its_plan_passes_every_chec
     assert not verify(schedule, job, clearance=True).failures
     assert schedule.order_gap is not None
     assert 0.0 <= schedule.order_gap < 0.1
+
+
+@pytest.mark.parametrize("not_after", [np.inf, 60.0])
+def test_few_orders_are_planned_also_where_none_is_tried_before(search, not_after):
+    """With windows orders are not tried off the grid: many are nearly as good, and only the best ones are planned."""
+    job = search.order.job
+    some = [dataclasses.replace(task, not_after=not_after) for task in job.tasks[:4]]
+    told = []
+    watch = Watch(tell=told.append)
+    plan_without_bound(
+        dataclasses.replace(job, tasks=tuple(some)), PlanSettings(effort="quick"), watch
+    )
+    planned = [text for text in told if text.startswith("planning order")]
+    assert 1 <= len(planned) <= TRIALS["quick"].planned
