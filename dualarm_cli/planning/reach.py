@@ -100,9 +100,10 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         if not model.platform.is_turntable:
             where = "with the platform where it is" if model.platform.joints else "from its base"
         if isinstance(stop.arm, GeneralArm):
+            advice = "move the target" + ("" if stop.free_yaw else " or free its yaw")
             return (
                 f"no posture within limits brings the flange nearer to {point.name} than "
-                f"{miss * 1000:.1f} mm, turned as asked ({where}); move the target or free its yaw"
+                f"{miss * 1000:.1f} mm, turned as asked ({where}); {advice}"
             )
         if miss > 0:
             return f"{point.name} is {miss * 1000:.1f} mm beyond the arm's reach ({where})"

@@ -159,6 +159,13 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     error = capsys.readouterr().err.replace("\n", " ")
     assert "task 'left 0': left arm cannot pick" in error
     assert "mm, turned as asked" in error
+    assert "; move the target or free its yaw" in error
+    file.write_text(file.read_text().replace("deg, 0, 0]}", "deg, 0, 0], free: yaw}"))
+    assert run(["plan", str(file), *out]) == 3
+    # Nobody is told to free what is free already.
+    error = capsys.readouterr().err.replace("\n", " ")
+    assert "; move the target" in error
+    assert "free its yaw" not in error
 
 
 def test_an_arm_of_five_axes_is_described_and_refused(general_robots, tmp_path, capsys):
