@@ -16,6 +16,12 @@ from dualarm_cli.planning.orders import DecidedOrder, PairedSearch
 from dualarm_cli.planning.sequence_problem import sequence_problem
 from dualarm_cli.planning.watch import Watch
 
+FULL = 40
+"""Up to so many stages as many orders are polished as an effort says."""
+MOST_TRIED = 120
+"""No orders of more stages are tried."""
+RANDOM_STEPS = 4
+"""Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
 UNLIKELY = 10.0
 """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
 
@@ -30,6 +36,11 @@ class TrialEffort:
     """Rounds of polishing."""
     planned: int
     """So many of these are planned."""
+
+    def of_stages(self, stages: int) -> TrialEffort:
+        """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
+        polished = round(self.polished * min(1.0, FULL / max(1, stages)) ** 2)
+        return replace(self, polished=max(self.planned, polished))
 
 
 TRIALS = {
@@ -57,7 +68,7 @@ class _Trial:
     def polished(self, rounds: int) -> _Trial:
         """Returns the same with a better plan."""
         tables = tuple(StopTable.of(work) for work in self.problem.arms)
-        return replace(self, plan=polish(self.problem, tables, self.plan, rounds, 0, 0))
+        return replace(self, plan=polish(self.problem, tables, self.plan, rounds, RANDOM_STEPS, 0))
 
 
 def most_promising(
@@ -75,7 +86,7 @@ def most_promising(
         effort: one of TRIALS.
         watch: may end it.
     """
-    how = TRIALS[effort]
+    how = TRIALS[effort].of_stages(max(len(one.job.stages()) for one in found))
     trials = [_begun(search, one) for one in found if one.plan is not None]
     others = [one for one in found if one.plan is None]
     if len(trials) < 2:

@@ -11,7 +11,7 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.order_trials import TRIALS, most_promising
+from dualarm_cli.planning.order_trials import MOST_TRIED, TRIALS, most_promising
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
@@ -23,7 +23,7 @@ SEARCHES, SEARCHES_OF_LONG = 2, 1
 TAKEN_APART = 3
 """So often after that only what touches is taken apart."""
 LONG = 40
-"""Of orders with more stages only the best one is planned."""
+"""Of orders with more stages only the most promising one is planned."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 PROMISING = 0.04
@@ -147,14 +147,15 @@ def _promising(
     search: PairedSearch, found: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
 ) -> list[DecidedOrder]:
     """Returns the orders that are worth planning, the most promising one first."""
-    if len(found[0].job.stages()) > LONG:
+    stages = len(found[0].job.stages())
+    if stages > MOST_TRIED:
         return [found[0]]
     windows = search.problem.not_before is not None or search.problem.not_after is not None
     if settings.platform in WHOLE_SEQUENCES and not windows:
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
     promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
-    return promising[: TRIALS[settings.effort].planned]
+    return promising[: 1 if stages > LONG else TRIALS[settings.effort].planned]
 
 
 def _expected(order: DecidedOrder) -> float:

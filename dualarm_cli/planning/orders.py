@@ -42,9 +42,9 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 
 
 EFFORTS = {
-    "quick": StageEffort(1, 3_000, 0.6, 4_000),
-    "normal": StageEffort(4, 9_000, 1.5, 8_000),
-    "thorough": StageEffort(8, 60_000, 8.0, 50_000),
+    "quick": StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
+    "normal": StageEffort(4, 9_000, 1.5, 8_000, 2, 20),
+    "thorough": StageEffort(8, 60_000, 8.0, 50_000, 4, 40),
 }
 """How hard orders are searched for."""
 SHORTER = 4

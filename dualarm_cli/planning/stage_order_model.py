@@ -18,9 +18,9 @@ from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.tool_stands import NO_TOOL
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
-MOST_NUMBERS = 24_000_000
+MOST_NUMBERS = 37_000_000
 """Most numbers of one arm's table of stage lengths."""
-FEW_STOPS = 60
+FEW_STOPS = 200
 """Up to so many stops are looked at from twice as many platform angles: better orders are found."""
 MOST_ANGLES = 12
 """Most platform angles of more stops."""

@@ -70,6 +70,7 @@ class StageAnnealing:
         better: Callable[[StageOrder], None] = lambda _: None,
         stop: Callable[[], bool] = lambda: False,
         heat: float = HOT,
+        met: Callable[[StageOrder], None] = lambda _: None,
     ) -> StageOrder:
         """Returns the best order found from one to begin with, never a worse one.
 
@@ -79,6 +80,7 @@ class StageAnnealing:
             better: is told every new best one; its angles are left out.
             stop: whether to stop early.
             heat: first temperature, in shares of a stage's mean length.
+            met: is told, once in a while, what order the annealing is at, with the best angles for it.
         """
         line = StageLine(self._problem, start.slots)
         best, total = line.slots, line.total
@@ -92,6 +94,7 @@ class StageAnnealing:
             self._round(line, k, warm)
             if k % REFRESHED == REFRESHED - 1:
                 line.choose_angles()
+                met(StageOrder(line.slots, np.array(line.angles[1:-1]), line.total))
             if line.total < total - 1e-9:
                 best, total = line.slots, line.total
                 better(StageOrder(best, np.zeros(0, dtype=np.int64), total))

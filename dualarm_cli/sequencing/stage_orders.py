@@ -24,12 +24,37 @@ FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.2
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 SOONER, SHORTEST = 8, 100
 """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
+AGAIN_HOT = 60
+"""Orders of up to so many stages are annealed more than once, where an effort says so."""
+NEAR = 0.02
+"""By less than this share an order is longer than another one that is nearly as good."""
 WARM, AGAIN = 0.02, 0.4
 """First temperature and share of the rounds from an order that is known to be good."""
 MANY = 100
 """Of more tasks no first order is made by insertion where a simpler one is possible."""
 FIRST_TRIES = 6
 """So many orders in which tasks are put in are tried until one serves."""
+
+
+class NearOrders:
+    """Collects different orders that are nearly as good as the best one."""
+
+    def __init__(self, most: int) -> None:
+        """Keeps so many at most."""
+        self._most = most
+        self._kept: dict[bytes, StageOrder] = {}
+
+    def add(self, one: StageOrder) -> None:
+        """Keeps an order if there is room for it, or a worse one to leave."""
+        if not self._most:
+            return
+        self._kept.setdefault(one.slots.tobytes(), one)
+        if len(self._kept) > self._most:
+            del self._kept[max(self._kept, key=lambda key: self._kept[key].total)]
+
+    def of(self, best: float) -> list[StageOrder]:
+        """Returns those that are longer than the best one by less than NEAR."""
+        return [one for one in self._kept.values() if one.total < (1.0 + NEAR) * best]
 
 
 @dataclass(frozen=True)
@@ -44,10 +69,15 @@ class StageEffort:
     """Stretches that are improved, by stage of a long order."""
     rounds: int = 0
     """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
+    coolings: int = 1
+    """So often it begins anew."""
+    near: int = 0
+    """So many orders that are nearly as good as its best one are kept each time."""
 
     def shorter(self, times: int) -> StageEffort:
         """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
-        return replace(self, starts=1, steps=self.steps // times, rounds=self.rounds // times)
+        rounds = self.rounds // times
+        return replace(self, starts=1, steps=self.steps // times, rounds=rounds, coolings=1, near=0)
 
 
 def is_few(problem: StageProblem) -> bool:
@@ -94,11 +124,8 @@ def good_orders(
             continue
         told(first)
         if effort.rounds and is_served(problem) and np.isfinite(first.total):
-            one = _annealed(search, first, effort, told, stop, known=start is not None)
-            found.append(one)
-            if len(one.slots) > WHOLE:
-                break
-            continue
+            found += _annealed(search, first, effort, told, stop, known=start is not None)
+            break
         steps = max(LEAST, effort.steps // len(first.slots))
         one = search.improve(first, steps, told, stop)
         if len(one.slots) > WHOLE:
@@ -131,8 +158,8 @@ def _annealed(
     stop: Callable[[], bool],
     *,
     known: bool,
-) -> StageOrder:
-    """Returns the best order found by annealing; `known` is whether the first one is a good one already."""
+) -> list[StageOrder]:
+    """Returns the best orders found by annealing; `known` is whether the first one is a good one already."""
     problem, one = search.problem, first
     if len(first.slots) <= WHOLE:
         # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
@@ -141,16 +168,24 @@ def _annealed(
     rounds = round(effort.rounds * share)
     annealing = StageAnnealing(problem, search.seed)
     if known:
-        return annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)
+        return [annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)]
     # While it is hot nothing is found: whoever ends it early then has what came of quicker coolings.
     coolings = [rounds]
     while coolings[0] >= SOONER * SHORTEST:
         coolings.insert(0, coolings[0] // SOONER)
-    for count in coolings:
+    for count in coolings[:-1]:
+        if stop():
+            return [one]
+        one = annealing.improve(one, count, told, stop)
+    found = [one]
+    for k in range(effort.coolings if len(one.slots) <= AGAIN_HOT else 1):
         if stop():
             break
-        one = annealing.improve(one, count, told, stop)
-    return one
+        near = NearOrders(effort.near)
+        annealing = annealing if k == 0 else StageAnnealing(problem, search.seed + k)
+        best = annealing.improve(one, rounds, told, stop, met=near.add)
+        found += [best, *near.of(best.total)]
+    return found
 
 
 def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:

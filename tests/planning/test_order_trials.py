@@ -16,7 +16,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.order_moves import OrderMoves
-from dualarm_cli.planning.order_trials import TRIALS, most_promising
+from dualarm_cli.planning.order_trials import TRIALS, TrialEffort, most_promising
 from dualarm_cli.planning.orders import PairedSearch
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.sequence_problem import sequence_problem
@@ -101,6 +101,13 @@ def test_plans_that_are_tried_are_better_and_the_best_come_first(search):
         # What is off the grid and costs nothing for clearance is quicker than what is on it.
         assert again.total <= one.expected + 1e-9
         assert again.total < one.total
+
+
+@pytest.mark.parametrize(("stages", "polished"), [(4, 40), (40, 40), (80, 10), (1000, 3)])
+def test_of_long_orders_fewer_are_polished_but_as_many_as_are_planned(stages, polished):
+    """Twice as long: each takes about twice as long, of half as many."""
+    effort = TrialEffort(40, 2, 3)
+    assert effort.of_stages(stages) == TrialEffort(polished, 2, 3)
 
 
 def test_the_order_of_a_job_is_proven_nearly_best_and_its_plan_passes_every_check(search):

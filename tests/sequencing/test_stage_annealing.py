@@ -13,8 +13,13 @@ from hypothesis import strategies as st
 from dualarm_cli.sequencing import stage_orders
 from dualarm_cli.sequencing.stage_annealing import StageAnnealing, is_served
 from dualarm_cli.sequencing.stage_line import StageLine, Window
-from dualarm_cli.sequencing.stage_orders import StageEffort, good_orders, in_file_order
-from dualarm_cli.sequencing.stage_problem import IDLE
+from dualarm_cli.sequencing.stage_orders import (
+    NearOrders,
+    StageEffort,
+    good_orders,
+    in_file_order,
+)
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals, with_angles
 
@@ -282,7 +287,7 @@ def test_quicker_coolings_come_first_so_that_ending_early_leaves_a_good_order(
     first = StageSearch(problem, 0).first()
     seen = []
 
-    def improve(_annealing, start, rounds, *_):
+    def improve(_annealing, start, rounds, *_, met=None):
         seen.append((start, rounds))
         return replace(start, total=start.total - 1.0)
 
@@ -301,3 +306,33 @@ def test_quicker_coolings_come_first_so_that_ending_early_leaves_a_good_order(
     seen.clear()
     good_orders(problem, StageEffort(1, 1, 0.0, 25_600), 0, first.slots[:15])
     assert [rounds for _, rounds in seen] == [2560]
+
+
+def test_orders_that_are_nearly_as_good_are_kept_with_every_cooling(in_stages):
+    """Different ones, each as long as it is said to be, none longer than the best of its cooling by 2 %; best first."""
+    problem = replace(in_stages(6, "", 30, one_stop=True), free_start=False)
+    assert is_served(problem)
+    few = good_orders(problem, StageEffort(1, 100, 0.5, 800), 0)
+    many = good_orders(problem, StageEffort(1, 100, 0.5, 800, coolings=3, near=8), 0)
+    # What was found at first is still there, and no cooling gives more than its own and eight others.
+    assert many[0].total <= few[0].total
+    assert len(few) + 2 < len(many) <= len(few) + 2 + 3 * 8
+    assert len({one.slots.tobytes() for one in many}) == len(many)
+    assert [one.total for one in many] == sorted(one.total for one in many)
+    for one in many:
+        assert length_of(problem, one.slots, one.angles, 0) == pytest.approx(one.total, rel=1e-6)
+    assert sum(one.total < 1.05 * many[0].total for one in many) >= len(many) - 2
+
+
+def test_of_more_orders_than_there_is_room_for_the_shortest_stay():
+    """An order that comes again takes no room."""
+    angles = np.zeros(1, dtype=np.int64)
+    orders = [StageOrder(np.array([[k, IDLE]]), angles, 10.0 + 0.1 * k) for k in range(6)]
+    near = NearOrders(3)
+    for k in (5, 2, 4, 2, 0, 3, 0):
+        near.add(orders[k])
+    assert sorted(one.total for one in near.of(10.0)) == [10.0]
+    assert sorted(one.total for one in near.of(10.15)) == pytest.approx([10.0, 10.2, 10.3])
+    nothing = NearOrders(0)
+    nothing.add(orders[0])
+    assert nothing.of(10.0) == []
