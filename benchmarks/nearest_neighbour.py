@@ -1,4 +1,4 @@
-"""The nearest neighbour: what is done soonest comes next. A baseline for the search, with the search's own numbers."""
+"""The nearest neighbour: what is done soonest comes next. Baselines for the search, with the search's own numbers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.decided_jobs import decided
@@ -13,10 +14,48 @@ from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.stage_order_model import stage_problem
 from dualarm_cli.sequencing.nearest import nearest_stages
 from dualarm_cli.sequencing.problem import SequencingProblem
+from dualarm_cli.sequencing.stage_orders import never_touching
+from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
+
+
+def each_arms_nearest(job: Job) -> Job:
+    """Returns a job of paired arms without rules of order, with arms and order decided by each arm's nearest neighbour.
+
+    The arms choose in turn, each the stop that it alone is done with soonest after its last one, whatever the platform
+    and the other arm do; where no platform angle serves both, their stops are made one after the other.
+    """
+    model = CellModel.from_cell(job.cell)
+    problem = stage_problem(OrderModel.of(model, job))
+    return decided(job, model, never_touching(problem, _in_turn(problem)))
+
+
+def _in_turn(problem: StageProblem) -> IntArray:
+    """Returns each arm's nearest neighbours as stages, shape (n, 2)."""
+    stops = problem.stops
+    soonest = [length[:, :stops].min(axis=(2, 3)) for length in problem.length]
+    came, left = [stops, stops], dict(enumerate(problem.tasks))
+    due: list[tuple[int, ...]] = [(), ()]
+    rows = []
+    while left or any(due):
+        row = [IDLE, IDLE]
+        for a in range(2):
+            tasks = [t for t, own in left.items() if np.isfinite(soonest[a][came[a], own[0]])]
+            if not due[a] and tasks:
+                nearest = min(tasks, key=lambda t, a=a: soonest[a][came[a], left[t][0]])
+                due[a] = left.pop(nearest)
+            if due[a]:
+                row[a], due[a] = due[a][0], due[a][1:]
+                came[a] = row[a]
+        assert row != [IDLE, IDLE]  # instances are drawn so that every task is reached
+        rows.append(row)
+    return np.array(rows, dtype=np.int64)
 
 
 def nearest_neighbour(job: Job) -> Job:
-    """Returns a job without rules of order with arms and order decided by the nearest neighbour."""
+    """Returns a job without rules of order with arms and order decided by the nearest neighbour.
+
+    Of paired arms by the nearest stage: whichever stops and platform angle are over first, looked at together.
+    """
     model = CellModel.from_cell(job.cell)
     order = OrderModel.of(model, job)
     if job.mode == "paired":

@@ -1,4 +1,4 @@
-"""Open orders: the plan of the search against the file's order and the nearest neighbour, gaps, and planning time.
+"""Open orders: the plan of the search against the file's order and nearest neighbours, gaps, and planning time.
 
 python benchmarks/orders.py [--tasks 20 50 100 500] [--seeds 10] [--first 0] [--effort normal] [--mode paired|free]
     [--family spots parts]
@@ -10,13 +10,14 @@ stage of a baseline's order, so that it has no plan, the stops of that stage are
 from __future__ import annotations
 
 import argparse
+import re
 import statistics
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from nearest_neighbour import nearest_neighbour
-from random_orders import FAMILIES, random_instance
+from nearest_neighbour import each_arms_nearest, nearest_neighbour
+from random_orders import FAMILIES, Instance, random_instance
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, StopKey
@@ -28,7 +29,15 @@ from dualarm_cli.verification import verify
 
 MENDED = 12
 """So often the stages of a baseline that do not keep clear are taken apart."""
-WHAT = ("file", "nearest", "search")
+BASELINES = ("file", "own", "nearest")
+"""The file's order, each arm's own nearest neighbours, and the nearest stages, which both arms choose together."""
+
+
+def baseline(instance: Instance, what: str) -> Job:
+    """Returns a job in the order of a baseline."""
+    if what == "file":
+        return instance.given
+    return (each_arms_nearest if what == "own" else nearest_neighbour)(instance.job)
 
 
 def mended_plan(job: Job, settings: PlanSettings) -> tuple[Schedule, int]:
@@ -37,15 +46,26 @@ def mended_plan(job: Job, settings: PlanSettings) -> tuple[Schedule, int]:
     for _ in range(MENDED):
         try:
             return plan_without_bound(job, settings), count
-        except BlockedError as error:
-            if job.mode == "free" or not error.stages:
+        except InfeasibleError as error:
+            stages = error.stages if isinstance(error, BlockedError) else named_stages(job, error)
+            if job.mode == "free" or not stages:
                 raise
-            pairing = taken_apart(job, error.stages)
+            pairing = taken_apart(job, stages)
             if len(pairing) == len(job.stages()):
                 raise
             count += len(pairing) - len(job.stages())
             job = replace(job, pairing=pairing)
     return plan_without_bound(job, settings), count
+
+
+def named_stages(job: Job, error: InfeasibleError) -> tuple[int, ...]:
+    """Returns the stages of the tasks that an error names."""
+    names = set(re.findall(r"task '([^']+)'", str(error)))
+    return tuple(
+        k
+        for k, work in enumerate(job.stages())
+        if any(task.id in names for task, _ in work.values())
+    )
 
 
 def taken_apart(job: Job, stages: Sequence[int]) -> tuple[tuple[StopKey, ...], ...]:
@@ -62,15 +82,14 @@ def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[s
     instance = random_instance(seed, tasks, family, mode)  # type: ignore[arg-type]
     settings = PlanSettings(effort=effort)
     row: dict[str, float] = {}
-    for what in WHAT:
+    # Arms with clocks of their own have no stages to choose together.
+    for what in [*(one for one in BASELINES if mode == "paired" or one != "own"), "search"]:
         begin = time.perf_counter()
         try:
             if what == "search":
-                job, apart = instance.job, 0
-                schedule = plan_without_bound(job, settings)
+                schedule, apart = plan_without_bound(instance.job, settings), 0
             else:
-                job = instance.given if what == "file" else nearest_neighbour(instance.job)
-                schedule, apart = mended_plan(job, settings)
+                schedule, apart = mended_plan(baseline(instance, what), settings)
         except InfeasibleError as error:
             print(f"  {tasks} {family} seed {seed}: {what} has no plan: {str(error)[:150]}")
             row[what] = float("inf")
@@ -94,13 +113,15 @@ def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[s
 def print_row(seed: int, row: dict[str, float]) -> None:
     """One instance."""
     none = float("nan")
-    planned = " ".join(f"{row.get(f'{what} planning', none):.1f}" for what in WHAT)
-    apart = " ".join(f"{row.get(f'{what} apart', none):.0f}" for what in WHAT[:2])
+    known = [one for one in BASELINES if one in row]
+    planned = " ".join(f"{row.get(f'{what} planning', none):.1f}" for what in (*known, "search"))
+    others = ", ".join(
+        f"{what} {row[what]:.3f} s ({row['search'] / row[what]:.3f}, {row.get(f'{what} apart', none):.0f} apart)"
+        for what in known
+    )
     print(
-        f"  seed {seed}: file {row['file']:8.3f} s, nearest {row['nearest']:8.3f} s, search {row['search']:8.3f} s"
-        f" ({row['search'] / row['file']:.3f}, {row['search'] / row['nearest']:.3f}), gap {row.get('gap', none):.1%},"
-        f" apart {apart}; planning {planned} + bound {row['bounding']:.1f}"
-        f" + verification {row.get('search verifying', none):.1f} s",
+        f"  seed {seed}: search {row['search']:.3f} s, gap {row.get('gap', none):.1%}; {others};"
+        f" planning {planned} + bound {row['bounding']:.1f} + verification {row.get('search verifying', none):.1f} s",
         flush=True,
     )
 
@@ -112,8 +133,10 @@ def print_medians(name: str, rows: list[dict[str, float]]) -> None:
         return statistics.median(values) if values else float("nan")
 
     print(f"{name}: {len(rows)} seeds")
-    for what in ("file", "nearest"):
-        ratios = [row["search"] / row[what] for row in rows]
+    for what in BASELINES:
+        ratios = [row["search"] / row[what] for row in rows if what in row]
+        if not ratios:
+            continue
         print(
             f"  search / {what:8s} median {median(ratios):.3f}   worst {max(ratios):.3f}   best {min(ratios):.3f}"
         )

@@ -11,6 +11,7 @@ from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.model.job import StopKey
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.orders import DecidedOrder, PairedSearch
 from dualarm_cli.planning.sequence_problem import sequence_problem
@@ -22,6 +23,8 @@ MOST_TRIED = 120
 """No orders of more stages are tried."""
 RANDOM_STEPS = 4
 """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
+ALIKE = 0.7
+"""Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
 UNLIKELY = 10.0
 """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
 
@@ -74,7 +77,7 @@ class _Trial:
 def most_promising(
     search: PairedSearch, found: tuple[DecidedOrder, ...], effort: str, watch: Watch
 ) -> tuple[DecidedOrder, ...]:
-    """Returns orders sorted by about how long their plans will take, the best one first, with better plans.
+    """Returns the orders to plan, with better plans: by about how long these take, those much like another one last.
 
     The search for orders knows one posture for each stop and platform angle, and nothing of the moves between. Here
     orders are looked at with what a plan over the whole sequence will make of them: angles and postures off the grid,
@@ -102,9 +105,22 @@ def most_promising(
     better.sort(key=lambda one: one.worth)
     answers = [
         replace(one.order, plan=one.plan.decisions, expected=one.worth)
-        for one in better[: how.planned]
+        for one in _different(better)[: how.planned]
     ]
     return (*answers, *others)
+
+
+def _different(trials: list[_Trial]) -> list[_Trial]:
+    """Returns trials with those first that are not much like a better one, else in their order."""
+    news: list[_Trial] = []
+    alike: list[_Trial] = []
+    seen: list[set[frozenset[StopKey]]] = []
+    for one in trials:
+        stages = {frozenset(stage) for stage in one.order.job.pairing or ()}
+        like = any(len(stages & other) > ALIKE * len(stages) for other in seen)
+        (alike if like else news).append(one)
+        seen += [] if like else [stages]
+    return [*news, *alike]
 
 
 def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial:

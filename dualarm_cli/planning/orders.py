@@ -43,8 +43,8 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 
 EFFORTS = {
     "quick": StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
-    "normal": StageEffort(4, 9_000, 1.5, 8_000, 2, 20),
-    "thorough": StageEffort(8, 60_000, 8.0, 50_000, 4, 40),
+    "normal": StageEffort(4, 9_000, 1.5, 7_000, 4, 12),
+    "thorough": StageEffort(8, 60_000, 8.0, 50_000, 8, 20),
 }
 """How hard orders are searched for."""
 SHORTER = 4

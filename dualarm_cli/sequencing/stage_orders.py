@@ -24,8 +24,6 @@ FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.2
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 SOONER, SHORTEST = 8, 100
 """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
-AGAIN_HOT = 60
-"""Orders of up to so many stages are annealed more than once, where an effort says so."""
 NEAR = 0.02
 """By less than this share an order is longer than another one that is nearly as good."""
 WARM, AGAIN = 0.02, 0.4
@@ -70,7 +68,7 @@ class StageEffort:
     rounds: int = 0
     """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
     coolings: int = 1
-    """So often it begins anew."""
+    """So often it begins anew where orders have WHOLE stages or fewer; less often with more of them."""
     near: int = 0
     """So many orders that are nearly as good as its best one are kept each time."""
 
@@ -178,7 +176,8 @@ def _annealed(
             return [one]
         one = annealing.improve(one, count, told, stop)
     found = [one]
-    for k in range(effort.coolings if len(one.slots) <= AGAIN_HOT else 1):
+    times = effort.coolings * min(1.0, WHOLE / len(one.slots))
+    for k in range(max(1, round(times))):
         if stop():
             break
         near = NearOrders(effort.near)
