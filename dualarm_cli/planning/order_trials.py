@@ -23,7 +23,7 @@ MOST_TRIED = 120
 """No orders of more stages are tried."""
 RANDOM_STEPS = 4
 """Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
-ALIKE = 0.7
+ALIKE = 0.9
 """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
 UNLIKELY = 10.0
 """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
