@@ -13,6 +13,7 @@ from dualarm_cli.minimum_time.plan_clearance import TURNS, plan_clearance
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.minimum_time.times import evaluate
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning import order_trials
 from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.order_moves import OrderMoves
@@ -108,6 +109,27 @@ def test_of_long_orders_fewer_are_polished_but_as_many_as_are_planned(stages, po
     """Twice as long: each takes about twice as long, of half as many."""
     effort = TrialEffort(40, 2, 3)
     assert effort.of_stages(stages) == TrialEffort(polished, 2, 3)
+
+
+def test_orders_that_are_all_but_the_same_are_planned_last(search, monkeypatch):
+    """The best one, then those that share nine of ten stages or fewer with it and each other, then the rest."""
+    watch = Watch()
+    watch.begin()
+    monkeypatch.setattr(order_trials, "TRIALS", {"quick": TrialEffort(40, 1, 40)})
+    orders = search.orders(watch).found
+    some = [one for one in orders if one.plan is not None][:6]
+    kept = most_promising(search, tuple(some), "quick", watch)
+    assert {one.job.pairing for one in kept} == {one.job.pairing for one in some}
+    stages = [{frozenset(stage) for stage in one.job.pairing} for one in kept]
+
+    def is_like(k, others):
+        return any(len(stages[k] & stages[m]) > 0.9 * len(stages[k]) for m in others)
+
+    news = next((k for k in range(len(kept)) if is_like(k, range(k))), len(kept))
+    assert 1 <= news < len(kept)
+    assert all(is_like(k, range(news)) for k in range(news, len(kept)))
+    for part in (kept[:news], kept[news:]):
+        assert [one.expected for one in part] == sorted(one.expected for one in part)
 
 
 def test_the_order_of_a_job_is_proven_nearly_best_and_its_plan_passes_every_check(search):
