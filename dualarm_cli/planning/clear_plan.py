@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dualarm_cli.errors import BlockedError, InfeasibleError
-from dualarm_cli.minimum_time.clearance import Barred
+from dualarm_cli.planning.clear_bars import bars_of
 from dualarm_cli.planning.clear_checks import check_grips, check_parts, check_start
 from dualarm_cli.planning.clear_words import refuse_touching_lines, why_blocked
 from dualarm_cli.planning.clearing import Cleared, Clearing
@@ -16,9 +14,7 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_plan import StagePlan, same_postures
-from dualarm_cli.planning.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.planning.stop_motion import Known
-from dualarm_cli.planning.waiting import transfer_ends
 from dualarm_cli.timing import TimingSolver
 
 NEGLIGIBLE = 0.005
@@ -31,8 +27,6 @@ SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
 RIVALS = 0.08
 """Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
-COSTLY = 1.5
-"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
@@ -140,7 +134,7 @@ def quickest_clear(
         tried = _cleared(clearing, timed)
         if found is None or _badness(tried) < _badness(found.cleared):
             found = Found(decided, tried, reference, replanned=True)
-        bars = _bars(clearing, tried)
+        bars = bars_of(clearing, tried)
         # Only a method over the whole sequence does something else with what is known now.
         if decided.hopeless or not bars or (tried.blocked and not problem.patient):
             break
@@ -220,44 +214,6 @@ def _better(one: Cleared | None, other: Cleared) -> Cleared:
 
 def _badness(found: Cleared) -> tuple[int, float]:
     return len(found.blocked), found.motion.trajectory.duration
-
-
-def _bars(clearing: Clearing, tried: Cleared) -> list[Barred]:
-    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
-    found = []
-    everything = tuple(range(len(clearing.job.cell.robot.joints)))
-    # With a cap on the tools' speed all takes longer than the search thinks.
-    thought = sum(plan.duration for plan in tried.plans) / clearing.holding.pace
-    slow = clearing.holding.pace
-    if thought > 0.0:
-        slow = max(slow, tried.motion.trajectory.duration / thought)
-    for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
-        if not plan.detours and not plan.waits and plan.path is None:
-            continue
-        straight = clearing.alone(replace(plan, detours={}, waits={}, path=None))
-        cost = stage.end - stage.start - straight.trajectory.duration
-        if cost > COSTLY * slow:
-            found.append(Barred(k, everything, plan.start, plan.arrival, cost))
-    for k in tried.blocked:
-        plan, stage = tried.plans[k], tried.motion.stages[k]
-        samples = stage_samples(tried.motion, k, k, clearing.holding)
-        margins = clearing.holding.cell.margins(samples.position, samples.held)
-        ends = transfer_ends(tried.motion.segments, stage.start, stage.end)
-        length = stage.end - stage.start
-        arrived = (min(ends, default=stage.end) - stage.start) / length if length > 0 else 0.0
-        worst = int(np.argmin(margins)) / (len(margins) - 1)
-        start = None if plan.stops and worst >= arrived else plan.start
-        found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))
-    return found
-
-
-def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ...]:
-    """Returns the columns of the arm that does not keep clear by itself, or else of all joints."""
-    model, cell = clearing.model, clearing.holding.cell
-    for a, name in enumerate(cell.arms):
-        if not alone_clear(cell, samples, a):
-            return (*model.platform_columns, *model.arms[name].columns)
-    return tuple(range(samples.position.shape[1]))
 
 
 def clearance_notes(found: Found, first: int = 1) -> list[str]:

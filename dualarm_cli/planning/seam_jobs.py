@@ -17,6 +17,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.planned_seam import PlannedSeam, quicker
 from dualarm_cli.planning.seam_clearance import (
     clearance_test,
     nearest_words,
@@ -24,8 +25,9 @@ from dualarm_cli.planning.seam_clearance import (
     where_it_touches,
 )
 from dualarm_cli.planning.seam_lines import drawn_back, line_motion
-from dualarm_cli.planning.seam_motion import TOO_FAST, TimedSeam, timed_seam
+from dualarm_cli.planning.seam_motion import TOO_FAST, timed_seam
 from dualarm_cli.planning.seam_path import SeamPath
+from dualarm_cli.planning.seam_words import where_it_fails, workers
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -44,32 +46,6 @@ TOGETHER = 2e-7
 """Residual up to which the robot counts as having tool and part where a seam begins [m, rad]: what files round away."""
 SLOWED = 1.0005
 """Factor on time or speed above which a seam falls short of what is asked."""
-
-
-@dataclass(frozen=True)
-class PlannedSeam:
-    """A seam with the tool's way to it and from it."""
-
-    approach: Trajectory | None
-    """To where it begins; None for no length."""
-    dwell_start: Trajectory
-    """Standing where it begins."""
-    seam: TimedSeam
-    """The seam."""
-    dwell_end: Trajectory
-    """Standing where it ends."""
-    retract: Trajectory | None
-    """Away from it; None for no length."""
-    solver: str
-    """Name of the seam solver."""
-    chain: Chain
-    """Part and tool."""
-
-    @property
-    def first(self) -> FloatArray:
-        """All joints where the tool's approach begins [rad], shape (n,)."""
-        start: FloatArray = (self.approach or self.seam.trajectory).position[0]
-        return start
 
 
 @dataclass(frozen=True)
@@ -139,7 +115,7 @@ class SeamPlanner:
                 break
         # That less speed would do says more than that something else was in the way of another try.
         told = min(refusals, key=lambda reason: TOO_FAST not in reason)
-        raise InfeasibleError(f"{work.place}: task '{task}' ({_who(work)}): {told}")
+        raise InfeasibleError(f"{work.place}: task '{task}' ({workers(work)}): {told}")
 
     def _tried(
         self, task: str, problem: SeamProblem, holding: Holding | None
@@ -237,13 +213,13 @@ class SeamPlanner:
         """Returns the seam by one solver, or why there is none."""
         motion = SEAM_SOLVERS[name].solve(problem)
         if isinstance(motion, NoSeam):
-            return _nowhere(problem.chain.work, motion)
+            return where_it_fails(problem.chain.work, motion)
         planned = self._timed(problem, motion, name)
         if motion.time <= problem.time and self._falls_short(planned, problem.chain.work):
             # The solver ended where it thought it fast enough, ramps not counted: now as fast as it can.
             faster = SEAM_SOLVERS[name].solve(replace(problem, time=0.0))
             if isinstance(faster, SeamMotion):
-                planned = _quicker(planned, self._timed(problem, faster, name))
+                planned = quicker(planned, self._timed(problem, faster, name))
         if isinstance(planned, str) or holding is None:
             return planned
         motions = (
@@ -301,15 +277,6 @@ class SeamPlanner:
         )
 
 
-def _quicker(one: PlannedSeam | str, other: PlannedSeam | str) -> PlannedSeam | str:
-    """Returns the quicker of two answers; a plan before any reason, the later reason before the earlier one."""
-    if isinstance(other, str):
-        return other if isinstance(one, str) else one
-    if isinstance(one, str):
-        return other
-    return min(one, other, key=lambda plan: plan.seam.trajectory.duration)
-
-
 def _together(chain: Chain, position: FloatArray) -> bool:
     """Returns whether joints (n,) [rad] have tool and part where the seam begins."""
     share = np.zeros(1)
@@ -317,16 +284,3 @@ def _together(chain: Chain, position: FloatArray) -> bool:
     poses = chain.work.hold.at(share) if given else None
     left = all_equations(chain, position[None], share, part=poses).left
     return bool(np.abs(left).max() < TOGETHER)
-
-
-def _nowhere(work: SeamWork, found: NoSeam) -> str:
-    """Returns why no joints were found, with the first place that fails."""
-    length = work.length * 1e3
-    if found.share >= 1.0:
-        return found.reason
-    from_here = f"{found.share * length:.1f} mm along the seam of {length:.1f} mm"
-    return f"fails {from_here}: {found.reason}"
-
-
-def _who(work: SeamWork) -> str:
-    return work.slave if work.master is None else f"{work.slave} on the part in {work.master}"

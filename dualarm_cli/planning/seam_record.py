@@ -10,7 +10,7 @@ from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitR
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.path_record import Record
-from dualarm_cli.planning.seam_jobs import PlannedSeam
+from dualarm_cli.planning.planned_seam import PlannedSeam
 from dualarm_cli.timing.composition import hold
 
 SLOWED = 1.001

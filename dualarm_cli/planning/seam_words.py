@@ -1,8 +1,8 @@
-"""What is said of seams before they are planned: methods that there are not, times that are too long, bounds."""
+"""What is said of seams: methods that there are not, times that are too long, bounds, and where they fail."""
 
 from __future__ import annotations
 
-from dualarm_cli.closed_chain import SEAM_SOLVERS
+from dualarm_cli.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
@@ -49,3 +49,17 @@ def seam_bound(work: SeamWork, pace: float) -> float:
         return work.duration / pace + dwells
     assert work.speed is not None
     return work.length / (work.speed * pace) + dwells
+
+
+def where_it_fails(work: SeamWork, found: NoSeam) -> str:
+    """Returns why no joints were found, with the first place that fails."""
+    length = work.length * 1e3
+    if found.share >= 1.0:
+        return found.reason
+    from_here = f"{found.share * length:.1f} mm along the seam of {length:.1f} mm"
+    return f"fails {from_here}: {found.reason}"
+
+
+def workers(work: SeamWork) -> str:
+    """Returns who works a seam, on whose part."""
+    return work.slave if work.master is None else f"{work.slave} on the part in {work.master}"
