@@ -20,7 +20,7 @@ WHOLE = 30
 """Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
 LEAST = 120
 """How often something is removed and put back at least."""
-FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.2
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.6
 """Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
 SOONER, SHORTEST = 8, 100
 """Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
