@@ -160,7 +160,7 @@ class PathSection(CurveSection):
         "The tool stops at corners."
     )
     acceleration: PathAcceleration | None = Field(
-        default=None, description="Acceleration along the path [m/s²]; default: a ramp of 0.2 s."
+        default=None, description="Acceleration along the path [m/s²]; default: speed / 0.2 s."
     )
     jerk: PathJerk | None = Field(
         default=None, description="Jerk along the path [m/s³]; default: reached in 0.1 s."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.errors import BlockedError
+from dualarm_cli.model.job import Job
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.stage_plan import StagePlan
@@ -60,4 +61,19 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> str:
             f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
             f"{when:.2f} s into stage {k + 1}"
         )
-    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}"
+    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}{_standing(clearing.job, found)}"
+
+
+def _standing(job: Job, found: Cleared) -> str:
+    """Returns which arms stand where they started in stages that do not keep clear, as their work begins later."""
+    words = ""
+    for arm in job.cell.robot.arms:
+        first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
+        if found.blocked and min(found.blocked) < first:
+            where = "home" if job.start == "free" else job.start
+            words += (
+                f"; the {arm.name} arm stands in posture '{where}' before stage {first + 1}, its first: a bare `move` "
+                "before its other tasks takes it out of the way"
+                + (" (in stage 1 it starts there: `start: free`)" if job.start == "free" else "")
+            )
+    return words

@@ -185,12 +185,13 @@ class OwnClock:
         )
 
     def _goes_on(self, event: Event) -> bool:
-        """Returns whether a dwell or a retract of the same stop begins at an event; else its stop is over then."""
-        return any(
-            part.kind in LINES
-            and (part.task, part.action) == (event.task, event.action)
-            and abs(part.start - event.time) <= SAME_TIME
-            for part in self.segments
+        """Returns whether a dwell or a retract of the same stop begins at an event; else its stop is over then.
+
+        A stop that takes no time, as the arm is there already, comes after what it waits for, and so does its event.
+        """
+        own = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
+        return not own or any(
+            part.kind in LINES and abs(part.start - event.time) <= SAME_TIME for part in own
         )
 
 

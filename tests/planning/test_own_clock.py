@@ -16,10 +16,20 @@ from dualarm_cli.planning.planner import plan_without_bound
 
 
 @pytest.fixture(scope="module")
-def clock(tasks_folder):
-    """The left robot's way through a pick and place, a bare move, and another pick and place."""
+def job(tasks_folder):
+    """A pick and place, a bare move, and another pick and place of the left robot, from a free start."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    job = dataclasses.replace(job, tasks=tuple(t for t in job.tasks if t.arm == "left"))
+    return dataclasses.replace(job, tasks=tuple(t for t in job.tasks if t.arm == "left"))
+
+
+@pytest.fixture(scope="module")
+def clock(job):
+    """Its way through them."""
+    return own_clock(job)
+
+
+def own_clock(job):
+    """Returns the left robot's way through its tasks."""
     found = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
     motion = Motion(found.trajectory, found.stages, found.segments, found.events)
     arm = next(arm for arm in job.cell.robot.arms if arm.name == "left")
@@ -116,6 +126,18 @@ def test_a_wait_before_a_bare_move_begins_delays_its_event(clock):
     after = clock.with_waits([Wait(at, 2.0, "partner")])
     assert {e.task: e.time for e in before.events}["c"] == pytest.approx(at + 2.0)
     assert {e.task: e.time for e in after.events}["c"] == pytest.approx(at)
+
+
+def test_a_bare_move_to_where_the_arm_begins_comes_after_what_it_waits_for(job):
+    """With a free start the first task's move takes no time: event and stage begin when the wait of 2 s is over."""
+    first = own_clock(dataclasses.replace(job, tasks=(job.tasks[1], job.tasks[0])))
+    assert job.start == "free" and first.line_begins()["c"] == 0.0
+    later = first.with_waits([Wait(0.0, 2.0, "window")])
+    assert {e.task: e.time for e in later.events}["c"] == pytest.approx(2.0)
+    (stage,) = (s for s in later.stages if "c" in s.tasks)
+    assert (stage.start, stage.end) == pytest.approx((2.0, 2.0))
+    waited = [p for p in later.segments if p.kind == "wait"]
+    assert [(p.start, p.end) for p in waited] == [(0.0, pytest.approx(2.0))]
 
 
 def test_no_waits_are_no_change(clock):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -96,3 +97,31 @@ def test_a_few_stages_in_which_lines_touch_are_mended_more_are_refused(stages, f
     with pytest.raises(BlockedError) as caught:
         clear_words.refuse_touching_lines(Blocked(few + 1), plans, None)
     assert caught.value.stages == tuple(range(few + 1))
+
+
+@pytest.mark.parametrize("start", ["free", "home"])
+def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
+    start, tasks_folder, monkeypatch
+):
+    """The left arm works in two stages, the right one from the third on; only while it stands is that said of it."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    work = SimpleNamespace(stop=SimpleNamespace(place="here"), task=SimpleNamespace(id="a"))
+    plans = [SimpleNamespace(stops={arm: work}) for arm in ("left", "left", "right", "left")]
+    cell = SimpleNamespace(
+        margins=lambda *_: np.array([-1.0, 0.0]), nearest=lambda *_: ("l", "r", -1.0)
+    )
+    clearing = SimpleNamespace(
+        job=dataclasses.replace(job, start=start), holding=SimpleNamespace(cell=cell)
+    )
+    samples = SimpleNamespace(position=np.zeros((2, 14)), held=np.zeros((2, 2)))
+    monkeypatch.setattr(clear_words, "stage_samples", lambda *_: samples)
+    motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)] * 4)
+
+    def told(*blocked):
+        return clear_words.why_blocked(clearing, clear_words.Cleared(plans, motion, blocked))
+
+    said = "the right arm stands in posture 'home' before stage 3, its first: a bare `move`"
+    assert said in told(1, 3)
+    assert ("in stage 1 it starts there" in told(1)) == (start == "free")
+    assert "stands in posture" not in told(2, 3)
+    assert "left arm stands" not in told(0)
