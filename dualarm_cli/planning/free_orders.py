@@ -104,11 +104,15 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
             watch.found(first.total)
     if not best:
         return FreeOrders((), None, exact=False)
-    bound = None if order.job.is_decided else _bound(problems, best, how, seed, watch)
+    # Where an arm begins at a stand that a free start puts it to nothing is known of the ways there and back.
+    unknown = order.job.start == "free" and bool(order.job.cell.tool_changes)
+    bound = None
+    if not order.job.is_decided and not unknown:
+        bound = _bound(problems, best, how, seed, watch)
     rank = sorted(best, key=lambda f: best[f].worth)[: how.angles]
     # Where arms depend on each other, the ways of tasks are those that are best for each arm alone: no proof.
     exact = all(is_small(one) and not one.coupled for one in problems.values())
-    exact = exact and not watch.stopped
+    exact = exact and not watch.stopped and order.job.start != "free"
     found = []
     for f in rank:
         if best[f].worth > PROMISING * best[rank[0]].worth:

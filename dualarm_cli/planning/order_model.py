@@ -166,7 +166,8 @@ class OrderModel:
             entry[t, :m], leaving[t, :m] = one.entry, one.leaving
             first[t, :m], second[t, :m] = one.first, one.second
         start = self.start[self.model.arms[name].columns]
-        return ArmTasks(entry, leaving, first, second, start, self.clock.arms[name].law)
+        law, free = self.clock.arms[name].law, self.job.start == "free"
+        return ArmTasks(entry, leaving, first, second, start, law, free=free)
 
     def _ways(self, name: str, t: int, f: int) -> Ways:
         """Returns the ways of one arm to do a task with the platform at an angle."""

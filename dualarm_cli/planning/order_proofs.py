@@ -64,8 +64,10 @@ def proven_orders(
     best: StageOrder,
     effort: str,
     watch: Watch,
-) -> tuple[list[StageOrder], float]:
+) -> tuple[list[StageOrder], float | None]:
     """Returns the best order known and others that are nearly as good, and what no order takes less than [s].
+
+    None for that where arms change tools: in the stages that are searched the other arm waits for whole changes.
 
     Args:
         order: the job's tasks as each arm may do them.
@@ -77,8 +79,11 @@ def proven_orders(
     """
     watch.tell("bounding all orders, and looking for better ones on the way")
     how = EFFORTS[effort].of_stops(problem.stops)
-    proven = prove_order(problem, best, how.proof, watch.stop, watch.found, watch.bounded)
-    return [proven.order, *_near(order, stages, problem, proven, effort, watch)], proven.bound
+    waits = bool(order.job.cell.tool_changes)
+    told = (lambda _: None) if waits else watch.bounded
+    proven = prove_order(problem, best, how.proof, watch.stop, watch.found, told)
+    found = [proven.order, *_near(order, stages, problem, proven, effort, watch)]
+    return found, None if waits else proven.bound
 
 
 def _near(
@@ -109,18 +114,24 @@ def _near(
     )
 
 
-def least_total(problem: StageProblem, effort: str, seed: int, watch: Watch) -> float:
-    """Returns what no order takes less than [s], by least times: for any number of stops.
+def least_total(
+    order: OrderModel, problem: StageProblem, effort: str, seed: int, watch: Watch
+) -> float:
+    """Returns what no order takes less than [s], by least times: for any number of stops; 0 where nothing is known.
 
     Args:
-        problem: stages.
+        order: the job's tasks as each arm may do them.
+        problem: its stages.
         effort: one of EFFORTS.
         seed: of CP-SAT's randomness.
         watch: is told how it goes, and may end it.
     """
     watch.tell("bounding all orders")
-    found = pair_bound(problem)
-    watch.bounded(found)
+    found = 0.0
+    if not order.job.cell.tool_changes:
+        # While one arm changes its tool the other one may work: that is in no pair of stops.
+        found = pair_bound(problem)
+        watch.bounded(found)
     if len(problem.tasks) <= MOST_TASKS:
         seconds = EFFORTS[effort].seconds
         relaxed = of_stages(problem)

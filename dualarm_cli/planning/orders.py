@@ -19,6 +19,7 @@ from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_re
 from dualarm_cli.planning.stage_order_model import StageModel, stage_model, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
+from dualarm_cli.sequencing.free_start import closed
 from dualarm_cli.sequencing.relaxation import of_stages, of_ways
 from dualarm_cli.sequencing.stage_changes import (
     StageStands,
@@ -181,8 +182,8 @@ class PairedSearch:
             )
             how = DYNAMIC if better[0].total < known.total else how
             found = [*better, *found]
-        if (not provable or of_stages(self.problem).timed) and not watch.stop():
-            least = least_total(self.problem, self.effort, self.seed, watch)
+        if (bound is None or of_stages(self.problem).timed) and not watch.stop():
+            least = least_total(self.order, self.problem, self.effort, self.seed, watch)
             bound = max(bound or 0.0, least)
         if job.has_conveyors:
             # Parts are elsewhere when they are met.
@@ -192,6 +193,8 @@ class PairedSearch:
 
     def _answer(self, found: StageOrder) -> DecidedOrder:
         """Returns an order as a job, with its tool changes in stages that suit them best."""
+        if self.problem.free_start and self.problem.returns:
+            found = closed(self.problem, found)
         slots, total = found.slots, found.total
         job = decided(self.order.job, self.order.model, slots)
         changed = with_changes(job)

@@ -222,8 +222,13 @@ def _lengths(
     start: FloatArray,
     turn: FloatArray,
 ) -> FloatArray:
-    """Returns one arm's part of stages, see StageProblem.length."""
+    """Returns one arm's part of stages, see StageProblem.length.
+
+    Where the start is free an arm begins where its first transfer would end, and goes back there: the way there counts
+    nothing, and the way back what it is at least, to any stop.
+    """
     count, f = work.shape
+    free = order.job.start == "free"
     whole = order.clock.arms[name].law
     # Joint by joint, on long rows of numbers, all is several times quicker.
     laws = _single_joints(whole)
@@ -234,8 +239,12 @@ def _lengths(
         transfer: FloatArray = np.zeros((count, f, f, 1))
         for law, goal, here in zip(laws, goals, came.T, strict=True):
             np.maximum(transfer, law.per_joint(goal - here[:, None, None]), out=transfer)
+        if free and i == count:
+            transfer[np.isfinite(transfer)] = 0.0
         found[i, :count] = np.maximum(transfer[..., 0], turn) + work[:, None, :]
         back = whole.duration(start - came) if order.job.returns else np.zeros(f)
+        if free and order.job.returns:
+            back = np.fmin(back, np.fmin.reduce(transfer[..., 0], axis=(0, 2)))
         found[i, count] = back[:, None]
     found[:, count + 1] = -np.inf
     return np.where(np.isnan(found), np.float32(np.inf), found)

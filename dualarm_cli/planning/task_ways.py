@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,4 +107,5 @@ def widened(arm: ArmTasks, width: int) -> ArmTasks:
     entry = np.pad(arm.entry, (*pad, (0, 0)), constant_values=np.nan)
     leaving = np.pad(arm.leaving, (*pad, (0, 0)), constant_values=np.nan)
     first = np.pad(arm.first, pad, constant_values=np.inf)
-    return ArmTasks(entry, leaving, first, np.pad(arm.second, pad), arm.start, arm.law)
+    second = np.pad(arm.second, pad)
+    return replace(arm, entry=entry, leaving=leaving, first=first, second=second)

@@ -35,6 +35,9 @@ class ArmTasks:
     """Rest-to-rest times of the joints."""
     home: FloatArray | None = None
     """Joints to which it goes back [rad], shape (joints,); None for those before the first task."""
+    free: bool = False
+    """Whether it begins where its first transfer would end, and goes back there: the way there takes no time, and the
+    way back counts as what it is at least, to any task."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
@@ -141,6 +144,9 @@ class SequencingProblem:
         for k in range(0, n, rows):
             found[k : k + rows] = arm.law.duration(entry[None] - leaving[k : k + rows, None])
         found = np.where(np.isnan(found), np.inf, found)
+        if arm.free:
+            found[:-1, -1] = found[:-1].min(axis=1)
+            found[-1, np.isfinite(found[-1])] = 0.0
         found[-1, :-1] = np.maximum(found[-1, :-1], self.turn[0])
         found[:-1, -1] = np.maximum(found[:-1, -1], self.turn[1]) if self.returns else 0.0
         found[-1, -1] = 0.0
