@@ -216,10 +216,10 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 
 def title(schedule: Schedule, job: Job) -> str:
-    """Returns the figure's heading: robot, time, and bound and gap where there are such."""
+    """Returns the figure's heading: robot, time, and bound and gap where there are such; a bound of 0 s says nothing."""
     what = "cycle time" if job.returns else "time of one pass"
     text = f"{schedule.robot.name}: {what} {schedule.duration:.3f} s"
     gap = relative_gap(schedule)
-    if schedule.lower_bound is not None and gap is not None:
+    if schedule.lower_bound and gap is not None:
         text += f", bound {schedule.lower_bound:.3f} s, gap {gap:.1%}"
     return text

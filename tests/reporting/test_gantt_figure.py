@@ -68,6 +68,9 @@ def test_the_title_has_time_bound_and_gap_where_there_are_such(schedule):
     assert title(bounded, SimpleNamespace(returns=False)) == (
         "by hand: time of one pass 10.000 s, bound 8.000 s, gap 20.0%"
     )
+    # That all takes more than no time is nothing to tell.
+    nothing = dataclasses.replace(schedule, lower_bound=0.0)
+    assert title(nothing, JOB) == "by hand: cycle time 10.000 s"
 
 
 @pytest.mark.parametrize(
