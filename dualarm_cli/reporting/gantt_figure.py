@@ -216,7 +216,7 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 
 def title(schedule: Schedule, job: Job) -> str:
-    """Returns the figure's heading: robot, time, and bound and gap where there are such; a bound of 0 s says nothing."""
+    """Returns the figure's heading: robot, time, bound and gap where there are such; a bound of 0 s says nothing."""
     what = "cycle time" if job.returns else "time of one pass"
     text = f"{schedule.robot.name}: {what} {schedule.duration:.3f} s"
     gap = relative_gap(schedule)
