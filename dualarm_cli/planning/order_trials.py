@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.polish import polish
 from dualarm_cli.minimum_time.problem import SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
-from dualarm_cli.minimum_time.times import Evaluated, evaluate
+from dualarm_cli.minimum_time.times import Evaluated
+from dualarm_cli.minimum_time.yaws import with_yaws
 from dualarm_cli.model.job import StopKey
+from dualarm_cli.peers.repair import repaired
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.orders import DecidedOrder, PairedSearch
 from dualarm_cli.planning.sequence_problem import sequence_problem
@@ -90,12 +90,12 @@ def most_promising(
         watch: may end it.
     """
     how = TRIALS[effort].of_stages(max(len(one.job.stages()) for one in found))
-    trials = [_begun(search, one) for one in found if one.plan is not None]
+    begun = [_begun(search, one) for one in found if one.plan is not None]
+    trials = [one for one in begun if one is not None]
     others = [one for one in found if one.plan is None]
-    if len(trials) < 2:
+    if len(begun) < 2 or not trials:
         return found
     watch.tell(f"trying {len(trials)} orders that are nearly as good")
-    trials = [one for one in trials if np.isfinite(one.plan.total)]
     trials.sort(key=lambda one: one.worth)
     better: list[_Trial] = []
     for one in trials[: how.polished]:
@@ -123,11 +123,16 @@ def _different(trials: list[_Trial]) -> list[_Trial]:
     return [*news, *alike]
 
 
-def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial:
-    """Returns an order with the plan that the search counts on."""
+def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
+    """Returns an order with the plan that the search counts on, made possible; None where none is near it.
+
+    The search's postures are less than a plan: where any yaw will do, they leave the last joint open, and of lines they
+    know the ends alone, which may be so near to a limit that what is between them is beyond it.
+    """
     assert order.plan is not None  # callers have looked
     clearance = search.order.clearance
     holding = None if clearance is None else Holding.of(order.job, cell=clearance)
     problem = sequence_problem(search.order.model, order.job, holding)
     tables = tuple(StopTable.of(work) for work in problem.arms)
-    return _Trial(order, problem, evaluate(problem, tables, order.plan))
+    plan = repaired(problem, tables, with_yaws(problem, tables, order.plan))
+    return None if plan is None else _Trial(order, problem, plan)
