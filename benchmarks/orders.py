@@ -103,7 +103,8 @@ def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[s
             print(f"  {tasks} {family} seed {seed}: {what} FAILS: {failures}")
             row[f"{what} fails"] = 1.0
         if what == "search":
-            row["gap"] = float("nan") if schedule.order_gap is None else schedule.order_gap
+            gap = schedule.order_grid_gap
+            row["gap"] = float("nan") if gap is None else gap
     begin = time.perf_counter()
     row["bound"] = job_bound(instance.job, effort).value or 0.0
     row["bounding"] = time.perf_counter() - begin

@@ -33,7 +33,7 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
         "duration": schedule.duration,
         "lower_bound": schedule.lower_bound,
         "grid_gap": schedule.grid_gap,
-        "order_gap": schedule.order_gap,
+        "order_grid_gap": schedule.order_grid_gap,
         "clearance_cost": schedule.clearance_cost,
         "stages": [_stage(stage) for stage in schedule.stages],
         "segments": [_segment(segment) for segment in schedule.segments],

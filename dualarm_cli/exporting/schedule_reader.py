@@ -65,7 +65,7 @@ def read_schedule(path: Path) -> Schedule:
         provenance=_provenance(document.get("provenance")),
         lower_bound=reader.number(document, "lower_bound", "lower_bound", None),
         grid_gap=reader.number(document, "grid_gap", "grid_gap", None),
-        order_gap=reader.number(document, "order_gap", "order_gap", None),
+        order_grid_gap=reader.number(document, "order_grid_gap", "order_grid_gap", None),
         clearance_cost=reader.number(document, "clearance_cost", "clearance_cost", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),

@@ -187,9 +187,9 @@ class Schedule:
     """A bound on every plan of the same stages [s], or None."""
     grid_gap: float | None = None
     """How far the best plan on the method's grid was from that grid's own bound, as a share, before it was refined."""
-    order_gap: float | None = None
-    """How far the best order was from a bound on all orders, as a share, both on the search's own grid; None
-    where the order was given or no bound is known."""
+    order_grid_gap: float | None = None
+    """By what share another order may at most be quicker than this one on the grid of the search for orders, which says
+    nothing of their plans; None where the order was given or no bound is known."""
     clearance_cost: float | None = None
     """How much longer it is than the same method's plan where nothing has to keep clear [s], or None."""
     verification: Verification | None = None

@@ -70,6 +70,7 @@ def plan_by_own_clocks(
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
     best: Schedule | None = None
+    total = np.inf
     for number, one in enumerate(_worth_planning(orders)):
         if best is not None and (watch.stop() or number >= ANGLES or len(one.job.tasks) > LONG):
             break
@@ -80,7 +81,7 @@ def plan_by_own_clocks(
         except InfeasibleError:
             continue
         if best is None or found.duration < best.duration:
-            best = replace(found, order_gap=_free_gap(orders))
+            best, total = replace(found, order_grid_gap=_free_gap(orders, one.total)), one.total
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
         least = orders.found[0].total if best is not None else np.inf
@@ -106,7 +107,7 @@ def plan_by_own_clocks(
     if best is None or (together is not None and together.duration < best.duration):
         assert together is not None
         return replace(together, notes=(*together.notes, _why_together(best)))
-    notes = free_notes(orders, together) if epochs is None else epoch_notes(epochs, together)
+    notes = free_notes(orders, total, together) if epochs is None else epoch_notes(epochs, together)
     return replace(best, notes=(*best.notes, *notes, *early_notes(watch)))
 
 
@@ -199,10 +200,9 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
     ][:TRIES]
 
 
-def _free_gap(orders: FreeOrders) -> float | None:
-    if orders.bound is None:
-        return None
-    return max(0.0, 1.0 - orders.bound / orders.found[0].total)
+def _free_gap(orders: FreeOrders, total: float) -> float | None:
+    """Returns by what share another order may be quicker than one of a total [s], with the search's own postures."""
+    return None if orders.bound is None else max(0.0, 1.0 - orders.bound / total)
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
@@ -225,21 +225,28 @@ def _together_notes(together: Schedule | None) -> list[str]:
     return [f"mode: free: both arms stage by stage together would take {together.duration:.3f} s"]
 
 
-def free_notes(orders: FreeOrders, together: Schedule | None) -> list[str]:
-    """Returns what a reader should know of a plan with a standing platform."""
-    one = orders.found[0]
+def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> list[str]:
+    """Returns what a reader should know of a plan with a standing platform.
+
+    Args:
+        orders: what the search found.
+        total: of the order that was planned, by the search's own times [s].
+        together: a plan in which both arms go from stage to stage together, if there is one.
+    """
     notes = [
-        f"mode: free: the platform stands while tools work, and each arm goes by its own clock; {one.total:.2f} s by "
+        f"mode: free: the platform stands while tools work, and each arm goes by its own clock; {total:.2f} s by "
         "the search's own estimate"
     ]
     notes += _together_notes(together)
-    if orders.exact:
+    if orders.exact and total <= orders.found[0].total:
         notes.append(
-            "order: the best of all with the search's postures and the platform standing at one of its angles, proven"
+            "order: on the grid of the search (its postures, the platform standing at one of its angles) the best of "
+            "all, proven; plans leave the grid, and of them this proves nothing"
         )
     elif orders.bound is not None:
         notes.append(
-            "order bound: with the platform standing at any of the search's angles and with its postures no order "
-            f"takes less than {orders.bound:.2f} s (gap {_free_gap(orders):.1%}); others may be quicker than either"
+            "order bound: on the grid of the search (its postures, the platform standing at one of its angles), where "
+            f"this order takes {total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and "
+            "of them this proves nothing"
         )
     return notes

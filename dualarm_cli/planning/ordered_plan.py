@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.problem import Decisions
@@ -64,7 +66,7 @@ def plan_in_best_order(
             # There is no other order to hope for where nothing more is searched.
             patient = not long or tries > searches or watch.stop()
             promising = _promising(search, orders.found, settings, watch)
-            best = _quickest(promising, watch, decided_plan, pairs, patient=patient)
+            best, total = _quickest(promising, watch, decided_plan, pairs, patient=patient)
             break
         except BlockedError as error:
             if tries == searches + TAKEN_APART or len(pairs) == known:
@@ -78,7 +80,8 @@ def plan_in_best_order(
             found = search.orders(watch) if again else search.as_it_is()
             orders = replace(found, bound=orders.bound)
     watch.end()
-    return replace(best, order_gap=orders.gap, notes=(*best.notes, *order_notes(orders, watch)))
+    notes = (*best.notes, *order_notes(orders, total, watch))
+    return replace(best, order_grid_gap=orders.gap(total), notes=notes)
 
 
 def _quickest(
@@ -88,8 +91,8 @@ def _quickest(
     pairs: set[StagePair],
     *,
     patient: bool,
-) -> Schedule:
-    """Returns the quickest plan of some orders, at least of the first one that has a plan.
+) -> tuple[Schedule, float]:
+    """Returns the quickest plan of some orders, at least of the first one that has a plan, and that order's total [s].
 
     Args:
         orders: those that are worth it.
@@ -99,6 +102,7 @@ def _quickest(
         patient: whether what does not keep clear is decided again.
     """
     best: Schedule | None = None
+    total = np.inf
     failure: InfeasibleError | None = None
     longest = 0.0
     try:
@@ -119,7 +123,7 @@ def _quickest(
                 continue
             longest = max(longest, watch.elapsed() - begin)
             if best is None or schedule.duration < best.duration:
-                best = schedule
+                best, total = schedule, one.total
         watch.droppable = False
     except SeenEnoughError:
         watch.droppable = False
@@ -128,7 +132,7 @@ def _quickest(
         # There is an order, or it would have been said that there is none.
         assert failure is not None
         raise failure
-    return best
+    return best, total
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
@@ -163,13 +167,20 @@ def _expected(order: DecidedOrder) -> float:
     return order.total if order.expected is None else order.expected
 
 
-def order_notes(orders: Orders, watch: Watch) -> list[str]:
-    """Returns how the order was found, what is proven of it, and that the search was ended early, if it was."""
-    notes = [f"order: {orders.how}; {orders.total:.2f} s by the search's own estimate"]
+def order_notes(orders: Orders, total: float, watch: Watch) -> list[str]:
+    """Returns how the order was found, what is proven of it, and that the search was ended early, if it was.
+
+    Args:
+        orders: what the search found.
+        total: of the order that was planned, on the search's grid [s].
+        watch: of the search.
+    """
+    notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
     if orders.bound is not None:
         notes.append(
-            f"order bound: no order takes less than {orders.bound:.2f} s on the search's own grid of platform angles "
-            f"and postures (gap {orders.gap:.1%}); plans off that grid may be quicker than either"
+            f"order bound: on the grid of the search (its platform angles and postures), where this order takes "
+            f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and of them this "
+            "proves nothing: another order's may be quicker"
         )
     return notes + early_notes(watch)
 

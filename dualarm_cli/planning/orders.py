@@ -32,7 +32,7 @@ from dualarm_cli.sequencing.stage_times import totals, with_angles
 
 LONG = 60
 """Orders of more stages are long: most of one is as good as it was when something is taken apart."""
-PROVEN = "the best of all orders with the search's postures, proven by dynamic programming"
+PROVEN = "on the grid of the search the best of all orders, proven by dynamic programming"
 """How orders of few tasks of one arm are found."""
 PROOF_SHARE = 0.2
 """Share of a time limit that is kept for the bound."""
@@ -77,17 +77,12 @@ class Orders:
     how: str
     """How they were found, in words."""
 
-    @property
-    def gap(self) -> float | None:
-        """By what share the best one is above the bound, both on the search's grid; None without a bound."""
-        if self.bound is None:
-            return None
-        return max(0.0, 1.0 - self.bound / self.total)
+    def gap(self, total: float) -> float | None:
+        """Returns by what share another order may be quicker than one of a total [s], both on the search's grid.
 
-    @property
-    def total(self) -> float:
-        """The least total found on the search's grid [s]."""
-        return min(one.total for one in self.found)
+        None without a bound.
+        """
+        return None if self.bound is None else max(0.0, 1.0 - self.bound / total)
 
 
 @dataclass(frozen=True)

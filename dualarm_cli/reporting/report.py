@@ -45,7 +45,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "lower_bound": schedule.lower_bound,
         "gap": relative_gap(schedule),
         "grid_gap": schedule.grid_gap,
-        "order_gap": schedule.order_gap,
+        "order_grid_gap": schedule.order_grid_gap,
         "mode": job.mode,
         "order": job.order,
         "open": not job.is_decided,

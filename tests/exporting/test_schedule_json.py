@@ -77,7 +77,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "duration",
         "lower_bound",
         "grid_gap",
-        "order_gap",
+        "order_grid_gap",
         "clearance_cost",
         "stages",
         "segments",

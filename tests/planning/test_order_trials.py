@@ -136,8 +136,8 @@ def test_the_order_of_a_job_is_proven_nearly_best_and_its_plan_passes_every_chec
     job = search.order.job
     schedule = plan_without_bound(job, PlanSettings(effort="quick"))
     assert not verify(schedule, job, clearance=True).failures
-    assert schedule.order_gap is not None
-    assert 0.0 <= schedule.order_gap < 0.1
+    assert schedule.order_grid_gap is not None
+    assert 0.0 <= schedule.order_grid_gap < 0.1
 
 
 @pytest.mark.parametrize("not_after", [np.inf, 60.0])

@@ -8,8 +8,8 @@ import pytest
 
 import dualarm_cli.planning.watch as watching
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.planning.ordered_plan import _quickest
-from dualarm_cli.planning.orders import DecidedOrder
+from dualarm_cli.planning.ordered_plan import _quickest, order_notes
+from dualarm_cli.planning.orders import DecidedOrder, Orders
 from dualarm_cli.planning.watch import INTERRUPTED, SeenEnoughError, Watch
 
 
@@ -94,7 +94,20 @@ def planned(durations, watch, clock=None, takes=1.0):
     watch.begin()
     watch.found(1.0)
     orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
-    return _quickest(orders, watch, plan, set(), patient=True), made
+    best, _ = _quickest(orders, watch, plan, set(), patient=True)
+    return best, made
+
+
+def test_what_the_search_says_of_the_order_of_the_quickest_plan_is_told():
+    """On the grid another one is better: nothing is said of that one."""
+    plans = {"first": Plan(9.0), "second": Plan(8.0)}
+    orders = [DecidedOrder("first", 1.0), DecidedOrder("second", 1.25)]
+    best, total = _quickest(orders, Watch(), lambda job, *_: plans[job], set(), patient=True)
+    assert (best.duration, total) == (8.0, 1.25)
+    orders = Orders(tuple(orders), 1.0, "")
+    assert orders.gap(total) == pytest.approx(0.2)
+    (_, bound) = order_notes(orders, total, Watch())
+    assert "where this order takes 1.25 s, no order takes less than 1.00 s" in bound
 
 
 def test_an_interruption_drops_the_plan_that_is_made_and_keeps_the_best():

@@ -37,6 +37,19 @@ def test_bound_and_gap_are_said_with_the_effort(job, schedule):
     assert line.endswith("effort: normal")
 
 
+@pytest.mark.parametrize(
+    ("gap", "words"),
+    [(0.0, "no other order is quicker"), (0.0264, "no other order is more than 2.6% quicker")],
+)
+def test_what_is_proven_of_an_order_is_said_of_the_grid_and_not_of_plans(job, schedule, gap, words):
+    """Nor as a share of nothing, which reads as if no other plan were quicker."""
+    report = build_report(dataclasses.replace(schedule, order_grid_gap=gap), job)
+    assert report["order_grid_gap"] == gap
+    (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
+    assert f"; on the grid of the search (not among plans) {words};" in line
+    assert "0.0%" not in line.split("; on the grid")[1]
+
+
 def test_without_a_bound_it_is_said_that_there_is_none(job, schedule):
     """And nothing of a grid."""
     without = dataclasses.replace(schedule, lower_bound=None, grid_gap=None)
