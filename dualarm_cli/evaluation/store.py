@@ -121,7 +121,7 @@ class Store:
         making = self.folder / "making"
         making.mkdir(parents=True, exist_ok=True)
         place.parent.mkdir(parents=True, exist_ok=True)
-        made = write_new(making, "", "", data)
+        made = write_new(making, "", "", [data])
         try:
             made.replace(place)
         except BaseException:

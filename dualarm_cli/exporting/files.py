@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from dualarm_cli.errors import OutputError
@@ -55,14 +55,26 @@ def write_schedule_set(
     check_writable(folder, force)
     if not force:
         _refuse_existing(folder, others)
-    files = {URDF: schedule.robot.urdf.encode(), TABLE: to_csv(schedule, rate), **others}
-    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+    given = {URDF: [schedule.robot.urdf.encode()], TABLE: to_csv(schedule, rate)}
+    given |= {name: [content] for name, content in others.items()}
+    # Known once the files are written, which is before schedule.json asks for them.
+    hashes = dict.fromkeys(sorted(given), "")
+    files = {name: _hashed(name, content, hashes) for name, content in given.items()}
     files[SCHEDULE] = to_json(schedule, URDF, hashes)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
     replace_all(folder, files)
+
+
+def _hashed(name: str, content: Iterable[bytes], hashes: dict[str, str]) -> Iterator[bytes]:
+    """Yields a file's parts, and puts its SHA-256 down after the last one."""
+    digest = hashlib.sha256()
+    for part in content:
+        digest.update(part)
+        yield part
+    hashes[name] = digest.hexdigest()
 
 
 def _refuse_existing(folder: Path, names: Iterable[str]) -> None:

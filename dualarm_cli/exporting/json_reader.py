@@ -11,12 +11,20 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.exporting.json_stream import JsonStream
 from dualarm_cli.geometry.arrays import FloatArray
 
 Row = TypeVar("Row")
 
-LARGEST_FILE = 500_000_000
+LARGEST_FILE = 4_000_000_000
 """Largest document that is read [bytes]."""
+MOST_NUMBERS = 200_000_000
+"""Most numbers of all its tables together."""
+MOST_ROWS = 2_000_000
+"""Longest list of anything else."""
+BATCH = 1 << 20
+"""Text of a table that is turned into an array at a time [characters]."""
+UNEVEN = "must be numbers, in rows of equal length"
 _WORDS: dict[type, str] = {dict: "an object", list: "a list"}
 
 
@@ -31,8 +39,13 @@ class JsonReader:
         """Raises InputError for a member."""
         raise InputError([Diagnostic(self._file, line, 0, "E310", f"{where}: {what}")])
 
-    def document(self, file: Path) -> dict[str, Any]:
-        """Returns the object in a file; NaN and infinities are read as such."""
+    def document(self, file: Path, tables: str) -> dict[str, Any]:
+        """Returns the object in a file; NaN and infinities are read as such.
+
+        Args:
+            file: the file.
+            tables: member that is an object of tables; those that are lists are returned as arrays.
+        """
         try:
             if not file.is_file():
                 self.fail(
@@ -41,16 +54,78 @@ class JsonReader:
                 )
             if file.stat().st_size > LARGEST_FILE:
                 self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
-            document = json.loads(file.read_bytes(), object_pairs_hook=self._object)
+            with file.open("rb") as opened:
+                stream = JsonStream(opened, self._object)
+                try:
+                    return self._members(stream, tables)
+                except json.JSONDecodeError as error:
+                    line = stream.line_of(error)
+                    self.fail("schedule", f"is not JSON: {error.msg}", line)
         except OSError as error:
             self.fail("schedule", f"cannot be read: {error.strerror}")
-        except json.JSONDecodeError as error:
-            self.fail("schedule", f"is not JSON: {error.msg}", error.lineno)
         except (UnicodeDecodeError, RecursionError, ValueError):
             self.fail("schedule", "is not JSON in UTF-8, or is nested too deep")
-        if not isinstance(document, dict):
+
+    def _members(self, stream: JsonStream, tables: str) -> dict[str, Any]:
+        """Returns the object of a whole text."""
+        if stream.peek() != "{":
+            stream.value()
             self.fail("schedule", "must be an object")
-        return document
+        members: list[tuple[str, Any]] = []
+        for key in stream.members():
+            if key == tables and stream.peek() == "{":
+                members.append((key, self._tables(stream, key)))
+            elif stream.peek() == "[":
+                members.append((key, self._list(stream, key)))
+            else:
+                members.append((key, stream.value()))
+        stream.end()
+        return self._object(members)
+
+    def _list(self, stream: JsonStream, path: str) -> list[Any]:
+        found = []
+        for item in stream.items():
+            found.append(item)
+            if len(found) > MOST_ROWS:
+                self.fail(path, f"has more than {MOST_ROWS:,} entries")
+        return found
+
+    def _tables(self, stream: JsonStream, path: str) -> dict[str, Any]:
+        """Returns an object whose lists are arrays."""
+        members: list[tuple[str, Any]] = []
+        left = MOST_NUMBERS
+        for key in stream.members():
+            if stream.peek() == "[":
+                table = self._table(stream, f"{path}.{key}", left)
+                left -= table.size
+                members.append((key, table))
+            else:
+                members.append((key, stream.value()))
+        return self._object(members)
+
+    def _table(self, stream: JsonStream, path: str, most: int) -> FloatArray:
+        """Returns a list of numbers, or of rows of them, as an array."""
+        parts: list[FloatArray] = []
+        rows: list[Any] = []
+        size, begun = 0, stream.consumed
+
+        def close() -> None:
+            part = self._numbers(rows, path)
+            if parts and part.shape[1:] != parts[0].shape[1:]:
+                self.fail(path, UNEVEN)
+            parts.append(part)
+            rows.clear()
+
+        for row in stream.items():
+            rows.append(row)
+            if stream.consumed - begun > BATCH:
+                close()
+                size, begun = size + parts[-1].size, stream.consumed
+                if size > most:
+                    self.fail(path, f"has more than {most:,} numbers")
+        if rows or not parts:
+            close()
+        return np.concatenate(parts)
 
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         members = dict(pairs)
@@ -116,16 +191,21 @@ class JsonReader:
 
     def array(self, value: object, path: str, shape: tuple[int, ...]) -> FloatArray:
         """Returns numbers of a shape; NaN and infinities pass, anything else does not."""
+        array = self._numbers(value, path)
+        if array.shape != shape:
+            self.fail(path, f"must have shape {shape}, not {array.shape}")
+        return array
+
+    def _numbers(self, value: object, path: str) -> FloatArray:
+        """Returns numbers of any shape."""
         try:
-            array = np.array(value)
+            array = np.asarray(value)
         except (TypeError, ValueError, OverflowError):
-            self.fail(path, "must be numbers, in rows of equal length")
+            self.fail(path, UNEVEN)
         # Text, null and booleans would be turned into numbers if numpy were asked for numbers.
         if array.size and array.dtype.kind not in "iuf":
             self.fail(path, "is missing" if value is None else "must be numbers")
-        if array.shape != shape:
-            self.fail(path, f"must have shape {shape}, not {array.shape}")
-        return array.astype(np.float64)
+        return array.astype(np.float64, copy=False)
 
     def each(
         self, parent: dict[str, Any], key: str, read: Callable[[dict[str, Any], str], Row]

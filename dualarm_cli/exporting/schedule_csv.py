@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from dualarm_cli.model.schedule import Schedule
@@ -14,8 +16,8 @@ FORMULA = ("=", "+", "-", "@", "\t")
 """First characters that make a spreadsheet run a cell."""
 
 
-def to_csv(schedule: Schedule, rate: float) -> bytes:
-    """Returns the CSV: time, then position, velocity, acceleration of each joint; rad, s.
+def to_csv(schedule: Schedule, rate: float) -> Iterator[bytes]:
+    """Yields the CSV in blocks: time, then position, velocity, acceleration of each joint; rad, s.
 
     Uniform samples at `rate` and the exact times of all events and of the end. Numbers are written so that
     reading them gives the same double.
@@ -38,14 +40,13 @@ def to_csv(schedule: Schedule, rate: float) -> bytes:
     header = ["time"] + [
         f"{name}_{what}" for name in names for what in ("position", "velocity", "acceleration")
     ]
-    parts = [",".join(header).encode()]
+    yield ",".join(header).encode() + b"\n"
     # In blocks: as Python numbers, a long table would take ten times its size.
     for k in range(0, len(time), BLOCK):
         some = time[k : k + BLOCK]
         rates = np.stack(trajectory.at(some), axis=2).reshape(len(some), -1)
         rows = np.column_stack([some, rates]).tolist()
-        parts.append("\n".join(",".join(map(repr, row)) for row in rows).encode())
-    return b"\n".join(parts) + b"\n"
+        yield "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
 
 
 def _safe(name: str) -> str:

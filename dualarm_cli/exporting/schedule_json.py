@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,22 +12,24 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Schedule, ScheduleRobot, Segment, Stage
+from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot, Segment, Stage
 from dualarm_cli.model.verification import Verification
 
 FORMAT = "dualarm.schedule/1"
+BLOCK = 4096
+"""Knots that are written at a time."""
 
 
-def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
-    """Returns the schedule as JSON: the same bytes for the same schedule.
+def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator[bytes]:
+    """Yields the schedule as JSON, part by part: the same bytes for the same schedule.
 
     Args:
         schedule: what to write.
         urdf: name of the URDF file beside it.
-        files: SHA-256 of the other files of the set, by name.
+        files: SHA-256 of the other files of the set, by name; looked at when all of the motion is told.
     """
     trajectory = schedule.trajectory
-    document: dict[str, Any] = {
+    head: dict[str, Any] = {
         "format": FORMAT,
         "robot": _robot(schedule.robot, trajectory.joints, urdf),
         "duration": schedule.duration,
@@ -35,43 +37,77 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> bytes:
         "grid_gap": schedule.grid_gap,
         "order_grid_gap": schedule.order_grid_gap,
         "clearance_cost": schedule.clearance_cost,
-        "stages": [_stage(stage) for stage in schedule.stages],
-        "segments": [_segment(segment) for segment in schedule.segments],
-        "events": [
-            {
-                "time": event.time,
-                "arm": event.arm,
-                "task": event.task,
-                "action": event.action,
-                "frame": event.frame,
-                **_pose(event.pose),
-                "dwell": event.dwell,
-                **({"velocity": list(event.velocity)} if event.moves else {}),
-            }
-            for event in schedule.events
-        ],
-        "trajectory": {
-            "time": trajectory.time.tolist(),
-            "position": trajectory.position.tolist(),
-            "velocity": trajectory.velocity.tolist(),
-            "acceleration": trajectory.acceleration.tolist(),
+    }
+    yield _encoded("{\n" + ",\n".join(_member(key, value) for key, value in head.items()))
+    yield from _rows("stages", map(_stage, schedule.stages))
+    yield from _rows("segments", map(_segment, schedule.segments))
+    yield from _rows("events", map(_event, schedule.events))
+    yield from _tables(
+        "trajectory",
+        {
+            "time": trajectory.time,
+            "position": trajectory.position,
+            "velocity": trajectory.velocity,
+            "acceleration": trajectory.acceleration,
         },
+    )
+    tail: dict[str, Any] = {
         "provenance": asdict(schedule.provenance),
         "notes": list(schedule.notes),
         "files": dict(files),
         "verification": _verification(schedule.verification),
     }
-    lines = []
-    for key, value in document.items():
-        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
-        if key in ("stages", "segments", "events") and value:
-            rows = ",\n  ".join(
-                json.dumps(row, allow_nan=False, ensure_ascii=False) for row in value
-            )
-            text = f"[\n  {rows}\n ]"
-        lines.append(f" {json.dumps(key)}: {text}")
+    for key, value in tail.items():
+        yield _encoded(",\n" + _member(key, value))
+    yield b"\n}\n"
+
+
+def _encoded(text: str) -> bytes:
     # A file name that is no UTF-8 arrives as lone surrogates, which JSON can only escape.
-    return ("{\n" + ",\n".join(lines) + "\n}\n").encode("utf-8", "backslashreplace")
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _member(key: str, value: Any) -> str:
+    return f" {json.dumps(key)}: {_text(value)}"
+
+
+def _rows(key: str, rows: Iterable[dict[str, Any]]) -> Iterator[bytes]:
+    """Yields a member that is a list, one entry per line."""
+    begin, between, end = f",\n {json.dumps(key)}: [", "\n  ", "]"
+    yield _encoded(begin)
+    for row in rows:
+        yield _encoded(between + _text(row))
+        between, end = ",\n  ", "\n ]"
+    yield _encoded(end)
+
+
+def _tables(key: str, tables: Mapping[str, FloatArray]) -> Iterator[bytes]:
+    """Yields a member that is an object of tables, in blocks: as Python numbers they take several times the memory."""
+    before = f",\n {json.dumps(key)}: {{"
+    for name, table in tables.items():
+        yield _encoded(f"{before}{json.dumps(name)}: [")
+        for k in range(0, len(table), BLOCK):
+            block = _text(table[k : k + BLOCK].tolist())[1:-1]
+            yield _encoded((", " if k else "") + block)
+        before = "], "
+    yield b"]}"
+
+
+def _event(event: Event) -> dict[str, Any]:
+    return {
+        "time": event.time,
+        "arm": event.arm,
+        "task": event.task,
+        "action": event.action,
+        "frame": event.frame,
+        **_pose(event.pose),
+        "dwell": event.dwell,
+        **({"velocity": list(event.velocity)} if event.moves else {}),
+    }
 
 
 def _robot(robot: ScheduleRobot, joints: tuple[str, ...], urdf: str) -> dict[str, Any]:

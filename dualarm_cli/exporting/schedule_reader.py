@@ -45,7 +45,7 @@ def read_schedule(path: Path) -> Schedule:
     """
     file = path / "schedule.json" if path.is_dir() else path
     reader = _Reader(str(file))
-    document = reader.document(file)
+    document = reader.document(file, tables="trajectory")
     if document.get("format") != FORMAT:
         reader.fail("format", f"is {document.get('format')!r}, not '{FORMAT}'")
     robot = reader.member(document, "robot", dict)
@@ -120,8 +120,10 @@ class _Reader(JsonReader):
 
     def trajectory(self, document: dict[str, Any], joints: tuple[str, ...]) -> Trajectory:
         part = self.member(document, "trajectory", dict)
-        time = self.member(part, "time", list, "trajectory.time")
-        if not time:
+        time = part.get("time")
+        if not isinstance(time, np.ndarray):
+            self.fail("trajectory.time", "must be a list" if "time" in part else "is missing")
+        if not len(time):
             self.fail("trajectory.time", "is empty")
         shape = (len(time), len(joints))
         rates = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dualarm_cli.errors import OutputError
@@ -26,11 +26,11 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
         raise OutputError(f"{path}: is not a regular file (a pipe or a device); name a file")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}")
-    replace_all(path.parent, {path.name: content})
+    replace_all(path.parent, {path.name: [content]})
 
 
-def replace_all(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Writes all files beside their places first, then moves each into it, in order."""
+def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
+    """Writes all files, each from its parts, beside their places first, then moves each into it, in order."""
     written: list[tuple[Path, Path]] = []
     try:
         for name, content in files.items():
@@ -46,19 +46,19 @@ def replace_all(folder: Path, files: Mapping[str, bytes]) -> None:
                 temporary.unlink(missing_ok=True)
 
 
-def _write_beside(folder: Path, name: str, content: bytes) -> Path:
+def _write_beside(folder: Path, name: str, content: Iterable[bytes]) -> Path:
     """Writes content to a new hidden file of the folder and onto the disk."""
     return write_new(folder, f".{name}.", ".part", content)
 
 
-def write_new(folder: Path, prefix: str, suffix: str, content: bytes) -> Path:
+def write_new(folder: Path, prefix: str, suffix: str, content: Iterable[bytes]) -> Path:
     """Writes content to a new file whose name nothing else has, and onto the disk.
 
     Args:
         folder: where it is made.
         prefix: what its name begins with.
         suffix: what its name ends with.
-        content: what it holds; whoever may read other new files of this process may read it.
+        content: parts of what it holds; whoever may read other new files of this process may read it.
 
     Raises:
         OSError: it cannot be written; nothing is left of it.
@@ -66,7 +66,7 @@ def write_new(folder: Path, prefix: str, suffix: str, content: bytes) -> Path:
     handle, path = tempfile.mkstemp(prefix=prefix, suffix=suffix, dir=folder)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content)
+            file.writelines(content)
             file.flush()
             os.fsync(file.fileno())
         umask = os.umask(0)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from dualarm_cli.loading.yaml_source import Document, Loc
 
+MAX_MISTAKES = 100_000
+"""Most things that are wrong with one file for them to be told one by one."""
 MAX_SHOWN = 20
 """Most diagnostics that are printed before the rest is counted."""
 _KINDS = {
@@ -83,6 +85,10 @@ def schema_diagnostics(
         error: what came of it.
         prefix: where in the file the validated part stands.
     """
+    if error.error_count() > MAX_MISTAKES:
+        # Told one by one they would take gigabytes, and nobody wrote so many by hand.
+        message = f"{error.error_count():,} mistakes in this file; look at what wrote it"
+        return [document.diagnostic(prefix, "E100", message)]
     found = []
     for item in error.errors(include_url=False):
         loc = tuple(item["loc"])

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 
-MAX_FILE_BYTES = 5_000_000
+MAX_FILE_BYTES = 20_000_000
 """Largest input file that is read [bytes]."""
 MAX_LISTED = 12
 """Most names that a message lists."""

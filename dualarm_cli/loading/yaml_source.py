@@ -17,7 +17,7 @@ from dualarm_cli.loading.yaml_scalars import ScalarError, core_scalar
 
 MAX_DEPTH = 40
 """Deepest nesting."""
-MAX_NODES = 200_000
+MAX_NODES = 1_000_000
 """Most keys and values in one file."""
 Loc = tuple[str | int, ...]
 """Keys and indices from the top of a file to one of its values."""

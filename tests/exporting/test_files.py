@@ -119,7 +119,7 @@ def test_a_full_disk_leaves_the_old_files_untouched_and_no_rubbish(
 
 
 def test_a_full_disk_while_writing_leaves_the_old_files_untouched(folder, schedule, monkeypatch):
-    """ENOSPC out of the file itself, half-way through its content."""
+    """ENOSPC out of the file itself, amid its content."""
     before, real = contents(folder), os.fdopen
 
     def opened(handle, mode):
@@ -127,7 +127,7 @@ def test_a_full_disk_while_writing_leaves_the_old_files_untouched(folder, schedu
         write = file.write
 
         class Full:
-            """A file that takes the first half."""
+            """A file that takes the first ten bytes."""
 
             def __enter__(self):
                 return self
@@ -135,8 +135,8 @@ def test_a_full_disk_while_writing_leaves_the_old_files_untouched(folder, schedu
             def __exit__(self, *_):
                 file.close()
 
-            def write(self, content):
-                write(content[: len(content) // 2])
+            def writelines(self, parts):
+                write(next(iter(parts))[:10])
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         return Full()

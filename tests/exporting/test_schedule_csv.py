@@ -25,6 +25,11 @@ def sampled(schedule):
     return dataclasses.replace(schedule, trajectory=trajectory)
 
 
+def written(schedule, rate):
+    """Returns the whole file."""
+    return b"".join(to_csv(schedule, rate))
+
+
 def table(content):
     """Returns header and numbers of a CSV file."""
     header, *rows = csv.reader(io.StringIO(content.decode(), newline=""))
@@ -33,7 +38,7 @@ def table(content):
 
 def test_the_header_names_time_and_three_columns_of_each_joint(sampled):
     """In the schedule's order."""
-    assert table(to_csv(sampled, 10.0))[0] == [
+    assert table(written(sampled, 10.0))[0] == [
         "time",
         "turn_position",
         "turn_velocity",
@@ -46,7 +51,7 @@ def test_the_header_names_time_and_three_columns_of_each_joint(sampled):
 
 def test_samples_are_the_motion_with_jerk_six(sampled):
     """Q = t³, v = 3 t², a = 6 t of the first joint; the second stands at 1."""
-    rows = table(to_csv(sampled, 10.0))[1]
+    rows = table(written(sampled, 10.0))[1]
     t = rows[:, 0]
     assert np.allclose(rows[:, 1:4], np.column_stack([t**3, 3 * t**2, 6 * t]), rtol=0, atol=1e-15)
     assert np.array_equal(rows[:, 4:], np.tile([1.0, 0.0, 0.0], (len(t), 1)))
@@ -55,7 +60,7 @@ def test_samples_are_the_motion_with_jerk_six(sampled):
 @pytest.mark.parametrize("rate", [0.5, 1.0, 10.0, 250.0, 333.0])
 def test_uniform_samples_events_and_the_end_are_there_and_nothing_twice(sampled, rate):
     """Event times and the end bit for bit; a sample that differs from one by rounding gives way."""
-    times = table(to_csv(sampled, rate))[1][:, 0]
+    times = table(written(sampled, rate))[1][:, 0]
     events = [event.time for event in sampled.events]
     assert {0.0, 0.7, *events} <= set(times.tolist())
     assert np.diff(times).min() > 1e-9
@@ -66,7 +71,7 @@ def test_uniform_samples_events_and_the_end_are_there_and_nothing_twice(sampled,
 
 def test_an_event_beside_a_sample_replaces_it(sampled):
     """0.1 + 0.2 is not 0.3 (0.30000000000000004): one row, the event's."""
-    times = table(to_csv(sampled, 10.0))[1][:, 0].tolist()
+    times = table(written(sampled, 10.0))[1][:, 0].tolist()
     assert 0.30000000000000004 in times
     assert 0.3 not in times
     assert len(times) == 8
@@ -76,7 +81,7 @@ def test_every_number_reads_back_to_the_same_double(schedule, sampled):
     """Also 5e-324 and 1e308; compared with the trajectory's own evaluation."""
     for one in (schedule, sampled):
         with np.errstate(all="ignore"):
-            content = to_csv(one, 10.0)
+            content = written(one, 10.0)
             rows = table(content)[1]
             expected = np.stack(one.trajectory.at(rows[:, 0]), axis=2).reshape(len(rows), -1)
         assert np.array_equal(rows[:, 1:], expected, equal_nan=True)
@@ -86,9 +91,9 @@ def test_long_tables_are_the_same_as_short_ones_put_together(sampled, monkeypatc
     """Written in blocks of three rows and in one."""
     from dualarm_cli.exporting import schedule_csv
 
-    whole = to_csv(sampled, 100.0)
+    whole = written(sampled, 100.0)
     monkeypatch.setattr(schedule_csv, "BLOCK", 3)
-    assert to_csv(sampled, 100.0) == whole
+    assert written(sampled, 100.0) == whole
     assert whole.endswith(b"\n")
     assert b"\n\n" not in whole
 
@@ -102,7 +107,7 @@ def test_one_knot_is_one_row(sampled):
         **{k: getattr(trajectory, k)[:1] for k in ("position", "velocity", "acceleration")},
     )
     still = dataclasses.replace(sampled, trajectory=one, events=())
-    assert len(table(to_csv(still, 250.0))[1]) == 1
+    assert len(table(written(still, 250.0))[1]) == 1
 
 
 @pytest.mark.parametrize(
@@ -111,7 +116,7 @@ def test_one_knot_is_one_row(sampled):
 def test_no_name_of_a_joint_is_a_formula_or_breaks_a_row(sampled, name):
     """A name comes from somebody's URDF."""
     trajectory = dataclasses.replace(sampled.trajectory, joints=(name, "lift"))
-    content = to_csv(dataclasses.replace(sampled, trajectory=trajectory), 10.0)
+    content = written(dataclasses.replace(sampled, trajectory=trajectory), 10.0)
     header, rows = table(content)
     assert len(header) == 7
     assert rows.shape == (8, 7)

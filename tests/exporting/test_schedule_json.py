@@ -9,8 +9,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.exporting import schedule_json
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.exporting.schedule_reader import read_schedule
+
+
+def written(schedule, files=None):
+    """Returns the whole document."""
+    return b"".join(to_json(schedule, "robot.urdf", files or {}))
 
 
 def test_what_is_read_is_what_was_written_bit_for_bit(schedule, folder):
@@ -55,7 +61,7 @@ def test_every_rotation_is_written_with_w_not_negative(schedule, axis, angle):
     R = pin.utils.rotate(axis, angle)
     base = pin.SE3(R, np.zeros(3))
     robot = dataclasses.replace(schedule.robot, base=base)
-    document = json.loads(to_json(dataclasses.replace(schedule, robot=robot), "robot.urdf", {}))
+    document = json.loads(written(dataclasses.replace(schedule, robot=robot)))
     x, y, z, w = document["robot"]["base"]["quat_xyzw"]
     assert w >= 0
     assert w == pytest.approx(abs(np.cos(angle / 2)), abs=1e-15)
@@ -65,12 +71,12 @@ def test_every_rotation_is_written_with_w_not_negative(schedule, axis, angle):
 def test_the_same_schedule_gives_the_same_bytes(schedule):
     """Twice."""
     files = {"schedule.csv": "00"}
-    assert to_json(schedule, "robot.urdf", files) == to_json(schedule, "robot.urdf", files)
+    assert written(schedule, files) == written(schedule, files)
 
 
 def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
     """Format first, motion late, judgement last; one event, stage and segment per line."""
-    text = to_json(schedule, "robot.urdf", {}).decode()
+    text = written(schedule).decode()
     assert list(json.loads(text)) == [
         "format",
         "robot",
@@ -100,14 +106,14 @@ def test_no_nan_is_ever_written(schedule, value):
     position[3, 1] = value
     trajectory = dataclasses.replace(schedule.trajectory, position=position)
     with pytest.raises(ValueError, match="not JSON compliant"):
-        to_json(dataclasses.replace(schedule, trajectory=trajectory), "robot.urdf", {})
+        written(dataclasses.replace(schedule, trajectory=trajectory))
 
 
 def test_a_file_name_that_is_no_utf8_is_written_and_read(schedule, tmp_path):
     """The byte E9 arrives from the file system as a lone surrogate; the document stays UTF-8."""
     name = b"caf\xe9.yaml".decode("utf-8", "surrogateescape")
     provenance = dataclasses.replace(schedule.provenance, inputs={name: "ab"})
-    content = to_json(dataclasses.replace(schedule, provenance=provenance), "robot.urdf", {})
+    content = written(dataclasses.replace(schedule, provenance=provenance))
     content.decode("utf-8")
     (tmp_path / "schedule.json").write_bytes(content)
     (tmp_path / "robot.urdf").write_text(schedule.robot.urdf)
@@ -116,5 +122,29 @@ def test_a_file_name_that_is_no_utf8_is_written_and_read(schedule, tmp_path):
 
 def test_a_reason_is_written_where_there_is_one(schedule):
     """Of four segments one waits for a reason; the others say nothing, as before there were reasons."""
-    rows = json.loads(to_json(schedule, "robot.urdf", {}))["segments"]
+    rows = json.loads(written(schedule))["segments"]
     assert [row.get("reason") for row in rows] == [None, None, "shared_zone", None]
+
+
+def test_the_document_is_the_one_that_json_would_write(schedule, monkeypatch):
+    """Blocks of one to eight knots of seven: each member as Python's own writer has it, rows on lines of their own."""
+    whole = written(schedule)
+    for knots in range(1, 9):
+        monkeypatch.setattr(schedule_json, "BLOCK", knots)
+        assert written(schedule) == whole
+    document = json.loads(whole)
+    lines = []
+    for key, value in document.items():
+        text = json.dumps(value, ensure_ascii=False)
+        if key in ("stages", "segments", "events"):
+            rows = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in value)
+            text = f"[\n  {rows}\n ]"
+        lines.append(f' "{key}": {text}')
+    assert whole.decode() == "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def test_lists_without_entries_are_empty(schedule):
+    """No line of their own."""
+    empty = dataclasses.replace(schedule, stages=(), segments=(), events=())
+    assert written(empty).count(b": [],\n") >= 3
+    assert json.loads(written(empty))["events"] == []

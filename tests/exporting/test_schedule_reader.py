@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.exporting import json_reader, json_stream
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.verification import verify
 
@@ -220,9 +223,101 @@ def test_a_file_that_is_not_there_a_pipe_and_a_giant_are_refused(tmp_path, monke
         read_schedule(tmp_path)
     (tmp_path / "schedule.json").unlink()
     with (tmp_path / "schedule.json").open("wb") as file:
-        file.truncate(600_000_000)  # sparse: takes no space
-    with pytest.raises(InputError, match="is larger than 500 MB"):
+        file.truncate(4_000_000_001)  # sparse: takes no space
+    with pytest.raises(InputError, match="is larger than 4000 MB"):
         read_schedule(tmp_path)
+
+
+@pytest.mark.parametrize("indent", [None, 1])
+def test_a_schedule_read_in_small_pieces_is_the_same(folder, monkeypatch, indent):
+    """Wherever a piece ends: within numbers, names, escapes, characters of three bytes; against Python's reader."""
+    file = folder / "schedule.json"
+    document = json.loads(file.read_bytes())
+    document["notes"] = ["\u2603 snow", '\U0001f600 \\ "', "x" * 300]
+    document["trajectory"]["velocity"][2] = [float("nan"), -float("inf")]
+    for ascii_only in (True, False):
+        file.write_text(json.dumps(document, indent=indent, ensure_ascii=ascii_only), "utf-8")
+        for block in (1, 2, 3, 7, 64, 1 << 20):
+            monkeypatch.setattr(json_stream, "BLOCK", block)
+            monkeypatch.setattr(json_reader, "BATCH", block)
+            read = read_schedule(folder)
+            for name in ("time", "position", "velocity", "acceleration"):
+                expected = np.array(document["trajectory"][name])
+                assert getattr(read.trajectory, name).tobytes() == expected.tobytes()
+            assert list(read.notes) == document["notes"]
+            assert [segment.kind for segment in read.segments] == [
+                row["kind"] for row in document["segments"]
+            ]
+
+
+def test_a_defect_far_down_is_told_with_its_line(folder, monkeypatch):
+    """Pieces of 64 bytes; the line is counted by hand: the comma is taken from before the last member."""
+    monkeypatch.setattr(json_stream, "BLOCK", 64)
+    file = folder / "schedule.json"
+    lines = file.read_text().split("\n")
+    [at] = [k for k, line in enumerate(lines) if line.startswith(' "verification"')]
+    lines[at - 1] = lines[at - 1].removesuffix(",")
+    file.write_text("\n".join(lines))
+    with pytest.raises(InputError) as caught:
+        read_schedule(folder)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.message.startswith("schedule: is not JSON: Expecting ',' delimiter")
+    assert diagnostic.line == at + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('"trajectory": {"time": [' + "0," * 3000, "trajectory.time: has more than 1,000 numbers"),
+        ('"trajectory": {"x": [' + "[0,0]," * 3000, "trajectory.x: has more than 1,000 numbers"),
+        ('"stages": [' + "{}," * 3000, "stages: has more than 1,000 entries"),
+        ('"notes": [' + '"",' * 3000, "notes: has more than 1,000 entries"),
+        ('"name": "' + "x" * 5000, "schedule: is not JSON: A value is too long"),
+        ('"a": {"b": [' + "0," * 5000, "schedule: is not JSON: A value is too long"),
+        ('"stages": [' + "[" * 900 + "0," * 5000, "schedule: is not JSON: A value is too long"),
+    ],
+)
+def test_what_would_fill_the_memory_is_refused_before_it_does(folder, monkeypatch, text, expected):
+    """Each limit made small; none of these texts ends."""
+    for module, name, value in (
+        (json_reader, "MOST_NUMBERS", 1000),
+        (json_reader, "MOST_ROWS", 1000),
+        (json_reader, "BATCH", 256),
+        (json_stream, "LARGEST_VALUE", 2000),
+        (json_stream, "BLOCK", 128),
+    ):
+        monkeypatch.setattr(module, name, value)
+    (folder / "schedule.json").write_text("{" + text)
+    assert message(folder).startswith(expected)
+
+
+def test_reading_takes_memory_for_the_numbers_and_not_for_their_text(folder):
+    """200,000 knots, 20 MB of text: as Python's objects its numbers would be 40 MB, as doubles they are 11."""
+    knots = 200_000
+    random = np.random.default_rng(0)
+    file = folder / "schedule.json"
+    document = json.loads(file.read_bytes())
+    document["trajectory"] = {
+        "time": np.linspace(0.0, 100.0, knots).tolist(),
+        **{
+            name: random.normal(size=(knots, 2)).tolist()
+            for name in ("position", "velocity", "acceleration")
+        },
+    }
+    expected = {name: np.array(table) for name, table in document["trajectory"].items()}
+    file.write_text(json.dumps(document))
+    size = file.stat().st_size
+    del document
+    gc.collect()
+    tracemalloc.start()
+    try:
+        read = read_schedule(folder)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert all(np.array_equal(getattr(read.trajectory, name), x) for name, x in expected.items())
+    assert size > 20_000_000
+    assert most < 1.5 * size
 
 
 def test_a_urdf_that_is_a_pipe_or_a_link_out_or_around_is_refused(folder):

@@ -2,7 +2,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from dualarm_cli.errors import Diagnostic
+from dualarm_cli.loading import diagnostics
 from dualarm_cli.loading.checking import check_file
 from dualarm_cli.loading.diagnostics import render
 
@@ -26,6 +29,23 @@ def test_twenty_are_shown_and_the_rest_is_counted() -> None:
     lines = render(many).splitlines()
     assert lines[19:] == ["f:20:1: E200 bad", "... and 3980 more"]
     assert "more" not in render(many[:20])
+
+
+def test_so_many_mistakes_that_telling_them_would_fill_the_memory_are_counted(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eleven unknown keys where ten are told one by one."""
+    monkeypatch.setattr(diagnostics, "MAX_MISTAKES", 10)
+    for keys in (10, 11):
+        unknown = "".join(f"key{k}: 1\n" for k in range(keys))
+        task = "tasks: [{id: a, arm: left, move: {xyz: [0, 0, 0]}}]\n"
+        (project / "t.yaml").write_text("dualarm: tasks/1\ncell: c.yaml\n" + task + unknown)
+        found = [str(one) for one in check_file("t.yaml") if one.code in ("E100", "E201")]
+        if keys == 10:
+            assert found == [one for one in found if "E201 unknown key" in one]
+            assert len(found) == 10
+        else:
+            assert found == ["t.yaml:1:1: E100 11 mistakes in this file; look at what wrote it"]
 
 
 def test_nothing_that_is_printed_can_steer_a_terminal(project: Path) -> None:

@@ -23,7 +23,7 @@ from dualarm_cli.loading.yaml_source import parse_yaml
         (b"a: 1\nb: \xff", "f:2:4: E101 byte 0xff is not UTF-8; save the file as UTF-8"),
         (b"a: 1\nb: \0", "f:2:4: E101 character U+0000 is not allowed; remove it"),
         ("a: 1\u2028b: 2".encode(), "f:1:5: E101 character U+2028 is not allowed; remove it"),
-        (b"a" * 50_000_000, "f: E100 has 50.0 MB; at most 5 MB are read"),
+        (b"a" * 50_000_000, "f: E100 has 50.0 MB; at most 20 MB are read"),
     ],
 )
 def test_text_that_is_none_is_refused(

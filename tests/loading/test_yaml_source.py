@@ -77,9 +77,9 @@ def test_keys_are_always_text() -> None:
         ("? [a]\n: 1", "f:1:3: E101 a key must be text, not a list or a mapping"),
         ("[" * 100_000, "f:1:41: E100 nesting deeper than 40"),
         (
-            # Nodes 1 to 3: mapping, key, list; node 200,001 is item 199,998, at 5 + 2 * 199,997.
-            "a: [" + "1," * 200_000 + "]",
-            "f:1:399999: E100 more than 200000 keys and values; split the file",
+            # Nodes 1 to 3: mapping, key, list; node 1,000,001 is item 999,998, at 5 + 2 * 999,997.
+            "a: [" + "1," * 1_000_000 + "]",
+            "f:1:1999999: E100 more than 1000000 keys and values; split the file",
         ),
     ],
 )
@@ -88,6 +88,16 @@ def test_yaml_that_is_refused_says_where_and_why(
 ) -> None:
     """Aliases, tags, tabs, several documents, conflict markers and bombs."""
     assert messages(lambda: parse(text)) == [message]
+
+
+def test_ten_thousand_tasks_are_read_with_the_place_of_the_last_one() -> None:
+    """One line each, as many keys and values as a pick and a place have; lines counted by hand."""
+    stop = "{at: tray, xyz: [0.1, 0.2, 0.3], rpy: [180 deg, 0, 0], free: yaw}"
+    line = f"- {{id: t, arm: left, after: [a, b], not_before: 1 s, pick: {stop}, place: {stop}}}\n"
+    document = parse("dualarm: tasks/1\ntasks:\n" + 10_000 * line)
+    assert len(document.data["tasks"]) == 10_000
+    assert document.data["tasks"][-1]["place"]["xyz"] == [0.1, 0.2, 0.3]
+    assert document.place(["tasks", 9_999, "id"])[0] == 10_002
 
 
 def test_unclosed_brackets_name_the_line_where_they_began(

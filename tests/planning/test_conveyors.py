@@ -117,7 +117,7 @@ def test_what_is_reported_is_what_was_done(belt, planned):
         assert f"{row['task']} picked by the {row['arm']} arm" in line
         assert f"{row['gone'] * 1e3:.0f} mm on of 500 mm" in line
     assert report["sensitivity"] == []
-    assert to_json(planned, "robot.urdf", {}).count(b'"velocity": [0.0, -0.15, 0.0]') == 4
+    assert b"".join(to_json(planned, "robot.urdf", {})).count(b'"velocity": [0.0, -0.15, 0.0]') == 4
     assert any("the cycle repeats every" in note for note in planned.notes)
 
 

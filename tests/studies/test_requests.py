@@ -67,7 +67,9 @@ def _joint(folder: Path) -> str:
 def _plan_bytes(path: Path, overrides: dict, settings) -> bytes:
     """Returns the schedule of a job as it is written, without the hashes of its files."""
     schedule = plan(load_job(path, overrides=overrides), settings)
-    return to_json(replace(schedule, provenance=Provenance("", {}, {}, 0)), "robot.urdf", {})
+    return b"".join(
+        to_json(replace(schedule, provenance=Provenance("", {}, {}, 0)), "robot.urdf", {})
+    )
 
 
 def test_the_plan_is_that_of_edited_files_to_the_byte(folder: Path) -> None:
