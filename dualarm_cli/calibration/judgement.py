@@ -7,21 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.calibration.confidence import explained, half_widths
+from dualarm_cli.calibration.confidence import half_widths
+from dualarm_cli.calibration.consistency import (
+    TOUCH_NOISE,
+    Consistency,
+    check_consistency,
+    least_squares,
+)
 from dualarm_cli.calibration.problem import CalibrationProblem
-from dualarm_cli.calibration.rigid import fit_rigid
 from dualarm_cli.calibration.solution import CalibrationSolution
 from dualarm_cli.calibration.spread import NEARLY_A_LINE, Spread, distances, measure_spread
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
 SAME_POINT = 1e-4
 """Points nearer than this for both robots are one point [m]."""
-DISTANCE_OFF = 1e-3
-"""A distance on which the robots disagree by more is told of where no noise is stated [m]."""
-SCALE_OFF = 0.01
-"""By how much the size of both robots' sets of points may differ."""
-CULPRIT = 4.0
-"""A point without which the others fit this many times better is suspected."""
+MIRRORED = 1e-3
+"""Residuals of which the root mean square is less are not those of a mirror image [m]."""
 TURN_OFF = math.radians(0.5)
 """An uncertainty of rotation that is told of [rad]."""
 
@@ -93,13 +94,13 @@ def judge(
     widths = None
     if solution.covariance is not None:
         widths = readonly(half_widths(solution.covariance, solution.degrees))
+    consistency = check_consistency(problem, fitted)
     warnings = [
         *_few(problem, method),
         *_near_line(problem, left, right),
         *_repeated(problem, pairs),
-        *_disagreement(problem, pairs, residuals, method, fitted),
+        *_disagreement(problem, pairs, consistency, fitted),
         *mirrored(problem),
-        *_culprit(problem),
         *_uncertain(widths, method),
     ]
     return Judgement(readonly(residuals), pairs, left, right, widths, tuple(warnings))
@@ -149,82 +150,51 @@ def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> l
 def _disagreement(
     problem: CalibrationProblem,
     pairs: tuple[PairDistance, ...],
-    residuals: FloatArray,
-    method: str,
+    consistency: Consistency,
     fitted: int,
 ) -> list[str]:
-    """Says so where the robots' lengths or residuals contradict each other or the stated noise."""
+    """Says so where the robots' points differ by more than noise."""
     found = []
-    sizes = [
-        float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum())) for p in (problem.left, problem.right)
-    ]
-    if abs(sizes[0] / sizes[1] - 1.0) > SCALE_OFF:
+    if consistency.scale is not None:
         found.append(
-            f"the left robot's points span {sizes[0] / sizes[1]:.3f} times what the right robot's "
-            "do; look at units, tools and lengths "
-            "of the robot files"
+            f"the left robot's points span {consistency.scale:.4f} times what the right robot's "
+            "do; look at units, tools and lengths of the robot files"
         )
-    worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
-    off = abs(worst.left - worst.right)
-    if problem.noise is None and off > DISTANCE_OFF:
+    if problem.noise is None and consistency.contradicted:
+        worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
         found.append(
-            f"the robots disagree by {off * 1000:.1f} mm about the distance of {worst.first} and "
-            f"{worst.second}: no transform can "
-            "mend that; touch them again, or look at tools and robot files"
+            f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
+            f"distance of {worst.first} and {worst.second}, more than "
+            + (f"a noise of {TOUCH_NOISE * 1000:g} mm" if consistency.too_much else "their noise")
+            + " explains: no transform can mend that; touch them again, or look at tools and robot files"
         )
-    degrees = 3 * len(problem.names) - 6 - fitted
-    least = least_squares(problem) if method == "frame" else float((residuals**2).sum())
-    if (
-        problem.noise is not None
-        and degrees > 0
-        and not explained(least, degrees, 2.0 * problem.noise**2)
-    ):
+    elif consistency.too_much and problem.noise is not None:
+        degrees = 3 * len(problem.names) - 6 - fitted
         found.append(
             f"the residuals are larger than a noise of {problem.noise * 1000:g} mm explains (it would take "
-            f"{math.sqrt(least / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
-            "look at single points, tools and "
-            "robot files, or leave the noise out"
+            f"{math.sqrt(least_squares(problem) / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
+            "look at single points, tools and robot files, or leave the noise out"
+        )
+    if consistency.outlier is not None:
+        outlier = consistency.outlier
+        found.append(
+            f"without {problem.names[outlier.point]} the others fit {outlier.factor:.3g} times better, and it is "
+            f"{outlier.off * 1000:.3g} mm from where they put it: touch it again, or look whether both robots mean "
+            "the same point"
         )
     return found
-
-
-def least_squares(problem: CalibrationProblem) -> float:
-    """Returns the least sum of squared residuals [m^2] that any rigid motion leaves."""
-    R, t = fit_rigid(problem.left, problem.right)
-    return float(((problem.left - problem.right @ R.T - t) ** 2).sum())
 
 
 def mirrored(problem: CalibrationProblem) -> list[str]:
     """Says so where a reflection fits far better: a sign was lost."""
     flipped = CalibrationProblem(problem.left, -problem.right, problem.names)
     plain, mirror = (math.sqrt(least_squares(p) / len(p.names)) for p in (problem, flipped))
-    if plain < DISTANCE_OFF or mirror > plain / 3.0:
+    if plain < MIRRORED or mirror > plain / 3.0:
         return []
     return [
         "one robot's points are the mirror image of the other's: a reflection leaves "
         f"{mirror * 1000:.3g} mm where the best motion "
         f"leaves {plain * 1000:.3g} mm; look for a lost sign, or axes of the wrong hand"
-    ]
-
-
-def _culprit(problem: CalibrationProblem) -> list[str]:
-    """Names the one point that spoils the rest, where five or more leave enough to tell."""
-    n = len(problem.names)
-    if n < 5:
-        return []
-    kept = np.array([[k for k in range(n) if k != out] for out in range(n)])
-    left, right = problem.left[kept], problem.right[kept]
-    R, t = fit_rigid(left, right)
-    rest = left - (right @ np.swapaxes(R, -1, -2) + t[:, None])
-    without = (rest**2).sum(axis=(1, 2)) / (3 * (n - 1) - 6)
-    every = least_squares(problem) / (3 * n - 6)
-    worst = int(np.argmin(without))
-    if every < DISTANCE_OFF**2 or every < CULPRIT**2 * without[worst]:
-        return []
-    return [
-        f"without {problem.names[worst]} the others fit "
-        f"{math.sqrt(every / max(float(without[worst]), 1e-30)):.3g} times better: "
-        "touch it again, or look whether both robots mean the same point"
     ]
 
 

@@ -103,7 +103,7 @@ def test_a_robot_that_measures_longer_is_told(problem: Problem, spread_points: n
     """2 % more in every length."""
     good = problem(spread_points)
     long = CalibrationProblem(good.left * 1.02, good.right, good.names)
-    assert "span 1.020 times" in " ".join(judged(long).warnings)
+    assert "span 1.0200 times" in " ".join(judged(long).warnings)
 
 
 def test_the_frame_method_says_what_it_leaves_out(
