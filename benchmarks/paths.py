@@ -27,6 +27,7 @@ from dualarm_cli.path_following.acceleration import (
     follow_min_acceleration,
 )
 from dualarm_cli.path_following.velocity import (
+    Room,
     follow_min_norm,
     follow_spring,
     follow_spring_damped,
@@ -71,7 +72,7 @@ def steps() -> None:
     context, problem = scenario("choi_circles")
     motion = follow_spring(problem)
     assert isinstance(motion, PathMotion)
-    spring = make_step(problem, exact=True, pulled=True)
+    spring = make_step(problem, Room(problem), exact=True, pulled=True)
     q = motion.position
     _against_others("spring", context, problem, q, lambda k: spring(q[k], k + 1))
     context, problem = scenario("zhang_turn")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -156,7 +156,8 @@ def _follow(problem: PathProblem, wanted: Wanted) -> PathMotion | NoPath:
         qd = qd + h * acceleration
         position[k] = q
     position[-1] += step.correction(q, problem.instants - 1)
-    return within_limits(problem, position)
+    motion = within_limits(problem, position)
+    return motion if isinstance(motion, NoPath) else replace(motion, keeps_rates=True)
 
 
 def _holding_words(problem: PathProblem, q: FloatArray) -> str:

@@ -118,6 +118,9 @@ class PathMotion:
 
     position: FloatArray
     """All joints [rad], shape (k, n)."""
+    keeps_rates: bool = False
+    """Whether the method itself kept velocities and accelerations within the problem's limits. A curve through the
+    instants that exceeds them then does so by the method's self-motion, which no slower path changes."""
 
     def __post_init__(self) -> None:
         """Freezes the array."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +72,8 @@ def spring_gradient(
 
 
 def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | NoPath:
-    step = make_step(problem, exact=exact, pulled=pulled)
+    room = Room(problem)
+    step = make_step(problem, room, exact=exact, pulled=pulled)
     q = np.array(problem.start)
     position = np.empty((problem.instants, len(q)))
     position[0] = q
@@ -81,22 +83,29 @@ def _follow(problem: PathProblem, *, exact: bool, pulled: bool) -> PathMotion | 
         except np.linalg.LinAlgError:
             return NoPath(f"the joints cannot follow{singular_words(problem, q)}", k)
         if not np.abs(moved - q).max() < LARGEST_STEP:
-            found = within_limits(problem, position[:k])
+            found = _judged(problem, room, position[:k])
             if isinstance(found, NoPath):
                 return found
             words = singular_words(problem, q) or "; is the path out of reach there?"
             return NoPath(f"the joints cannot follow{words}", k)
         position[k] = q = moved
-    return within_limits(problem, position)
+    return _judged(problem, room, position)
+
+
+def _judged(problem: PathProblem, room: Room, position: FloatArray) -> PathMotion | NoPath:
+    """Returns the motion, or where a joint is beyond its limit; slower may help where there was no room to stop it."""
+    found = within_limits(problem, position)
+    return replace(found, excess=np.inf) if isinstance(found, NoPath) and room.lacked else found
 
 
 def make_step(
-    problem: PathProblem, *, exact: bool, pulled: bool
+    problem: PathProblem, room: Room, *, exact: bool, pulled: bool
 ) -> Callable[[FloatArray, int], FloatArray]:
     """Returns the function from the joints at one instant and the number of the next to the joints there.
 
     Args:
         problem: what is to be followed.
+        room: how far joints may move in a step.
         exact: whether the null-space projector is exact and the tools are corrected.
         pulled: whether the springs pull.
     """
@@ -106,7 +115,6 @@ def make_step(
     speed = problem.pace * problem.step
     damping = problem.damping**2 * np.eye(6 * len(follows))
     most = SELF_SPEED * problem.limits.velocity
-    room = Room(problem)
     idle = ~problem.rows
     cap = SELF_SHARE * problem.tool_speed if problem.tool_speed is not None else np.inf
 
@@ -153,6 +161,9 @@ def make_step(
 class Room:
     """How far joints may move in one step so that they come to rest before their limits, and the move that does."""
 
+    lacked: bool = False
+    """Whether at some instant no move followed the tools within bounds; slower, joints may come nearer to limits."""
+
     def __init__(self, problem: PathProblem) -> None:
         """Prepares a problem's limits."""
         limits, step = problem.limits, problem.step
@@ -189,6 +200,7 @@ class Room:
             pull[free] * scale, J[:, free], error * scale, least[free] * scale, most[free] * scale
         )
         if found is None:
+            self.lacked = True
             return None
         moved = np.zeros(len(pull))
         moved[free] = found / scale

@@ -48,6 +48,8 @@ CHEAP = 0.1
 """What keeping a transfer clear may cost for no other start to be looked at [s]."""
 MOST_STARTS = 16
 """So many starts of a path are tried."""
+MOST_STUCK = 3
+"""So many of those from which less speed may help, but how much less is not known, are tried slower."""
 
 
 @dataclass(frozen=True)
@@ -170,31 +172,43 @@ class SectionPlanner:
         best: tuple[Found | None, Followed] | None = None
         clear = None if holding is None else partial(keeps_clear, holding)
         starts = path_starts(context, work, start, self.problem.seed, clear)
-        for q in starts.configurations[:MOST_STARTS]:
-            found = follow_path(context, work, follower, q, budget)
-            if isinstance(found, Refused):
-                refusals.append(found)
-                if _always_there(refusals) or budget.spent:
-                    break
-                continue
-            touching = None if holding is None else touching_path(holding, found)
-            if touching is not None:
-                refusals.append(touching)
-                continue
-            transfer = None
-            if here is not None and np.abs(q - here).max() > 0.0:
-                try:
-                    transfer = self._transfer(here, q)
-                except InfeasibleError as error:
-                    refusals.append(Refused(f"no way to where it begins: {error}", 0.0, "clear"))
+        stuck: list[tuple[float, FloatArray]] = []
+        # From all starts first at full speed or as much less as limits tell; then slower from those where only
+        # trying tells how much slower it has to be.
+        for halve in (False, True):
+            ready = starts.configurations[:MOST_STARTS]
+            if halve:
+                ready = [q for _, q in sorted(stuck, key=lambda one: -one[0])[:MOST_STUCK]]
+            for q in ready:
+                found = follow_path(context, work, follower, q, budget, halve)
+                if isinstance(found, Refused):
+                    refusals.append(found)
+                    if found.remedy == "slower" and np.isinf(found.excess):
+                        stuck.append((found.share, q))
+                    if _always_there(refusals) or budget.spent:
+                        break
                     continue
-            if best is None or _time(transfer, found) < _time(*best):
-                best = transfer, found
-            looked_at += 1
-            dear = transfer is not None and (transfer.cost or 0.0) > CHEAP
-            if looked_at >= LOOKS[self.problem.effort] or not (
-                dear or self.problem.effort == "thorough"
-            ):
+                touching = None if holding is None else touching_path(holding, found)
+                if touching is not None:
+                    refusals.append(touching)
+                    continue
+                transfer = None
+                if here is not None and np.abs(q - here).max() > 0.0:
+                    try:
+                        transfer = self._transfer(here, q)
+                    except InfeasibleError as error:
+                        reason = f"no way to where it begins: {error}"
+                        refusals.append(Refused(reason, 0.0, "clear"))
+                        continue
+                if best is None or _time(transfer, found) < _time(*best):
+                    best = transfer, found
+                looked_at += 1
+                dear = transfer is not None and (transfer.cost or 0.0) > CHEAP
+                if looked_at >= LOOKS[self.problem.effort] or not (
+                    dear or self.problem.effort == "thorough"
+                ):
+                    break
+            if best is not None or budget.spent or not work.slower:
                 break
         if best is None:
             raise InfeasibleError(

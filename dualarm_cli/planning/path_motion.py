@@ -31,7 +31,11 @@ TOLERATED, STRAY = 0.2, 2e-5
 GENTLER = (2.0, 4.0)
 """How many times as long as usual ramps take that are tried next where the file leaves them open."""
 SLOWER = 0.9
-"""Share of the speed that is tried next where limits do not say how much slower it has to be."""
+"""Largest share of the speed that is tried next where easing off locally does not do."""
+HALVED = 0.5
+"""Share of the speed that is tried next where the method does not say how much slower it has to be."""
+BISECTIONS = 3
+"""How often the speed is bisected between the last that is too fast and the first that is not, after halving."""
 SLOWEST = 0.05
 """Least share of its speed at which a path is tried."""
 ROUNDS = 16
@@ -46,6 +50,8 @@ NEAR_JUNCTION = 0.02
 """Distance from a junction of pieces within which it is to blame [m]."""
 AMPLE = 1.02
 """By how much more than needed speed is reduced."""
+TIGHTENED = 3
+"""How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
 
 
 Remedy = Literal["slower", "other", "clear", "tolerance"]
@@ -100,6 +106,7 @@ def follow_path(
     follower: Follower,
     start: FloatArray,
     budget: Budget,
+    halve: bool = True,
 ) -> Followed | Refused:
     """Returns a path as one method follows it from one start, slower where the file allows it.
 
@@ -109,6 +116,7 @@ def follow_path(
         follower: the method.
         start: joints where it begins [rad], shape (n,).
         budget: how much may be tried; less is left afterwards.
+        halve: whether less speed is tried as well where the method does not say how much less helps.
     """
     open_ramps = work.acceleration is None or work.jerk is None
     clock = context.clock(work)
@@ -120,7 +128,7 @@ def follow_path(
             clock = context.clock(work, gentle=gentle)
             full = clock.duration
             tried = _once(context, work, follower, start, clock, budget)
-    if work.slower and tried.slower_helps:
+    if work.slower and tried.slower_helps and (halve or np.isfinite(tried.excess)):
         tried, clock = _eased(context, work, follower, start, clock, tried, budget)
         if tried.trajectory is not None:
             # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
@@ -128,7 +136,8 @@ def follow_path(
             gentle = GENTLER[0] if open_ramps else 1.0
             lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
             again = _once(context, work, follower, start, lower, budget, HOPELESS_YET)
-            again, lower = _eased(context, work, follower, start, lower, again, budget)
+            if np.isfinite(again.excess):
+                again, lower = _eased(context, work, follower, start, lower, again, budget)
             if again.trajectory is not None and lower.duration < clock.duration:
                 tried, clock = again, lower
     if tried.trajectory is None:
@@ -146,7 +155,7 @@ def _eased(
     budget: Budget,
 ) -> tuple[_Tried, PathClock]:
     """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
-    slower = 1.0
+    slower = too_fast = 1.0
     for k in range(ROUNDS):
         if not tried.slower_helps or budget.spent:
             break
@@ -154,12 +163,23 @@ def _eased(
             clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
         else:
             # It is not known where, or easing off there does not do: slower all along.
-            known = np.isfinite(tried.excess)
-            slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else SLOWER
+            too_fast, known = slower, np.isfinite(tried.excess)
+            slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else HALVED
             if slower < SLOWEST:
                 break
             clock = context.clock(work, slower)
-        tried = _once(context, work, follower, start, clock, budget, HOPELESS_YET)
+        tried = _once(context, work, follower, start, clock, budget, HOPELESS_YET, tried.share)
+    # The step to a speed that will do may have been a long one.
+    for _ in range(BISECTIONS if slower <= HALVED * too_fast else 0):
+        if tried.trajectory is None or budget.spent:
+            break
+        between = float(np.sqrt(slower * too_fast))
+        faster = context.clock(work, between)
+        again = _once(context, work, follower, start, faster, budget, HOPELESS_YET, tried.share)
+        if again.trajectory is None:
+            too_fast = between
+        else:
+            tried, clock, slower = again, faster, between
     return tried, clock
 
 
@@ -173,6 +193,10 @@ class _Tried:
     """By what factor it would have to be slower, infinite where that is not known, 0 where it is no help."""
     profile: Joined | None = None
     """Where it was too fast, where that is known."""
+    share: float = 1.0
+    """Pace of the limits that the method was given."""
+    tighter_helps: bool = False
+    """Whether the same at the limits of a slower pace may keep the limits."""
 
     @property
     def slower_helps(self) -> bool:
@@ -188,17 +212,46 @@ def _once(
     clock: PathClock,
     budget: Budget,
     hopeless: float = HOPELESS,
+    share: float = 1.0,
+) -> _Tried:
+    """Returns the trajectory by one clock, or why there is none.
+
+    Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
+    curve through its instants, most of all where self-motion is as quick as limits allow. A slower path does not help
+    then: the method is given the limits of a slower pace.
+    """
+    tried = _with_share(context, work, follower, start, clock, budget, hopeless, share)
+    for _ in range(TIGHTENED):
+        if not tried.tighter_helps or not tried.slower_helps or budget.spent:
+            break
+        tighter = tried.share / (tried.excess * AMPLE)
+        again = _with_share(context, work, follower, start, clock, budget, hopeless, tighter)
+        if again.trajectory is None and not 1.0 < again.excess <= GAINED * tried.excess:
+            break
+        tried = again
+    return tried
+
+
+def _with_share(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    clock: PathClock,
+    budget: Budget,
+    hopeless: float,
+    share: float,
     finer: int = 1,
 ) -> _Tried:
-    """Returns the trajectory by one clock, or why there is none; above a factor too fast nothing is evened out."""
+    """Returns the same, the method being given the limits of a pace."""
     problem = context.problem(work, start, clock, finer)
     budget.instants -= problem.instants
-    found = follower.solve(problem)
+    found = follower.solve(replace(problem, limits=problem.limits.scaled(share)))
     if isinstance(found, NoPath):
-        share = float(problem.share[found.instant])
+        along = float(problem.share[found.instant])
         remedy: Remedy = "slower" if found.excess > 1.0 else "other"
-        refused = _refused(work, found.reason, found.instant * problem.step, share, remedy)
-        return _Tried(None, replace(refused, excess=found.excess), found.excess)
+        refused = _refused(work, found.reason, found.instant * problem.step, along, remedy)
+        return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
     left = leaves(problem, found)
     rounded = ROUNDED if any(path.junctions for path in work.paths.values()) else 0.0
     if left > (1.0 - rounded - TOLERATED) * work.tolerance:
@@ -225,23 +278,26 @@ def _once(
             if curve.worst > 1.0:
                 continue
             if strays(problem, found, curve.trajectory) <= min(TOLERATED * work.tolerance, STRAY):
-                return _Tried(curve.trajectory, Refused("", 1.0))
+                return _Tried(curve.trajectory, Refused("", 1.0), share=share)
     curve = min(joined, key=lambda one: one.worst)
     if curve.worst <= 1.0:
         # What keeps the limits strays from the path between instants that are too far apart.
         if finer < FINEST:
-            return _once(context, work, follower, start, clock, budget, hopeless, 2 * finer)
+            return _with_share(
+                context, work, follower, start, clock, budget, hopeless, share, 2 * finer
+            )
         return _Tried(
             None, Refused("its joints cannot be joined by a curve near enough to it", 1.0)
         )
-    share = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
+    along = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
     instant = min(problem.instants - 1, round(curve.when / problem.step))
-    reason = curve.reason + _junction_words(work, share)
+    reason = curve.reason + _junction_words(work, along)
     reason += singular_words(problem, found.position[instant])
     remedy = "slower" if curve.slower_helps else "other"
-    refused = _refused(work, reason, curve.when, share, remedy)
+    refused = _refused(work, reason, curve.when, along, remedy)
     refused = replace(refused, excess=curve.worst)
-    return _Tried(None, refused, curve.worst if curve.slower_helps else 0.0, curve)
+    excess = curve.worst if curve.slower_helps else 0.0
+    return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
 
 
 def _in_vain(joined: list[Joined]) -> bool:

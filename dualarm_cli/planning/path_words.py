@@ -190,4 +190,5 @@ def _remedy(refused: Refused, work: PathWork) -> str:
     """Returns what a reader may do about a refusal."""
     if refused.remedy == "slower" and not work.slower:
         return f"allow it to be slower (slower: allowed), {REMEDIES['slower']}"
-    return REMEDIES[refused.remedy]
+    # Where the file allows less speed, that has been tried.
+    return REMEDIES["other" if refused.remedy == "slower" else refused.remedy]

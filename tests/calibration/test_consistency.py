@@ -18,7 +18,7 @@ FILES = 400
 
 
 def points_of(seed: int, n: int) -> np.ndarray:
-    """n points in a box of 0.8 x 0.8 x 0.5 m."""
+    """N points in a box of 0.8 x 0.8 x 0.5 m."""
     random = np.random.default_rng(seed)
     return random.uniform([-0.4, -0.4, 0.0], [0.4, 0.4, 0.5], (n, 3))
 

@@ -11,6 +11,7 @@ from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
 from dualarm_cli.path_following.problem import Spring
 from dualarm_cli.path_following.velocity import (
+    Room,
     follow_min_norm,
     follow_spring,
     follow_spring_damped,
@@ -102,7 +103,7 @@ def test_the_gradient_is_that_of_half_the_squared_distances(choi) -> None:
 def test_a_step_of_least_norm_is_numpys_pseudo_inverse(choi) -> None:
     """Without damping the move is J+ times the tools' way, to second order in the step."""
     problem = replace(choi[1], damping=0.0)
-    step = make_step(problem, exact=True, pulled=False)
+    step = make_step(problem, Room(problem), exact=True, pulled=False)
     q, k = np.array(problem.start), problem.instants // 2
     # From a posture on the path, one instant on.
     found = follow_min_norm(problem)
