@@ -1,4 +1,4 @@
-"""Ctrl-C while orders are searched: the first one ends the search, the next one everything."""
+"""Ctrl-C while something has been found: the first one ends the search, the next one everything."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from types import FrameType, TracebackType
 
 from dualarm_cli.planning.watch import SeenEnoughError, Watch
 
-STOPPING = "stopping: the best order so far is planned and verified (Ctrl-C again to give up)"
+STOPPING = "stopping: the best found so far is planned and verified (Ctrl-C again to give up)"
 """What the first Ctrl-C is answered with."""
 
 
 class Interrupts:
     """Within its `with` block Ctrl-C ends a search that has found something; any other one is a KeyboardInterrupt.
+
+    Once there is a plan, or an order that can be planned, only the second one gives up.
 
     Where SIGINT is ignored, as in the background of a shell script, it stays so.
     """

@@ -150,9 +150,11 @@ def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
     console = stderr_console()
     watch = Watch(limit=settings.time_limit)
     shown = console.is_terminal and not quiet
-    with console.status(StatusLine(watch, "planning")) if shown else nullcontext():
-        with Interrupts(watch, quiet=quiet):
-            schedule = plan(job, settings, watch)
+    with (
+        console.status(StatusLine(watch, "planning")) if shown else nullcontext(),
+        Interrupts(watch, quiet=quiet),
+    ):
+        schedule = plan(job, settings, watch)
         watch.tell("verifying")
         return replace(schedule, verification=verify(schedule, job, clearance=True))
 

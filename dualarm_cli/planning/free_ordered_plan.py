@@ -23,7 +23,6 @@ from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_words import check_reach
-from dualarm_cli.planning.ordered_plan import early_notes
 from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.planning.watch import Watch
 
@@ -45,7 +44,7 @@ def plan_by_own_clocks(
     planner: FreePlanner,
     settings: PlanSettings,
     watch: Watch,
-    paired: Callable[[Job], Schedule],
+    paired: Callable[[Job, Callable[[Schedule], None]], Schedule],
     schedule: Callable[[Motion, Job], Schedule],
 ) -> Schedule:
     """Returns the quickest plan found of arms with clocks of their own.
@@ -57,7 +56,7 @@ def plan_by_own_clocks(
         planner: makes plans with a standing platform.
         settings: as for any plan.
         watch: is told how it goes, and may end the search.
-        paired: plans the job as if it were paired.
+        paired: plans the job as if it were paired; what it is given besides is given every plan.
         schedule: what a motion of a decided job is told with.
 
     Raises:
@@ -82,10 +81,13 @@ def plan_by_own_clocks(
             continue
         if best is None or found.duration < best.duration:
             best, total = replace(found, order_grid_gap=_free_gap(orders, one.total)), one.total
+            watch.keep(_noted(best, free_notes(orders, total, None)))
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
         least = orders.found[0].total if best is not None else np.inf
         for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
+            if best is not None and watch.stop():
+                break
             if several.total > (1.0 + PROMISING) * least:
                 continue
             try:
@@ -95,20 +97,27 @@ def plan_by_own_clocks(
                 continue
             if best is None or found.duration < best.duration:
                 best, epochs = found, several
-    watch.end()
+                watch.keep(_noted(best, epoch_notes(several, None)))
     together = None
-    if best is None or _may_be_quicker(problem.model, best):
+    why = [_why_together(best)]
+    if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
         watch.tell("planning both arms stage by stage together")
         try:
-            together = paired(stage_by_stage(with_changes(problem.job)))
+            job = stage_by_stage(with_changes(problem.job))
+            together = paired(job, lambda one: watch.keep(_noted(one, why)))
         except InfeasibleError:
             if best is None:
                 raise
     if best is None or (together is not None and together.duration < best.duration):
         assert together is not None
-        return replace(together, notes=(*together.notes, _why_together(best)))
+        return _noted(together, why)
     notes = free_notes(orders, total, together) if epochs is None else epoch_notes(epochs, together)
-    return replace(best, notes=(*best.notes, *notes, *early_notes(watch)))
+    return _noted(best, notes)
+
+
+def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
+    """Returns a schedule with more notes."""
+    return replace(schedule, notes=(*schedule.notes, *notes))
 
 
 def _turns(model: CellModel) -> bool:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-
-import numpy as np
+from functools import partial
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -16,7 +15,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.order_trials import MOST_TRIED, TRIALS, most_promising
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
-from dualarm_cli.planning.watch import SeenEnoughError, Watch
+from dualarm_cli.planning.watch import Watch
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]
 """Plans a decided job from a plan to begin with; whether what does not keep clear is decided again."""
@@ -38,6 +37,7 @@ def plan_in_best_order(
     model: CellModel,
     watch: Watch,
     decided_plan: Planner,
+    keep: Callable[[Schedule], None],
     *,
     clear: bool,
 ) -> Schedule:
@@ -49,6 +49,7 @@ def plan_in_best_order(
         model: the job's cell.
         watch: is told how it goes, and may end the search.
         decided_plan: plans a job that says which arm does what in which order, from the search's angles and postures.
+        keep: is given every plan, with its notes.
         clear: whether anything has to keep clear.
 
     Raises:
@@ -58,16 +59,24 @@ def plan_in_best_order(
     search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
     orders = search.orders(watch)
     pairs: set[StagePair] = set()
+
+    def planned(one: DecidedOrder, patient: bool) -> Schedule:
+        found = decided_plan(one.job, one.plan, patient)
+        notes = (*found.notes, *order_notes(orders, one.total))
+        found = replace(found, order_grid_gap=orders.gap(one.total), notes=notes)
+        keep(found)
+        return found
+
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
-    for tries in range(searches + TAKEN_APART + 1):
+    tries = 0
+    while True:
         known = len(pairs)
         try:
             # There is no other order to hope for where nothing more is searched.
             patient = not long or tries > searches or watch.stop()
             promising = _promising(search, orders.found, settings, watch)
-            best, total = _quickest(promising, watch, decided_plan, pairs, patient=patient)
-            break
+            return _quickest(promising, watch, partial(planned, patient=patient), pairs)
         except BlockedError as error:
             if tries == searches + TAKEN_APART or len(pairs) == known:
                 raise
@@ -79,60 +88,46 @@ def plan_in_best_order(
             again = tries < searches and not watch.stop()
             found = search.orders(watch) if again else search.as_it_is()
             orders = replace(found, bound=orders.bound)
-    watch.end()
-    notes = (*best.notes, *order_notes(orders, total, watch))
-    return replace(best, order_grid_gap=orders.gap(total), notes=notes)
+            tries += 1
 
 
 def _quickest(
     orders: list[DecidedOrder],
     watch: Watch,
-    decided_plan: Planner,
+    planned: Callable[[DecidedOrder], Schedule],
     pairs: set[StagePair],
-    *,
-    patient: bool,
-) -> tuple[Schedule, float]:
-    """Returns the quickest plan of some orders, at least of the first one that has a plan, and that order's total [s].
+) -> Schedule:
+    """Returns the quickest plan of some orders, at least of the first one that has a plan.
 
     Args:
         orders: those that are worth it.
         watch: is told how it goes.
-        decided_plan: plans a decided job.
+        planned: plans an order.
         pairs: what turns out not to keep clear side by side is added.
-        patient: whether what does not keep clear is decided again.
     """
     best: Schedule | None = None
-    total = np.inf
     failure: InfeasibleError | None = None
     longest = 0.0
-    try:
-        for number, one in enumerate(orders, start=1):
-            if best is not None and watch.stop(longest):
-                break
-            if best is None and number == len(orders):
-                watch.end()
-            watch.tell(f"planning order {number} (about {one.total:.2f} s)")
-            begin = watch.elapsed()
-            watch.droppable = best is not None
-            try:
-                schedule = decided_plan(one.job, one.plan, patient)
-            except InfeasibleError as error:
-                failure = failure or error
-                if isinstance(error, BlockedError):
-                    pairs |= _blocked_pairs(one.job, error.stages)
-                continue
-            longest = max(longest, watch.elapsed() - begin)
-            if best is None or schedule.duration < best.duration:
-                best, total = schedule, one.total
-        watch.droppable = False
-    except SeenEnoughError:
-        watch.droppable = False
-        watch.stop()
+    for number, one in enumerate(orders, start=1):
+        if best is not None and watch.stop(longest):
+            break
+        watch.tell(f"planning order {number} (about {one.total:.2f} s)")
+        begin = watch.elapsed()
+        try:
+            schedule = planned(one)
+        except InfeasibleError as error:
+            failure = failure or error
+            if isinstance(error, BlockedError):
+                pairs |= _blocked_pairs(one.job, error.stages)
+            continue
+        longest = max(longest, watch.elapsed() - begin)
+        if best is None or schedule.duration < best.duration:
+            best = schedule
     if best is None:
         # There is an order, or it would have been said that there is none.
         assert failure is not None
         raise failure
-    return best, total
+    return best
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
@@ -167,13 +162,12 @@ def _expected(order: DecidedOrder) -> float:
     return order.total if order.expected is None else order.expected
 
 
-def order_notes(orders: Orders, total: float, watch: Watch) -> list[str]:
-    """Returns how the order was found, what is proven of it, and that the search was ended early, if it was.
+def order_notes(orders: Orders, total: float) -> list[str]:
+    """Returns how the order was found, and what is proven of it.
 
     Args:
         orders: what the search found.
         total: of the order that was planned, on the search's grid [s].
-        watch: of the search.
     """
     notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
     if orders.bound is not None:
@@ -182,11 +176,4 @@ def order_notes(orders: Orders, total: float, watch: Watch) -> list[str]:
             f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and of them this "
             "proves nothing: another order's may be quicker"
         )
-    return notes + early_notes(watch)
-
-
-def early_notes(watch: Watch) -> list[str]:
-    """Returns that a search was ended early, if it was."""
-    if not watch.stopped:
-        return []
-    return [f"order: the search was ended early, as {watch.stopped}; it may do better"]
+    return notes

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from dualarm_cli import __version__
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.minimum_time.bound import LowerBound
 from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
@@ -33,7 +35,7 @@ from dualarm_cli.planning.serving import (
 )
 from dualarm_cli.planning.stages import StagePlan
 from dualarm_cli.planning.tool_changes import with_changes
-from dualarm_cli.planning.watch import Watch
+from dualarm_cli.planning.watch import SeenEnoughError, Watch
 from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
 from dualarm_cli.timing import TIMING_SOLVERS
 
@@ -43,6 +45,9 @@ HANDED_TOGETHER = (
     "mode: free: with hand-overs both arms go from stage to stage together in this version"
 )
 """What is said of arms with clocks of their own that have to meet."""
+NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
+"""What is said where the user had seen enough once there was a plan."""
+T = TypeVar("T")
 UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
 """What is said of a time limit where nothing was searched."""
 
@@ -52,10 +57,25 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     watch = watch or Watch(limit=settings.time_limit)
     schedule = plan_without_bound(job, settings, watch)
     watch.tell("computing the lower bound")
-    bound = job_bound(job, settings.effort)
+    bound = _until_seen_enough(watch, lambda: job_bound(job, settings.effort)) or LowerBound(
+        None, (NOT_BOUNDED,)
+    )
     unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
     notes = (*schedule.notes, *unneeded, *bound.assumptions)
     return replace(schedule, lower_bound=bound.value, notes=notes)
+
+
+def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
+    """Returns what is made; None where the user has seen enough before, and there is a plan to go on with."""
+    try:
+        watch.catching = True
+        found = made()
+        watch.catching = False
+        return found
+    except SeenEnoughError:
+        watch.catching = False
+        watch.stop()
+        return None
 
 
 def _in_time(schedule: Schedule, job: Job) -> Schedule:
@@ -115,13 +135,33 @@ def plan_without_bound(
         raise UnsupportedError(
             f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
         )
+    watch.kept = None
     watch.tell("reading the robot")
     model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
-    found = _planned(job, settings, problem, replaced, watch, clear=clear)
+    found = _until_seen_enough(
+        watch, lambda: _planned(job, settings, problem, replaced, watch, clear=clear)
+    )
+    watch.end()
+    found = found or watch.kept
+    assert found is not None  # nothing else is dropped
+    found = _finished(found, job, watch)
+    watch.keep(found)
     return _in_time(found, job)
+
+
+def _finished(schedule: Schedule, job: Job, watch: Watch) -> Schedule:
+    """Returns the plan of a job with what is said of it however it was made."""
+    notes: list[str] = []
+    if job.has_conveyors:
+        notes += conveyor_notes(job, schedule.duration)
+    elif job.mode == "free" and job.has_handovers and not job.in_sections:
+        notes.append(HANDED_TOGETHER)
+    if watch.stopped:
+        notes.append(f"order: the search was ended early, as {watch.stopped}; it may do better")
+    return replace(schedule, notes=(*schedule.notes, *notes))
 
 
 def _planned(
@@ -150,21 +190,22 @@ def _planned(
             lambda one: _with_paths(one, settings, problem, replaced, watch.tell, clear=clear),
         )
 
-    def paired(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
+    def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
+        own = replace(problem, start=start, patient=patient, job=with_changes(one))
+        return _decided_plan(own, settings, replaced, watch, clear=clear)
+
+    def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
         if one.is_decided:
-            own = replace(problem, start=start, patient=patient, job=with_changes(one))
-            return _decided_plan(own, settings, replaced, watch, clear=clear)
-        return plan_in_best_order(one, settings, model, watch, paired, clear=clear)
+            return decided(one)
+        return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
 
     if job.has_conveyors:
         own = guessed(job)
-        one = paired(stage_by_stage(own) if job.mode == "free" else own)
-        return replace(one, notes=(*one.notes, *conveyor_notes(job, one.duration)))
+        return paired(stage_by_stage(own) if job.mode == "free" else own)
     if job.mode == "paired":
         return paired(job)
     if job.has_handovers:
-        met = paired(stage_by_stage(job))
-        return replace(met, notes=(*met.notes, HANDED_TOGETHER))
+        return paired(stage_by_stage(job))
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:

@@ -9,9 +9,8 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.planning.ordered_plan import early_notes
 from dualarm_cli.planning.section_orders import section_orders
-from dualarm_cli.planning.watch import SeenEnoughError, Watch
+from dualarm_cli.planning.watch import Watch
 
 ORDERS = {"quick": 2, "normal": 4, "thorough": 24}
 """So many orders of sections are planned."""
@@ -39,36 +38,32 @@ def quickest_of_sections(
     best: Schedule | None = None
     failure: InfeasibleError | None = None
     longest, chosen, tried = 0.0, job, 0
-    try:
-        for number, one in enumerate(orders, start=1):
-            if best is not None and watch.stop(longest):
-                break
-            begin, watch.droppable = watch.elapsed(), best is not None
-            watch.tell(f"planning order {number} of {len(orders)} of what takes both arms")
-            tried += 1
-            try:
-                found = plan(one)
-            except InfeasibleError as error:
-                failure = failure or error
-                continue
-            longest = max(longest, watch.elapsed() - begin)
-            watch.found(found.duration)
-            if best is None or found.duration < best.duration:
-                best, chosen = found, one
-    except SeenEnoughError:
-        watch.stop()
-    watch.end()
+    for number, one in enumerate(orders, start=1):
+        if best is not None and watch.stop(longest):
+            break
+        begin = watch.elapsed()
+        watch.tell(f"planning order {number} of {len(orders)} of what takes both arms")
+        tried += 1
+        try:
+            found = plan(one)
+        except InfeasibleError as error:
+            failure = failure or error
+            continue
+        longest = max(longest, watch.elapsed() - begin)
+        watch.found(found.duration)
+        watch.keep(_with_order(found, one, orders[0], tried))
+        if best is None or found.duration < best.duration:
+            best, chosen = found, one
     if best is None:
         assert failure is not None  # there is at least the file's order
         raise failure
-    notes = (*best.notes, *_order_notes(chosen, orders[0], tried), *early_notes(watch))
-    return replace(best, notes=notes)
+    return _with_order(best, chosen, orders[0], tried)
 
 
-def _order_notes(chosen: Job, given: Job, tried: int) -> list[str]:
-    """Returns in which order the sections are, where there was a choice."""
+def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Schedule:
+    """Returns a schedule that says in which order the sections are, where there was a choice."""
     if tried < 2:
-        return []
+        return schedule
     rows = [
         "/".join(dict.fromkeys(task.id for task in section))
         if section[0].alone
@@ -76,4 +71,5 @@ def _order_notes(chosen: Job, given: Job, tried: int) -> list[str]:
         for section in chosen.sections()
     ]
     whose = "the file's order of sections" if chosen == given else "sections in another order"
-    return [f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"]
+    note = f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"
+    return replace(schedule, notes=(*schedule.notes, note))

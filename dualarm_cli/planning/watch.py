@@ -1,10 +1,12 @@
-"""Who watches a long search: sees how it goes, and says when it is enough."""
+"""Who watches a long search: sees how it goes, keeps the best plan, and says when it is enough."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+from dualarm_cli.model.schedule import Schedule
 
 INTERRUPTED = "it was interrupted"
 """Why a search ended that the user had seen enough of."""
@@ -16,7 +18,7 @@ class SeenEnoughError(BaseException):
 
 @dataclass
 class Watch:
-    """Progress of a search and its end, by time or because the user has seen enough."""
+    """Progress of a search, the best plan so far, and the end, by time or because the user has seen enough."""
 
     tell: Callable[[str], None] = lambda _: None
     """Is told what is being done."""
@@ -32,14 +34,21 @@ class Watch:
     """Best bound known on all totals [s]."""
     searching: bool = False
     """Whether a search is going on."""
-    droppable: bool = False
-    """Whether a SeenEnoughError may be raised into what is being done: there is something as good to go on with."""
+    kept: Schedule | None = None
+    """The quickest plan of the whole job so far, with its notes; None where there is none yet."""
+    catching: bool = False
+    """Whether whoever makes plans goes on with the kept one after a SeenEnoughError."""
     _begin: float = field(default_factory=time.monotonic)
 
     @property
     def endable(self) -> bool:
-        """Whether the search could end now with something found."""
-        return self.searching and self.best is not None
+        """Whether there is something that an end now must not lose: a plan, or what a search has found."""
+        return self.kept is not None or (self.searching and self.best is not None)
+
+    @property
+    def droppable(self) -> bool:
+        """Whether a SeenEnoughError may be raised into what is being done."""
+        return self.catching and self.kept is not None
 
     def begin(self) -> None:
         """A search begins; its time counts from here."""
@@ -49,11 +58,16 @@ class Watch:
 
     def end(self) -> None:
         """Nothing is left to search for."""
-        self.searching = self.droppable = False
+        self.searching = False
 
     def found(self, total: float) -> None:
         """The search has found something [s]."""
         self.best = total if self.best is None else min(self.best, total)
+
+    def keep(self, schedule: Schedule) -> None:
+        """Keeps a plan of the whole job, if it is quicker than the one that is kept."""
+        if self.kept is None or schedule.duration < self.kept.duration:
+            self.kept = schedule
 
     def bounded(self, bound: float) -> None:
         """Nothing takes less than a bound [s]."""

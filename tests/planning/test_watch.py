@@ -10,7 +10,7 @@ import dualarm_cli.planning.watch as watching
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.planning.ordered_plan import _quickest, order_notes
 from dualarm_cli.planning.orders import DecidedOrder, Orders
-from dualarm_cli.planning.watch import INTERRUPTED, SeenEnoughError, Watch
+from dualarm_cli.planning.watch import INTERRUPTED, Watch
 
 
 @dataclass
@@ -63,7 +63,7 @@ def test_without_limit_and_interruption_it_never_stops(clock):
 
 
 def test_a_search_can_be_ended_while_it_goes_on_and_has_something():
-    """Not before, and not after."""
+    """Not before, and not after: then there is a plan, which is kept, or nothing."""
     watch = Watch()
     watch.found(3.0)
     assert not watch.endable
@@ -73,65 +73,58 @@ def test_a_search_can_be_ended_while_it_goes_on_and_has_something():
     assert watch.endable
     watch.end()
     assert not watch.endable
+    watch.keep(Plan(3.0))
+    assert watch.endable
+    watch.begin()
+    assert watch.endable
+
+
+def test_the_quickest_plan_is_kept():
+    """Whenever it comes; only where whoever makes plans goes on with it what is being done may be dropped."""
+    watch = Watch()
+    watch.catching = True
+    assert not watch.droppable
+    for duration in (9.0, 8.0, 10.0):
+        watch.keep(Plan(duration))
+    assert watch.kept == Plan(8.0)
+    assert watch.droppable
+    watch.catching = False
+    assert not watch.droppable
 
 
 def planned(durations, watch, clock=None, takes=1.0):
-    """The quickest of some plans, and how many were made; negative durations have no plan, 0 is interrupted."""
+    """The quickest of some plans, and which were made; negative durations have no plan."""
     made = []
 
-    def plan(job, _start, _patient):
-        made.append((job, watch.droppable, watch.endable))
+    def plan(order):
+        made.append(order.job)
         if clock is not None:
             clock.now += takes
-        duration = durations[job]
+        duration = durations[order.job]
         if duration < 0.0:
             raise InfeasibleError("it touches")
-        if duration == 0.0:
-            watch.enough = lambda: True
-            raise SeenEnoughError
         return Plan(duration)
 
     watch.begin()
     watch.found(1.0)
     orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
-    best, _ = _quickest(orders, watch, plan, set(), patient=True)
-    return best, made
+    return _quickest(orders, watch, plan, set()), made
 
 
-def test_what_the_search_says_of_the_order_of_the_quickest_plan_is_told():
-    """On the grid another one is better: nothing is said of that one."""
-    plans = {"first": Plan(9.0), "second": Plan(8.0)}
-    orders = [DecidedOrder("first", 1.0), DecidedOrder("second", 1.25)]
-    best, total = _quickest(orders, Watch(), lambda job, *_: plans[job], set(), patient=True)
-    assert (best.duration, total) == (8.0, 1.25)
-    orders = Orders(tuple(orders), 1.0, "")
-    assert orders.gap(total) == pytest.approx(0.2)
-    (_, bound) = order_notes(orders, total, Watch())
+def test_what_is_said_of_the_planned_order_is_of_its_own_total():
+    """Also where another one is better on the grid: 1.25 s there where no order takes less than 1 s is a fifth."""
+    orders = Orders((DecidedOrder("first", 1.0), DecidedOrder("second", 1.25)), 1.0, "")
+    assert orders.gap(1.25) == pytest.approx(0.2)
+    (_, bound) = order_notes(orders, 1.25)
     assert "where this order takes 1.25 s, no order takes less than 1.00 s" in bound
 
 
-def test_an_interruption_drops_the_plan_that_is_made_and_keeps_the_best():
-    """The second of three is the best one when the third is dropped; the fourth is not begun."""
-    watch = Watch()
-    best, made = planned([9.0, 8.0, 0.0, 7.0], watch)
-    assert best.duration == 8.0
-    assert [job for job, *_ in made] == [0, 1, 2]
+def test_orders_are_planned_until_the_user_has_seen_enough():
+    """At least until one has a plan."""
+    watch = Watch(enough=lambda: True)
+    best, made = planned([-1.0, 9.0, 8.0], watch)
+    assert (best.duration, made) == (9.0, [0, 1])
     assert watch.stopped == INTERRUPTED
-    assert not watch.droppable
-
-
-def test_only_what_comes_after_a_plan_may_be_dropped():
-    """Not the first one, nor the next one when the first has no plan."""
-    _, made = planned([-1.0, 9.0, 8.0], Watch())
-    assert [droppable for _, droppable, _ in made] == [False, False, True]
-
-
-def test_planning_the_only_order_is_no_search():
-    """Nothing is left to choose: Ctrl-C then gives up."""
-    _, made = planned([9.0], Watch())
-    assert [endable for *_, endable in made] == [False]
-    _, made = planned([9.0, 8.0], Watch())
-    assert [endable for *_, endable in made] == [True, True]
 
 
 def test_orders_are_planned_for_as_long_as_there_is_time(clock):
