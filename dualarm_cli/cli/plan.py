@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
 
 MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
-MAX_RATE = 10_000.0
-"""Highest sampling rate of the CSV file [Hz]."""
+RATE, MAX_RATE = 250.0, 10_000.0
+"""Sampling rate of the CSV file where none is asked for, and the highest one [Hz]."""
+STOP_LASTS = 30.0
+"""Longer than any stop with its transfer, of jobs whose length is looked at beforehand [s]."""
 
 
 def plan_command(
@@ -55,7 +58,10 @@ def plan_command(
     timing: TimingOption = "ruckig",
     effort: EffortOption = Effort.normal,
     time_limit: TimeLimitOption = None,
-    rate: Annotated[float, typer.Option("--rate", help="Samples per second of the CSV.")] = 250.0,
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Samples per second of the CSV.", show_default=f"{RATE:g}"),
+    ] = None,
     seed: SeedOption = 0,
     plot: Annotated[
         Path | None,
@@ -78,7 +84,7 @@ def plan_command(
     from dualarm_cli.planning.redundancy_choice import with_redundancy
     from dualarm_cli.reporting.report import build_report
 
-    if not 0.0 < rate <= MAX_RATE:
+    if rate is not None and not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
     limit = read_time_limit(time_limit)
     if out == "":
@@ -88,15 +94,13 @@ def plan_command(
     if plot is not None:
         refuse_plot(plot, force)
     job = load_job(tasks)
+    if rate is not None:
+        refuse_rate(job, rate)
     settings = PlanSettings(timing=timing, effort=effort.value, seed=seed, time_limit=limit)
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
-    rows = schedule.duration * rate
-    if rows > MAX_ROWS:
-        raise UsageError(
-            f"schedule.csv would have {rows:,.0f} rows ({schedule.duration:,.0f} s at {rate:g} Hz); at most "
-            f"{MAX_ROWS:,} are written: lower --rate, or raise speed: in the task file"
-        )
+    rate, notes = served_rate(schedule.duration, rate or RATE)
+    schedule = replace(schedule, notes=(*schedule.notes, *notes))
     report = build_report(schedule, job)
     write_results(folder, schedule, report, rate, force)
     if plot is not None:
@@ -119,6 +123,31 @@ def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
 
     draw = draw_paths if job.has_paths else draw_seams if job.has_seams else draw_gantt
     write_file(plot, draw(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
+
+
+def refuse_rate(job: Job, rate: float) -> None:
+    """Raises before a job is planned where even the quickest plan that there could be has too many rows."""
+    from dualarm_cli.planning.job_bound import job_bound
+
+    most = MAX_ROWS / rate
+    if most > STOP_LASTS * sum(max(1, len(task.stops)) for task in job.tasks):
+        return
+    least = job_bound(job, "quick").value or 0.0
+    if most < least < math.inf:
+        raise UsageError(
+            f"--rate {rate:g}: schedule.csv would have at least {least * rate:,.0f} rows, as no plan is faster than "
+            f"{least:,.1f} s; at most {MAX_ROWS:,} are written: ask for at most {math.floor(MAX_ROWS / least)} Hz"
+        )
+
+
+def served_rate(duration: float, rate: float) -> tuple[float, list[str]]:
+    """Returns the rate that the CSV is written with [Hz], and a note where it is less than the one asked for."""
+    if duration * rate <= MAX_ROWS:
+        return rate, []
+    less = MAX_ROWS / duration
+    less = math.floor(less) if less >= 1.0 else less
+    note = f"schedule.csv: {less:g} rows per second rather than {rate:g}, as at most {MAX_ROWS:,} rows are written"
+    return less, [note]
 
 
 def refuse_existing(folder: Path, force: bool) -> None:

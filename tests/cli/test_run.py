@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from dualarm_cli.cli import plan as cli_plan
 from dualarm_cli.cli.run import run
+from dualarm_cli.planning import planner
 
 AT_ONCE = 6.0
 """Two seconds by the contract [s]; the rest is for a machine that does other things meanwhile."""
@@ -135,20 +138,44 @@ def test_bad_usage_is_exit_2_with_what_was_wrong(arguments, code, words, capsys)
     assert captured.out == ""
 
 
-def test_a_motion_of_hours_is_refused_before_its_table_fills_the_disk(
-    tasks_folder, tmp_path, capsys
+def test_a_rate_that_no_plan_is_short_enough_for_is_refused_before_anything_is_planned(
+    tasks_folder, tmp_path, capsys, monkeypatch
 ):
-    """A thousandth of full speed: how many rows there would be, and what to change."""
+    """A thousandth of full speed: how many rows there would be at least, and how many per second there may be."""
     (tmp_path / ".git").mkdir()
     folder = tasks_folder / "04_packing"
     (tmp_path / "cell.yaml").write_text((folder / "cell.yaml").read_text())
     text = (folder / "tasks.yaml").read_text().replace("return: true", "return: true\nspeed: 0.1%")
     (tmp_path / "tasks.yaml").write_text(text)
     out = tmp_path / "out"
-    assert run(["plan", str(tmp_path / "tasks.yaml"), "--out", str(out)]) == 2
-    assert "rows" in (message := capsys.readouterr().err)
-    assert "lower --rate" in message
+    monkeypatch.setattr(planner, "plan", lambda *_: pytest.fail("it is planned"))
+    task = str(tmp_path / "tasks.yaml")
+    assert run(["plan", task, "--out", str(out), "--rate", "10000"]) == 2
+    message = capsys.readouterr().err
+    least = float(re.search(r"at least ([\d,]+) rows", message)[1].replace(",", ""))
+    most = int(re.search(r"ask for at most (\d+) Hz", message)[1])
+    assert least > 1_000_000
+    assert most * least / 10_000 <= 1_000_000 < (most + 1) * least / 10_000 * 1.001
     assert not out.exists()
+
+
+@pytest.mark.parametrize("options", [(), ("--rate", "5000")])
+def test_a_plan_whose_table_would_be_too_long_is_written_with_fewer_rows(
+    options, tasks_folder, tmp_path, monkeypatch
+):
+    """And the report says so: what was planned is not lost."""
+    monkeypatch.setattr(cli_plan, "MAX_ROWS", 500)
+    monkeypatch.setattr(cli_plan, "refuse_rate", lambda *_: None)
+    task, out = tasks_folder / "01_first_pick" / "tasks.yaml", tmp_path / "out"
+    command = ["plan", str(task), "--out", str(out), "--platform", "fixed", "-q", *options]
+    assert run(command) == 0
+    report = json.loads((out / "report.json").read_text())
+    asked = options[1] if options else "250"
+    (note,) = [note for note in report["notes"] if note.startswith("schedule.csv")]
+    rate = int(re.search(rf"(\d+) rows per second rather than {asked},", note)[1])
+    assert rate * report["cycle_time"] <= 500 < (rate + 1) * report["cycle_time"]
+    rows = (out / "schedule.csv").read_text().splitlines()[1:]
+    assert rate * report["cycle_time"] <= len(rows) <= 510
 
 
 def test_json_also_on_failure(capsys):
