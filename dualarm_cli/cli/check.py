@@ -68,9 +68,8 @@ def _check_one(file: str) -> dict[str, Any]:
 
 
 def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
-    """Returns what is wrong with the geometry: arms that are not what they are called, meshes that are no solids."""
-    from dualarm_cli.collision.solids import check_meshes
-    from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
+    """Returns what is wrong with the geometry: arms that are not what they are called."""
+    from dualarm_cli.errors import Diagnostic, UnsupportedError
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -84,11 +83,6 @@ def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
         messages = find_false_kinds(robot)
     except UnsupportedError as error:
         messages = [str(error)]
-    if isinstance(cell, Cell):
-        try:
-            check_meshes(cell)
-        except InputError as error:
-            return error.diagnostics
     return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
 
 

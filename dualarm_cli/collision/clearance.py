@@ -43,9 +43,6 @@ class CellClearance:
         Args:
             cell: the noun.
             carried: arm and name of everything that an arm ever holds.
-
-        Raises:
-            InputError: a mesh that cannot be used.
         """
         arms = cell.robot.arms
         return cls(

@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from dualarm_cli.collision.quick_test import OVERLAP
 from dualarm_cli.collision.solids import WORLD, shape_solid
-from dualarm_cli.model.cell import Cell, Shape
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.shape import Shape
 
 STEPS = 9
 """Places along a line that are looked at, its end included."""
@@ -29,9 +30,6 @@ def part_reaches(
         shapes: its solids in the frame of the arm's own tool centre point.
         T_world_tool: that at the target.
         line: length of the line, which runs against the tool's z axis [m].
-
-    Raises:
-        InputError: a mesh that cannot be used.
     """
     allowed = {frozenset(pair) for pair in cell.allowed_contacts}
     things = [

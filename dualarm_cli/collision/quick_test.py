@@ -54,9 +54,6 @@ class QuickTest:
         Args:
             cell: the noun.
             carried: arm and name of everything that an arm ever holds, see `Held.name`.
-
-        Raises:
-            InputError: a mesh that cannot be used.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)

@@ -12,8 +12,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.model.cell import Cell, Held, Shape
+from dualarm_cli.model.cell import Cell, Held
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Hull, Shape
 
 WORLD = 0
 """Number of the joint that never moves."""
@@ -69,14 +70,14 @@ def tool_body(arm: str, tool: str) -> str:
     return f"{arm}_{tool}"
 
 
-def link_solids(model: pin.Model, urdf: str) -> list[Solid]:
+def link_solids(model: pin.Model, robot: Robot) -> list[Solid]:
     """Returns the collision shapes of all links; a cylinder between two balls as the capsule that it is.
 
     Args:
-        model: of the URDF.
-        urdf: its text, with primitive shapes only.
+        model: of the robot's URDF.
+        robot: its URDF has primitive shapes only.
     """
-    found = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
+    found = pin.buildGeomFromUrdfString(model, robot.urdf, pin.GeometryType.COLLISION)
     by_link: dict[int, list[pin.GeometryObject]] = {}
     for entry in found.geometryObjects:
         by_link.setdefault(entry.parentFrame, []).append(entry)
@@ -85,6 +86,9 @@ def link_solids(model: pin.Model, urdf: str) -> list[Solid]:
         name = model.frames[frame].name
         for entry in _with_capsules(entries):
             solids.append(_solid(name, entry.parentJoint, entry.placement, entry.geometry))
+    for name, shapes in robot.meshes.items():
+        link = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        solids += [shape_solid(name, link.parentJoint, link.placement, shape) for shape in shapes]
     return solids
 
 
@@ -121,9 +125,6 @@ def shape_solid(body: str, joint: int, T_joint_holder: pin.SE3, shape: Shape) ->
         joint: the joint that it moves with.
         T_joint_holder: the frame that the shape is posed in, in the joint's frame.
         shape: the noun.
-
-    Raises:
-        InputError: a mesh that cannot be read, or has no volume.
     """
     return _solid(body, joint, T_joint_holder * shape.pose, _geometry(shape))
 
@@ -137,27 +138,16 @@ def _geometry(shape: Shape) -> coal.CollisionGeometry:
         return coal.Cylinder(*shape.size)
     if shape.kind == "capsule":
         return coal.Capsule(*shape.size)
-    if shape.kind == "half_space":
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    return _hull(shape)
+    if shape.hull is not None:
+        return _convex(shape.hull)
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
 
 
-def _hull(shape: Shape) -> coal.CollisionGeometry:
-    """Returns the convex hull of a mesh: it contains the mesh, whatever its form."""
-    try:
-        mesh = coal.MeshLoader().load(shape.mesh, np.full(3, shape.size[0]))
-        mesh.buildConvexHull(True, "Qt")
-    except (RuntimeError, ValueError):
-        raise _mesh_error(
-            shape, "cannot be used: it is damaged, or its corners span no volume"
-        ) from None
-    if mesh.convex is None or not np.isfinite(mesh.convex.points()).all():
-        raise _mesh_error(shape, "has no convex hull with finite corners")
-    return mesh.convex
-
-
-def _mesh_error(shape: Shape, what: str) -> InputError:
-    return InputError([Diagnostic(shape.mesh, 0, 0, "E320", f"mesh {what}")])
+def _convex(hull: Hull) -> coal.Convex:
+    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    corners.extend(list(hull.corners))
+    triangles.extend([coal.Triangle(*corner) for corner in hull.triangles.tolist()])
+    return coal.Convex(corners, triangles)
 
 
 def _solid(body: str, joint: int, pose: pin.SE3, geometry: coal.CollisionGeometry) -> Solid:
@@ -175,11 +165,8 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
         cell: the noun.
         model: of its robot's URDF.
         carried: arm and name of everything that an arm ever holds, see `Held.name`.
-
-    Raises:
-        InputError: a mesh that cannot be used.
     """
-    solids = link_solids(model, cell.robot.urdf)
+    solids = link_solids(model, cell.robot)
     flanges = {
         arm.name: model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
         for arm in cell.robot.arms
@@ -223,23 +210,6 @@ def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) ->
     for first, second in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
     return geometry
-
-
-def check_meshes(cell: Cell) -> None:
-    """Makes sure that every mesh of a cell makes a solid.
-
-    Args:
-        cell: the noun.
-
-    Raises:
-        InputError: a mesh that cannot be used.
-    """
-    tools = [shape for tool in cell.tools.values() for shape in tool.shapes]
-    changed = [one.tool for own in cell.tool_changes.values() for one in own.tools.values()]
-    tools += [shape for tool in changed for shape in tool.shapes]
-    parts = [shape for shapes in cell.parts.values() for shape in shapes]
-    for shape in (*tools, *parts, *(thing.shape for thing in cell.obstacles)):
-        _geometry(shape)
 
 
 def pairs_that_must_keep_apart(model: pin.Model, solids: Sequence[Solid], cell: Cell) -> list[Pair]:

@@ -11,8 +11,11 @@ from typing import Any, get_args
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
+from dualarm_cli.loading.text_source import read_text
+from dualarm_cli.loading.urdf import read_urdf
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (
@@ -164,16 +167,19 @@ class _Reader(JsonReader):
         try:
             file = (folder / name).resolve()
             inside = bool(name) and file.is_relative_to(folder.resolve())
-            # Only a plain file: a pipe would be waited for without end.
-            text = file.read_text(encoding="utf-8") if inside and file.is_file() else None
         except (OSError, ValueError, RuntimeError):
-            # Not UTF-8, a name that no file can have, or links that go round in a circle.
-            inside, text = True, None
+            # A name that no file can have, or links that go round in a circle.
+            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule")
         if not inside:
             self.fail("robot.urdf", f"{name!r} must lie in the schedule's own folder")
-        if text is None:
-            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule")
-        return text
+        try:
+            source = read_text(file, name)
+        except InputError as error:
+            reason = error.diagnostics[0].message.removeprefix("cannot be read: ")
+            self.fail("robot.urdf", f"{name!r} cannot be read beside the schedule: {reason}")
+        # What the libraries would crash on is refused, as in a robot file.
+        read_urdf(source)
+        return source.text
 
     def arm(self, value: object, path: str, joints: tuple[str, ...]) -> ScheduleArm:
         if not isinstance(value, dict):

@@ -14,7 +14,7 @@ from dualarm_cli.loading.bodies import checked_pairs, link_names
 from dualarm_cli.loading.cell_frames import frame_pose, world_frames
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
-from dualarm_cli.loading.meshes import check_mesh_file
+from dualarm_cli.loading.meshes import read_hull
 from dualarm_cli.loading.pair_bases import pair_bases
 from dualarm_cli.loading.poses import to_se3
 from dualarm_cli.loading.projects import BadReferenceError, Project
@@ -24,9 +24,10 @@ from dualarm_cli.loading.schema_cell import CellFile, PairMemberSection, PairSec
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.tool_changes import read_tool_changes
 from dualarm_cli.loading.yaml_source import Document, Loc
-from dualarm_cli.model.cell import Cell, Obstacle, Shape, Tool, ToolChanges
+from dualarm_cli.model.cell import Cell, Obstacle, Tool, ToolChanges
 from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Shape
 
 
 @dataclass(frozen=True)
@@ -257,8 +258,8 @@ class _CellReader:
             return Shape("half_space", (), pose)
         try:
             path = self.project.follow(section.mesh.file, self.path)
-            check_mesh_file(path, section.mesh.file)
+            hull = read_hull(path, section.mesh.file, np.full(3, section.mesh.scale))
         except BadReferenceError as error:
             self.findings.add(self.document, (*loc, "mesh"), str(error), "E500")
             return None
-        return Shape("mesh", (section.mesh.scale,), pose, str(path))
+        return Shape("mesh", (), pose, hull)

@@ -57,7 +57,13 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
         for side, robot in robots.items()
         for one, other in robot.allowed_contacts
     )
-    return Robot(title, write_pair(members), (), arms, _joined_limits(robots), postures, contacts)
+    meshes = {
+        f"{side}_{link}": shapes
+        for side, robot in robots.items()
+        for link, shapes in robot.meshes.items()
+    }
+    limits = _joined_limits(robots)
+    return Robot(title, write_pair(members), (), arms, limits, postures, contacts, meshes)
 
 
 def _posture(robot: Robot, name: str) -> FloatArray:

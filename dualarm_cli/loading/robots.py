@@ -14,7 +14,7 @@ from dualarm_cli.loading.bundled import ROBOT_FILE, bundled_robots, robots_folde
 from dualarm_cli.loading.dh_tables import read_tables
 from dualarm_cli.loading.diagnostics import Findings
 from dualarm_cli.loading.documents import read_document, validate
-from dualarm_cli.loading.meshes import check_urdf_meshes
+from dualarm_cli.loading.meshes import link_meshes
 from dualarm_cli.loading.projects import BadReferenceError, Project, display_name
 from dualarm_cli.loading.robot_joints import (
     check_chains,
@@ -30,6 +30,7 @@ from dualarm_cli.loading.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
 from dualarm_cli.loading.urdf_writer import write_urdf
 from dualarm_cli.loading.yaml_source import Document
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Shape
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     if model is None or not described:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
-    urdf = _load_urdf(place, document, model, findings)
+    urdf, meshes = _load_urdf(place, document, model, findings)
     if urdf is None or not check_names(document, model, urdf, findings):
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
@@ -159,9 +160,16 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     text = write_urdf(urdf, joints)
     _check_readable(urdf, text, len(joints))
     robot = Robot(
-        model.name, text, tuple(model.platform), model_arms(model), limits, postures, contacts
+        model.name,
+        text,
+        tuple(model.platform),
+        model_arms(model),
+        limits,
+        postures,
+        contacts,
+        meshes,
     )
-    return robot, tuple([*notes, *_fixed_note(urdf, joints)])
+    return robot, tuple([*notes, *_fixed_note(urdf, joints), *_mesh_note(meshes)])
 
 
 def _check_description(document: Document, findings: Findings) -> bool:
@@ -179,22 +187,22 @@ def _check_description(document: Document, findings: Findings) -> bool:
 
 def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
-) -> Urdf | None:
-    """Returns the checked URDF, or None after noting what is wrong."""
+) -> tuple[Urdf | None, dict[str, tuple[Shape, ...]]]:
+    """Returns the checked URDF and its meshes by link, or None after noting what is wrong."""
     if model.urdf is None:
-        return read_tables(document, model, findings)
+        return read_tables(document, model, findings), {}
     try:
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))
         urdf = read_urdf(source)
-        check_urdf_meshes(urdf, place.path.parent, path.parent)
+        meshes = link_meshes(urdf, place.path.parent, path.parent)
     except BadReferenceError as error:
         findings.add(document, ("urdf",), str(error), "E500")
     except InputError as error:
         findings.extend(error.diagnostics)
     else:
-        return urdf
-    return None
+        return urdf, meshes
+    return None, {}
 
 
 def _check_readable(urdf: Urdf, text: str, count: int) -> None:
@@ -212,6 +220,13 @@ def _check_readable(urdf: Urdf, text: str, count: int) -> None:
     if (model.nq, model.nv) != (count, count):
         message = f"has {model.nq} positions and {model.nv} velocities for {count} joints"
         raise InputError([Diagnostic(urdf.source.name, 0, 0, "E400", message)])
+
+
+def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
+    """Returns a note on links whose meshes are taken as convex hulls."""
+    if not meshes:
+        return []
+    return [f"collision meshes are taken as their convex hulls: {', '.join(meshes)}"]
 
 
 def _fixed_note(urdf: Urdf, joints: list[UrdfJoint]) -> list[str]:

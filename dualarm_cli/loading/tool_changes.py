@@ -19,8 +19,9 @@ from dualarm_cli.loading.schema_cell import (
 )
 from dualarm_cli.loading.text_source import quote, suggest
 from dualarm_cli.loading.yaml_source import Document, Loc
-from dualarm_cli.model.cell import ChangedTool, Held, Shape, Tool, ToolChanges
+from dualarm_cli.model.cell import ChangedTool, Held, Tool, ToolChanges
 from dualarm_cli.model.place import Place
+from dualarm_cli.model.shape import Shape
 
 NO_TOOL = "none"
 """What files call it that no tool is on."""

@@ -13,6 +13,8 @@ from dualarm_cli.loading.urdf_tree import Element, UrdfFindings, parse_xml
 
 CONTINUOUS_LIMIT = 1000.0
 """Position limit given to joints that turn without end [rad]."""
+MAX_JOINTS = 1000
+"""Most joints of one URDF: libraries go through them by recursion, and some 5,000 in a row end the process."""
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 """Joint types that a robot file may name."""
 _TYPES = (*MOVING_TYPES, "fixed", "floating", "planar")
@@ -83,6 +85,12 @@ def read_urdf(source: TextSource) -> Urdf:
     joints = _by_name(root, "joint", findings)
     if not links:
         findings.add(root, "there is no <link>")
+    if len(joints) > MAX_JOINTS:
+        message = (
+            f"{len(joints)} joints; at most {MAX_JOINTS} are read: leave out what does not move"
+        )
+        findings.add(list(joints.values())[MAX_JOINTS], message)
+        findings.raise_if_any()
     for link in links.values():
         check_link(link, findings)
     for joint in joints.values():

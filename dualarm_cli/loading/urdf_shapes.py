@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.urdf_tree import Element, UrdfFindings
 
@@ -87,13 +89,6 @@ def _check_mesh(mesh: Element, what: str, findings: UrdfFindings) -> None:
             findings.add(mesh, f"{what}: mesh scale must not be 0")
 
 
-def mesh_elements(root: Element) -> list[Element]:
-    """Returns every <mesh> of a robot, in document order."""
-    return [
-        mesh
-        for link in root.all("link")
-        for tag in ("visual", "collision")
-        for solid in link.all(tag)
-        for geometry in solid.all("geometry")
-        for mesh in geometry.all("mesh")
-    ]
+def mesh_elements(solid: Element) -> Iterator[Element]:
+    """Iterates over the <mesh> elements of a <visual> or <collision>."""
+    return (mesh for geometry in solid.all("geometry") for mesh in geometry.all("mesh"))

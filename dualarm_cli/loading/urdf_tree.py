@@ -1,4 +1,4 @@
-"""XML of a URDF file as a tree that remembers lines and expands nothing."""
+"""XML of a URDF or COLLADA file as a tree that remembers lines and expands nothing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ class Element:
     column: int = 0
     """Where it begins."""
     children: list[Element] = field(default_factory=list)
-    """Elements within it; text is not kept, URDF has none that matters."""
+    """Elements within it."""
+    text: str = ""
+    """What stands between its own tags and within none of its children's."""
 
     def find(self, tag: str) -> Element | None:
         """Returns the first child of that name."""
@@ -144,12 +146,20 @@ def parse_xml(source: TextSource) -> Element:
         element = Element(tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
         (stack[-1].children if stack else root).append(element)
         stack.append(element)
+        texts.append([])
 
     def refuse(*_: object) -> None:
         raise fail("a DOCTYPE or entity is not allowed; remove it")
 
+    texts: list[list[str]] = []
+
+    def end(_tag: str) -> None:
+        stack.pop().text = "".join(texts.pop())
+
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _tag: stack.pop() and None
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = lambda text: texts[-1].append(text)
+    parser.buffer_text = True
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(source.text, True)

@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 import pinocchio as pin
 
 from dualarm_cli.loading.urdf import Urdf, UrdfJoint
+from dualarm_cli.loading.urdf_shapes import mesh_elements
 from dualarm_cli.loading.urdf_tree import Element
 
 _LINK_PARTS = ("inertial", "visual", "collision")
@@ -18,7 +19,7 @@ def write_urdf(urdf: Urdf, joints: list[UrdfJoint]) -> str:
     """Returns complete URDF text in which exactly the given joints move.
 
     Joints that turn without end become revolute with wide limits, axes get length 1, every other
-    joint is fixed at its zero, and extensions of other tools are left out.
+    joint is fixed at its zero; meshes, which would be looked for elsewhere, and extensions of other tools are left out.
 
     Args:
         urdf: a checked URDF.
@@ -53,7 +54,11 @@ def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
 
 
 def _clean_link(link: Element) -> Element:
-    parts = [_without_materials(child) for child in link.children if child.tag in _LINK_PARTS]
+    parts = [
+        _without_materials(child)
+        for child in link.children
+        if child.tag in _LINK_PARTS and next(mesh_elements(child), None) is None
+    ]
     return Element("link", {"name": link.name}, children=parts)
 
 

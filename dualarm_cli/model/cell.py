@@ -4,30 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import pinocchio as pin
 
 from dualarm_cli.model.conveyor import Conveyor
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.robot import Robot
-
-ShapeKind = Literal["box", "sphere", "cylinder", "capsule", "mesh", "half_space"]
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A solid: its kind, its sizes and where it sits in the frame that holds it."""
-
-    kind: ShapeKind
-    """Which solid; a capsule's or cylinder's axis is z."""
-    size: tuple[float, ...]
-    """Box: full sides x, y, z; sphere: radius; cylinder and capsule: radius, length (a capsule's
-    between the centres of its caps); mesh: scale; half_space: none (it fills z below 0) [m]."""
-    pose: pin.SE3
-    """Pose in the holding frame."""
-    mesh: str = ""
-    """Path of the mesh file, for a mesh."""
+from dualarm_cli.model.shape import Shape
 
 
 @dataclass(frozen=True)

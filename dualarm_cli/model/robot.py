@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.model.shape import Shape
 
 ArmKind = Literal["srs", "spherical_wrist", "general"]
 
@@ -112,6 +113,8 @@ class Robot:
     """Named postures [rad], each of shape (n,) over `joints`; home is always there."""
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     """Pairs of links whose shapes may touch: the shapes are wider than the links."""
+    meshes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
+    """Collision meshes by their links, in the links' frames; they are not in the URDF text."""
 
     def __post_init__(self) -> None:
         """Freezes the postures.

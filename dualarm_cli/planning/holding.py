@@ -45,9 +45,6 @@ class Holding:
             job: what is to be done.
             cell: its cell with all that it carries, where that is at hand.
             crossing: whether arms have to keep clear of one another; else each is looked at by itself.
-
-        Raises:
-            InputError: a mesh of the cell that cannot be used.
         """
         cell = cell or CellClearance.of(job.cell, job.carried())
         cell = replace(cell, crossing=crossing)

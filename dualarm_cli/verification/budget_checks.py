@@ -21,9 +21,6 @@ def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
     Args:
         schedule: with its verification; without clearances in it a clearance counts as missed.
         job: what it was planned for.
-
-    Raises:
-        InputError: a mesh of the cell that cannot be used.
     """
     budget, lines = job.budget, list[Kept]()
     if budget is None:

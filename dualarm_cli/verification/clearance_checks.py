@@ -45,9 +45,6 @@ def check_clearance(
     Args:
         schedule: with finite numbers and rising times.
         job: cell and tasks, each with the arm that did it; without them nothing is checked.
-
-    Raises:
-        InputError: a mesh of the cell that cannot be used.
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()

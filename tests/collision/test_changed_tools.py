@@ -9,7 +9,8 @@ import pytest
 
 from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
 from dualarm_cli.loading.cells import load_cell
-from dualarm_cli.model.cell import Held, Shape
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.shape import Shape
 
 
 @pytest.fixture(scope="module")

@@ -376,3 +376,23 @@ def test_files_that_were_changed_or_lost_are_named(folder):
     assert torn_files(folder, schedule) == ["report.json is missing", "schedule.csv was changed"]
     edit(folder, ["files"], {"../../etc/passwd": "00"})
     assert torn_files(folder, read_schedule(folder)) == ["../../etc/passwd is missing"]
+
+
+def test_a_urdf_of_40000_joints_in_a_row_is_refused(folder):
+    """URDF libraries follow the tree by recursion, and the process would end without a word."""
+    names = [f"l{k}" for k in range(40_001)]
+    joints = [
+        f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k in range(40_000)
+    ]
+    for count, words in (
+        (40_000, "more than is read"),
+        (2_000, "2000 joints; at most 1000 are read"),
+    ):
+        parts = [*(f'<link name="{name}"/>' for name in names[: count + 1]), *joints[:count]]
+        (folder / "robot.urdf").write_text(f'<robot name="a">\n{chr(10).join(parts)}\n</robot>')
+        with pytest.raises(InputError, match=words) as caught:
+            read_schedule(folder)
+        (diagnostic,) = caught.value.diagnostics
+        assert diagnostic.file == "robot.urdf"
+        assert diagnostic.line > 1000

@@ -79,20 +79,24 @@ def test_frames_compose_in_any_order_of_the_file(project: Path, change: Change) 
         ("capsule: {radius: 0.1, length: 0.2}", "capsule", (0.1, 0.2)),
         ("half_space: true", "half_space", ()),
         ("half_space: {}", "half_space", ()),
-        ("mesh: {file: m.stl, scale: 0.001}", "mesh", (0.001,)),
-        ("mesh: m.stl", "mesh", (1.0,)),
+        ("mesh: {file: m.obj, scale: 0.001}", "mesh", ()),
+        ("mesh: m.obj", "mesh", ()),
     ],
 )
 def test_every_kind_of_solid_is_read(
     text: str, kind: str, size: tuple[float, ...], project: Path, change: Change
 ) -> None:
     """In a named frame: 0.5 along the bin's x is 0.5 along the world's y."""
-    (project / "m.stl").write_text("solid m\nendsolid m\n")
+    (project / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
     change("cell.yaml", "box: [1, 2, 40 mm]", f"in: bin, {text}")
     shape = load_cell("cell.yaml").cell.obstacles[0].shape
     assert (shape.kind, shape.size) == (kind, size)
     assert shape.pose.translation == pytest.approx([0.4, 0.6, 1.3])
-    assert Path(shape.mesh).name == ("m.stl" if kind == "mesh" else "")
+    if kind == "mesh":
+        scale = 0.001 if "scale" in text else 1.0
+        assert shape.hull is not None
+        wanted = sorted([(0.0, 0.0, 0.0), (scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, scale)])
+        assert sorted(map(tuple, shape.hull.corners)) == wanted
 
 
 def test_two_robots_become_one(project: Path, change: Change) -> None:

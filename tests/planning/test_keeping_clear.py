@@ -11,8 +11,9 @@ import pytest
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.cell import Obstacle, Shape
+from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.planning.clear_plan import quickest_clear
 from dualarm_cli.planning.method import Decided, MethodProblem
 from dualarm_cli.planning.planner import plan_without_bound

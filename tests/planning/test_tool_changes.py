@@ -14,10 +14,11 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.buffer import Buffer
-from dualarm_cli.model.cell import Held, Shape
+from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning import free_ordered_plan, free_plan
 from dualarm_cli.planning.clear_checks import check_start

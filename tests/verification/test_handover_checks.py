@@ -168,7 +168,8 @@ def test_what_is_not_a_tool_must_keep_clear_of_the_part(flip, schedule):
 
 def test_somebody_holds_the_part_while_it_changes_hands(flip, schedule):
     """An obstacle round the meeting place: the part lies in no hand's way to touch it, before or after the grip."""
-    from dualarm_cli.model.cell import Obstacle, Shape
+    from dualarm_cli.model.cell import Obstacle
+    from dualarm_cli.model.shape import Shape
 
     give = event(schedule, "give")
     middle = give.pose.act(np.array([0.0, 0.0, 0.052]))

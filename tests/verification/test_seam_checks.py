@@ -10,9 +10,10 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.cell import Shape, Tool
+from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.seam import Hold
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify

@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.cell import Shape
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.as_done import job_as_done
