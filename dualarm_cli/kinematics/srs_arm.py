@@ -114,6 +114,16 @@ class SrsArm:
         """Returns the wrist centre [m], shape (..., 3), of flange poses (..., 3, 3), (..., 3)."""
         return p + R @ self.geometry.p_flange_wrist
 
+    def elbow(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the elbow [m] and the axis of joint 4 through it, base frame, (..., 3) each, of joints (..., 7)."""
+        _, upper, _, normal = self.canonical.chain(q)
+        bend = self.canonical.sign[3] * q[..., 3] + self.canonical.offset[3]
+        turned = np.where(np.sin(bend) < 0.0, -1.0, 1.0)[..., None]
+        upper, normal = (
+            (part.T @ self.canonical.B.T).reshape(*q.shape[:-1], 3) for part in (upper, normal)
+        )
+        return self.geometry.shoulder + self.geometry.upper * upper, turned * normal
+
     def elbow_interior_angle(self, q4: FloatArray) -> FloatArray:
         """Returns the angle between upper arm and forearm [rad], pi where stretched, shape (...).
 

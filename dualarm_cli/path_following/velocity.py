@@ -15,8 +15,10 @@ from dualarm_cli.path_following.problem import NoPath, PathMotion, PathProblem, 
 
 LARGEST_STEP = 0.5
 """A joint that would move farther between two instants is at a singular posture [rad]."""
-CORRECTIONS = 2
-"""Newton corrections of the tools after every step."""
+CORRECTIONS = 10
+"""So many Newton corrections of the tools follow a step at most."""
+SETTLED = 1e-11
+"""Error of the tools at which they end [m, rad]."""
 SELF_SHARE = 0.5
 """Share of a cap on the tools' speed that self-motion may give the tools of arms that do not follow."""
 SELF_SPEED = 0.4
@@ -149,13 +151,38 @@ def make_step(
                 moved = moved if held is None else held
         q = q + moved
         if exact:
-            for _ in range(CORRECTIONS):
-                R, p = body.tools(q)
-                left = pose_error(problem.R[k], problem.p[k], R[follows], p[follows])
-                q = q + J.T @ (inverse @ left)
+            q = corrected(problem, q, J.T @ inverse, problem.R[k], problem.p[k])
         return q
 
     return step
+
+
+def corrected(
+    problem: PathProblem, q: FloatArray, plus: FloatArray, R_goal: FloatArray, p_goal: FloatArray
+) -> FloatArray:
+    """Returns joints near given ones whose tools are where they belong, by Newton steps with one Jacobian.
+
+    As many as it takes: each leaves a share of the error that grows with the joints' way from where the Jacobian is
+    from, which is far where bounds or means have moved them.
+
+    Args:
+        problem: whose tools.
+        q: all joints [rad], shape (n,).
+        plus: pseudo-inverse of the Jacobian of the tools that follow, shape (n, 6 b).
+        R_goal: rotations to be reached, shape (b, 3, 3).
+        p_goal: positions to be reached [m], shape (b, 3).
+    """
+    body, which, before = problem.body, np.flatnonzero(problem.follows), 0.0
+    for _ in range(CORRECTIONS):
+        R, p = body.tools(q)
+        left = pose_error(R_goal, p_goal, R[which], p[which])
+        q = q + plus @ left
+        size = float(np.abs(left).max())
+        # What this step leaves, at the rate of the one before.
+        if size * size <= SETTLED * before:
+            break
+        before = size
+    return q
 
 
 class Room:

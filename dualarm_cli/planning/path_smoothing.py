@@ -6,10 +6,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.path_following import PathMotion, PathProblem
-from dualarm_cli.path_following.velocity import pose_error
-
-CORRECTIONS = 2
-"""Newton corrections of the tools."""
+from dualarm_cli.path_following.velocity import corrected
 
 
 def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMotion:
@@ -40,11 +37,7 @@ def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMo
             plus = J.T @ np.linalg.inv(J @ J.T)
         except np.linalg.LinAlgError:
             return found
-        q, R, p = position[k], state.R, state.p
-        for _ in range(CORRECTIONS):
-            q = q + plus @ pose_error(R_there[which], p_there[which], R[which], p[which])
-            R, p = body.tools(q)
-        position[k] = q
+        position[k] = corrected(problem, position[k], plus, R_there[which], p_there[which])
     return PathMotion(position)
 
 

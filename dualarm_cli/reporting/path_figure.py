@@ -69,8 +69,8 @@ def _draw_forces(axes: Any, path: PathSamples) -> None:
     for m, arm in enumerate(path.arms):
         axes.plot(path.time, path.force[:, m], color=COLOURS.get(arm, "k"), label=arm)
         if path.least is not None:
-            least = path.work.stiffness * float(path.least[m])
-            axes.axhline(least, color=COLOURS.get(arm, "k"), linestyle=":")
+            least = path.work.stiffness * path.least[:, m]
+            axes.plot(path.time, least, color=COLOURS.get(arm, "k"), linestyle=":")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("contraction force K D (dotted: least)")
     axes.legend(fontsize=7)

@@ -9,7 +9,9 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
+from dualarm_cli.kinematics.srs_arm import SrsArm
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
@@ -48,8 +50,8 @@ class PathSamples:
     critical: FloatArray
     """Critical points [m], shape (k, m, 3)."""
     least: FloatArray | None
-    """Least distance of each elbow from its critical point in any posture [m], shape (m,); None for arms whose elbow is
-    not at one distance from the shoulder."""
+    """Least distance of each elbow from its critical point over all postures of its arm within limits, with tool and
+    platform where they are [m], shape (k, m); None for arms that are not in closed form."""
     alone: FloatArray
     """Manipulability of each arm by its own joints, shape (k, m)."""
     together: FloatArray
@@ -105,7 +107,6 @@ def _sampled(
     q, qd, qdd = trajectory.at(time)
     which = [a for a, arm in enumerate(body.arms) if arm in work.paths]
     points = context.critical_points(work.critical_points)
-    shoulders, upper = body.shoulders()
     own = body.moves & ~body.moves_carried
     rows: list[tuple[FloatArray, ...]] = []
     follows = np.repeat(np.isin(np.arange(len(body.arms)), which), 6)
@@ -116,14 +117,19 @@ def _sampled(
         together = manipulability(state.J[follows][:, free])
         critical = body.carried_points(state, points)[0]
         rows.append(
-            (state.p[which], state.elbow[which], critical[which], np.array(alone), together)
+            (
+                state.p[which],
+                state.elbow[which],
+                critical[which],
+                np.array(alone),
+                together,
+                state.R[which],
+            )
         )
-    tool, elbow, critical, alone_all, together_all = (
-        np.array([row[i] for row in rows]) for i in range(5)
+    tool, elbow, critical, alone_all, together_all, rotation = (
+        np.array([row[i] for row in rows]) for i in range(6)
     )
     methods = [stage.platform_solver for stage in schedule.stages if section[0].id in stage.tasks]
-    # The elbow of an arm in closed form is on a sphere about its shoulder.
-    least = np.abs(np.linalg.norm(shoulders - points, axis=1) - upper)[which]
     arms = tuple(body.arms[a] for a in which)
     return PathSamples(
         section[0].id,
@@ -137,10 +143,51 @@ def _sampled(
         tool,
         elbow,
         critical,
-        least if context.closed_form else None,
+        _least(context, q, rotation, tool, elbow, critical, arms) if context.closed_form else None,
         alone_all,
         together_all,
     )
+
+
+def _least(
+    context: PathContext,
+    q: FloatArray,
+    R: FloatArray,
+    p: FloatArray,
+    elbow: FloatArray,
+    critical: FloatArray,
+    arms: tuple[str, ...],
+) -> FloatArray:
+    """Returns the least distances of the elbows of m arms from their critical points [m], shape (k, m).
+
+    Args:
+        context: the job.
+        q: all joints [rad], shape (k, n).
+        R: rotations of the tools, shape (k, m, 3, 3).
+        p: tool centre points [m], shape (k, m, 3).
+        elbow: elbows as springs pull them, on the axes of the arms' fourth joints [m], shape (k, m, 3).
+        critical: critical points [m], shape (k, m, 3).
+        arms: names of the arms.
+    """
+    model, found = context.model, []
+    R_world, p_world = model.carried_frame(q)
+    R_carried = np.swapaxes(R_world, -1, -2)
+    for m, name in enumerate(arms):
+        arm = model.arms[name]
+        assert isinstance(arm.kinematics, SrsArm)
+        T = arm.T_flange_tcp.inverse()
+        turned = R_carried @ R[:, m]
+        tool, place, point = (
+            (R_carried @ (there[:, m] - p_world)[..., None])[..., 0]
+            for there in (p, elbow, critical)
+        )
+        flange = tool + turned @ T.translation
+        middle, axis = arm.kinematics.elbow(q[0, arm.columns])
+        along = float((place[0] - middle) @ axis)
+        found.append(
+            least_elbow_distance(arm.kinematics, turned @ T.rotation, flange, point, along)
+        )
+    return np.stack(found, axis=1)
 
 
 def _idle_joints(job: Job, path: PathSamples) -> list[str]:
@@ -187,7 +234,7 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 ),
                 "least_elbow_distance": None
                 if path.least is None
-                else dict(zip(path.arms, path.least.tolist(), strict=True)),
+                else dict(zip(path.arms, path.least.mean(axis=0).tolist(), strict=True)),
                 "manipulability": dict(
                     zip(path.arms, path.alone.mean(axis=0).tolist(), strict=True)
                 ),

@@ -21,7 +21,11 @@ def path_lines(report: dict[str, Any]) -> list[str]:
         least = path["least_elbow_distance"]
         elbows = ", ".join(
             f"{arm} {distance * 1e3:.0f} mm"
-            + (f" (least possible {least[arm] * 1e3:.0f} mm)" if least is not None else "")
+            + (
+                f" (at least {least[arm] * 1e3:.0f} mm with tools and platform there)"
+                if least is not None
+                else ""
+            )
             for arm, distance in path["elbow_distance"].items()
         )
         each = ", ".join(f"{arm} {value:.4g}" for arm, value in path["manipulability"].items())

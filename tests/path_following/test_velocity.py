@@ -18,6 +18,7 @@ from dualarm_cli.path_following.velocity import (
     make_step,
     spring_gradient,
 )
+from dualarm_cli.planning.path_smoothing import evened_out
 
 
 def tool_errors(problem: PathProblem, motion: PathMotion) -> float:
@@ -52,6 +53,28 @@ def test_tools_with_and_without_springs_are_the_same(followed) -> None:
     problem, plain, pulled, _ = followed
     assert tool_errors(problem, plain) < 1e-9
     assert tool_errors(problem, pulled) < 1e-9
+
+
+def test_tools_stay_exact_where_joint_limits_bind(choi) -> None:
+    """Limits within the range that the springs use, at three times the speed, evened out as well: within 1e-9 m."""
+    context, usual = choi
+    work = context.job.tasks[0].path
+    problem = context.problem(work, usual.start, context.clock(work, 3.0))
+    free = follow_spring(problem).position
+    low, high = problem.limits.lower.copy(), problem.limits.upper.copy()
+    for name in ("left_r", "right_e"):
+        j = problem.limits.joints.index(name)
+        start, least, most = free[0, j], free[:, j].min(), free[:, j].max()
+        if most - start > start - least:
+            high[j] = start + 0.6 * (most - start)
+        else:
+            low[j] = start - 0.6 * (start - least)
+    narrow = replace(problem, limits=replace(problem.limits, lower=low, upper=high))
+    motion = follow_spring(narrow)
+    assert isinstance(motion, PathMotion)
+    assert min((motion.position - low).min(), (high - motion.position).min()) < 1e-2
+    for window in (0.0, 0.32):
+        assert tool_errors(narrow, evened_out(narrow, motion, window)) < 1e-9
 
 
 def test_the_damped_projector_disturbs_the_tools(followed) -> None:
