@@ -157,7 +157,7 @@ def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
                 before = cells_of(a, int(arm.chain.previous[k]))
                 if before is not None and not before.possible:
                     return np.inf
-                stages[a] = _stage(problem, a, arm, k, before, edges)
+                stages[a] = _stage(problem, a, arm, k, before, len(edges) - 1)
                 if arm.more is None:
                     arm.pass_by(_return_times(problem, a, arm))
                 arm.here = before
@@ -181,7 +181,7 @@ def _return_times(problem: SequenceProblem, a: int, arm: _Arm) -> Times:
         return np.zeros(len(stop.retract.index), dtype=np.float32)
     last = int(arm.chain.active[-1]) == problem.stages - 1
     without = _untold(problem, stop.free_last, last)
-    start = _start(problem, a, arm.table, 0)
+    start = _start(problem, a, arm.table)
     return arm.table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
         :, 0
     ]
@@ -196,13 +196,13 @@ def _untold(problem: SequenceProblem, free_last: bool, adjacent: bool) -> tuple[
     )
 
 
-def _start(problem: SequenceProblem, a: int, table: TransferTable, cell: int) -> Boxes:
-    """Returns the start as the only cell."""
+def _start(problem: SequenceProblem, a: int, table: TransferTable) -> Boxes:
+    """Returns the start as the only cell; of the platform's grid it takes the first place, for both arms alike."""
     q = problem.arms[a].start[None]
     if problem.turns:
         q = np.column_stack([q, problem.platform_start[None]])
     zero = np.zeros(1, dtype=np.int64)
-    return Boxes(zero + cell, zero, *table.box(q, q), np.zeros(1, dtype=np.float32))
+    return Boxes(zero, zero, *table.box(q, q), np.zeros(1, dtype=np.float32))
 
 
 def _stage(
@@ -211,12 +211,11 @@ def _stage(
     arm: _Arm,
     k: int,
     before: StopBoxes | None,
-    edges: FloatArray,
+    cells: int,
 ) -> _Stage:
-    """Returns an arm's transfers into stage k, and its work there."""
+    """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
     stop = arm.here
     assert stop is not None  # callers ask for active stages only
-    cells = len(edges) - 1
     work = stop_work(arm.table, stop)
     came = int(arm.chain.previous[k])
     if came < 0 and k == 0 and problem.free_start:
@@ -225,12 +224,7 @@ def _stage(
         table[:, columns] = np.minimum.reduceat(work.least, first)
         return _Stage(None, False, work, table)
     known = came == k - 1
-    if before is None:
-        angle = float(problem.platform_start[0]) if problem.turns else 0.0
-        cell = int(np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, cells - 1))
-        origin = _start(problem, a, arm.table, cell)
-    else:
-        origin = before.retract
+    origin = _start(problem, a, arm.table) if before is None else before.retract
     if not known:
         origin = replace(origin, index=np.zeros_like(origin.index))
     free_last = stop.free_last or (before is not None and before.free_last)

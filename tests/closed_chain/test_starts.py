@@ -127,6 +127,20 @@ def test_what_touches_is_left_out(cells, make):
     assert (found.position[:, :, elbow] > 0.0).all()
 
 
+def test_joints_that_the_file_names_are_where_starts_are_drawn(cells, make):
+    """Joints that close the chain in the middle: one start is exactly there, and most of the others are near."""
+    problem = make.problem_on(cells["sda10f"], make.work_on(make.line()), samples=60)
+    whole = seam_starts(problem).position
+    middle = whole.shape[1] // 2
+    near = whole[0, middle]
+    found = seam_starts(replace(problem, near=near)).position
+    away = np.abs(found[:, middle] - near).max(axis=1)
+    assert away.min() < 1e-7
+    # 0.3 rad of deviation at most, of 15 joints: the farthest of them is seldom beyond three times that.
+    assert np.median(away) < 0.9
+    assert np.median(np.abs(whole[:, middle] - near).max(axis=1)) > 2.0
+
+
 def test_the_seed_decides_what_is_drawn(cells, make):
     """Same seed, same bytes; another one, other ways."""
     work = make.work_on(make.line())

@@ -162,6 +162,16 @@ def test_a_figure_that_is_none_is_an_error_and_goes_through_json(
     assert Evaluation.of_document(json.loads(json.dumps(found.as_document(), allow_nan=False)))
 
 
+@pytest.mark.parametrize("bound", [None, float("inf")])
+def test_a_bound_that_is_not_known_or_infinite_is_none(cells, request_for, monkeypatch, bound):
+    """An infinite one fails the verifier, and its evaluation still goes through JSON."""
+    monkeypatch.setattr(module, "plan", lambda *given: replace(plan(*given), lower_bound=bound))
+    found = evaluate(request_for(cells(1)[0]))
+    assert found.status == ("planned" if bound is None else "fails_verification")
+    assert (found.lower_bound, found.gap) == (None, None)
+    assert json.dumps(found.as_document(), allow_nan=False)
+
+
 def test_values_are_replaced_by_kind_and_pointer(cells, request_for):
     """Half the speed takes longer; a limit of the robot and a value of a list as well; nonsense is refused."""
     request = request_for(cells(1)[0])

@@ -127,3 +127,20 @@ def test_the_third_order_finds_every_sign_change():
     step = grid[1] - grid[0]
     ahead = np.mod(angle[row] - grid[column, None] + 1e-9, 2 * np.pi)
     assert ((ahead <= step + 2e-9) & (imaginary[row] < 1e-6)).any(axis=1).all()
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_zeros_in_every_direction_that_may_be_put_at_infinity_are_found(order):
+    """sin(m phi) (2 + cos phi)^(order - m) has 2 m zeros, half a turn over m apart: also of a chart's spacing."""
+    samples = np.arange(2 * order + 1) * (2 * np.pi / (2 * order + 1))
+    basis = np.column_stack(
+        [np.ones_like(samples)]
+        + [wave(m * samples) for m in range(1, order + 1) for wave in (np.cos, np.sin)]
+    )
+    for m in range(1, order + 1):
+        f = np.sin(m * samples) * (2.0 + np.cos(samples)) ** (order - m)
+        angle, imaginary = zeros_by_companion(np.linalg.solve(basis, f)[None])
+        real = angle[0][imaginary[0] < 1e-9]
+        expected = np.arange(2 * m) * (np.pi / m)
+        assert len(real) == 2 * m
+        assert distance(real[:, None], expected).min(axis=0).max() < 1e-9

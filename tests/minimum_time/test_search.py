@@ -10,6 +10,7 @@ import pytest
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.corridor import best_combination
+from dualarm_cli.minimum_time.linear_steps import _windows
 from dualarm_cli.minimum_time.node_plans import Mesh, grid_angles, plans_on_nodes
 from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
 from dualarm_cli.minimum_time.polish import polish
@@ -29,13 +30,15 @@ from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 
 Problems = Callable[..., SequenceProblem]
+ANGLES = np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
+"""Platform angles of brute-force cases."""
 FEW = 9
 """Nodes of one arm at one stop in brute-force cases."""
 
 
 def _few_nodes(problem: SequenceProblem, seed: int) -> tuple[list[list[Nodes]], np.ndarray, int]:
     """A few nodes per stop at five platform angles, spread at random."""
-    angles, start = np.array([-0.7, -0.35, 0.0, 0.35, 0.7]), 2
+    angles, start = ANGLES, 2
     random = np.random.default_rng(seed)
     nodes = []
     for a, work in enumerate(problem.arms):
@@ -47,6 +50,15 @@ def _few_nodes(problem: SequenceProblem, seed: int) -> tuple[list[list[Nodes]], 
             per_stage.append(every.take(np.sort(some)))
         nodes.append(per_stage)
     return nodes, angles, start
+
+
+def _at(problem: SequenceProblem, arm: int, stage: int, angles: tuple[int, ...]) -> Nodes:
+    """The first few nodes of a stop at each of some of the five platform angles."""
+    table = StopTable.of(problem.arms[arm])
+    every = grid_nodes(problem, arm, table, stage, Grid(ANGLES, 6, 10_000))
+    some = [np.flatnonzero(every.angle_index == angle)[:FEW] for angle in angles]
+    assert all(len(rows) for rows in some)
+    return every.take(np.concatenate(some))
 
 
 def _with_one_law(problem: SequenceProblem) -> SequenceProblem:
@@ -136,6 +148,56 @@ def test_combination_equals_brute_force(random_problem: Problems, seed: int, sta
         totals.append(evaluate(problem, tables, type(best.decisions)(angle, tuple(arms))).total)
     result = best_combination(problem, tables, best, others)
     assert result.total == pytest.approx(min(totals), abs=1e-12)
+
+
+def _with_slow_platform(problem: SequenceProblem) -> SequenceProblem:
+    """The same with a platform of 0.1 rad/s: the way back of 0.7 rad outlasts that of any joint."""
+    speed = np.array([0.1])
+    return replace(
+        _with_one_law(problem), platform_law=RestToRest(speed, speed / 0.3, speed / 0.03)
+    )
+
+
+@pytest.mark.parametrize("start", ["home", "free"])
+@pytest.mark.parametrize("returns", [False, True])
+def test_the_bound_of_an_arm_that_works_alone_is_the_best_plan(
+    random_problem: Problems, start: str, returns: bool
+) -> None:
+    """Nothing is relaxed then; nodes far to one side, so that the platform decides the way back."""
+    problem = _with_slow_platform(random_problem(2, (3, 0), start=start, returns=returns))
+    every = np.tile(ANGLES, (3, 1))
+    nodes = [_at(problem, 0, k, at) for k, at in enumerate([(4,), (3, 4), (3, 4)])]
+    layers = [
+        arm_layers(problem, 0, every, nodes),
+        arm_layers(problem, 1, every, [None] * 3),
+    ]
+    arms = with_potentials(problem, layers, len(ANGLES))
+    [path] = beam_search(problem, arms, every, width=10_000, per_angle=FEW)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    total = evaluate(problem, tables, path.decisions).total
+    # Two steps of 2e-4 rad are rounded away in each of four transfers, at 10 s/rad.
+    assert path.total == pytest.approx(total, abs=4 * 4e-3)
+    if not (returns and start == "free"):  # the way back to a free start is not known from behind
+        assert max(arm.bound for arm in arms) == pytest.approx(path.total, abs=4e-3)
+    assert max(arm.bound for arm in arms) <= path.total + 1e-5
+
+
+def test_the_platform_turns_back_with_whichever_arm_works_last(random_problem: Problems) -> None:
+    """Both arms at 0.7 rad twice, then one at 0: the other's way back does not turn the platform once more."""
+    problem = _with_slow_platform(random_problem(2, (2, 3), returns=True))
+    every = np.tile(ANGLES, (3, 1))
+    layers = [
+        arm_layers(problem, 0, every, [*(_at(problem, 0, k, (4,)) for k in (0, 1)), None]),
+        arm_layers(
+            problem, 1, every, [_at(problem, 1, k, at) for k, at in enumerate([(4,), (4,), (2,)])]
+        ),
+    ]
+    arms = with_potentials(problem, layers, len(ANGLES))
+    [path] = beam_search(problem, arms, every, width=10_000, per_angle=FEW)
+    # There and back once each: two turns of 0.7 rad at 0.1 rad/s, with 0.3 s + 0.1 s of ramps.
+    assert path.total > 2.0 * 7.0
+    for arm in arms:
+        assert 0.9 * path.total < arm.bound <= path.total + 1e-5
 
 
 SHAPES = {
@@ -242,6 +304,25 @@ def test_polishing_gains_and_never_loses(random_problem: Problems) -> None:
     assert totals[0] == plan.total
     assert totals == sorted(totals, reverse=True)
     assert totals[-1] < 0.99 * plan.total
+
+
+def test_windows_divide_the_stages_and_shift_by_half_a_window() -> None:
+    """All stages once and in order, none much longer or shorter than the 24 stages of a window; 36 are one."""
+    assert _windows(36, 0) == _windows(36, 1) == [(0, 36)]
+    assert _windows(37, 0) == [(0, 24), (24, 37)]
+    assert _windows(37, 1) == [(0, 12), (12, 37)]
+    assert _windows(55, 0) == [(0, 24), (24, 55)]
+    assert _windows(56, 0) == [(0, 24), (24, 48), (48, 56)]
+    for stages in range(1, 200):
+        for number in (0, 1, 2):
+            windows = _windows(stages, number)
+            assert [k for first, past in windows for k in range(first, past)] == [*range(stages)]
+            if stages > 36:
+                sizes = [past - first for first, past in windows]
+                assert min(sizes) >= 8
+                assert max(sizes) < 24 + 8
+        inner = [{first for first, _ in _windows(stages, number)} - {0} for number in (0, 1)]
+        assert not inner[0] & inner[1]
 
 
 def test_slopes_equal_central_differences(random_problem: Problems) -> None:

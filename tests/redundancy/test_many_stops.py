@@ -12,7 +12,7 @@ from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.planning.stages import stop_problems
 from dualarm_cli.redundancy import NoPosture, refinement, solve_stops
 from dualarm_cli.redundancy import arm_angle as member
-from dualarm_cli.redundancy.arm_angle import choose_posture, choose_postures
+from dualarm_cli.redundancy.arm_angle import choose_near, choose_posture, choose_postures
 from dualarm_cli.redundancy.candidates import line_path
 from dualarm_cli.redundancy.coarse_ways import FAR, coarse_ways
 from dualarm_cli.redundancy.refinement import refinements
@@ -124,6 +124,25 @@ def test_lines_that_are_not_timed_could_not_have_been_the_best(problems):
             # The second place is for a way that is far from the first.
             assert (np.diff(np.delete(one, 1)) >= 0).all()
             assert one[0] == other[0] == other.min()
+
+
+def test_near_a_posture_there_is_itself_and_what_is_quicker(problems):
+    """Varied by next to nothing the posture comes back with its lines; varied by more, none that takes longer."""
+    told = 0
+    for problem in map(with_targets, problems):
+        like = choose_posture(problem)
+        if isinstance(like, NoPosture):
+            continue
+        [same] = choose_near([problem], [like], [like.cost + 1.0], 1e-9)
+        for name in ("q_approach", "q_target", "q_retract"):
+            assert getattr(same, name) == pytest.approx(getattr(like, name), abs=1e-7)
+        assert same.cost == pytest.approx(like.cost, abs=1e-7)
+        told += abs(like.psi_approach - like.psi_target) > 0.01
+        [near] = choose_near([problem], [like], [like.cost + 1.0], 0.1)
+        assert near.cost <= like.cost + 0.01
+        # Half the time is more than any variation gains.
+        assert choose_near([problem], [like], [0.5 * like.cost], 0.1) == [None]
+    assert told > 2
 
 
 def test_every_round_of_refinement_is_at_least_as_good(problems):

@@ -111,6 +111,16 @@ def test_given_configurations_are_taken_as_they_are(yumi):
     assert np.array_equal(found.q_approach, found.q_target)
     least = [float(problem.transfer_time(one - problem.start)) for one in q]
     assert found.target == int(np.argmin(least))
+    # Also one that self-motion would bring nearer to the start, with lines and without.
+    for line in (0.0, 0.02):
+        alone = replace(
+            given,
+            configurations=q[:1],
+            R_base_tool=given.R_base_tool[:1],
+            p_base_tool=given.p_base_tool[:1],
+            approach=line,
+        )
+        assert np.array_equal(REDUNDANCY_SOLVERS["numeric"].solve(alone).q_target, q[0])
 
 
 def test_what_has_to_keep_clear_does(yumi):

@@ -1,0 +1,52 @@
+"""Bounds on the third derivatives of contours, by finite differences of the second ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dualarm_cli.model.contours import Contour, Ellipse, Saddle, SphereArc
+
+STEP = 1e-6
+
+
+def contour(kind: str, random: np.random.Generator) -> Contour:
+    """A random contour of one kind, forwards or backwards, r + e up to 0.998 R."""
+    start, span = random.uniform(-7.0, 7.0), random.choice([-1.0, 1.0]) * random.uniform(0.5, 6.28)
+    R, reach, share = 0.05, random.uniform(0.1, 0.97), random.uniform(0.1, 0.9)
+    r, e = R * reach * share, random.choice([-1.0, 1.0]) * R * reach * (1.0 - share)
+    if kind == "saddle":
+        return Saddle(R, r, random.uniform(0.3, 2.8), e, start, start + span)
+    if kind == "arc":
+        return SphereArc(R, r, random.uniform(-3.0, 3.0), e, start, start + span)
+    return Ellipse((r, R - r), start, start + span)
+
+
+def third(curve: Contour, t: np.ndarray) -> np.ndarray:
+    """Length of the third derivative (k,) at parameters (k,)."""
+    return np.linalg.norm(curve.second(t + STEP) - curve.second(t - STEP), axis=1) / (2.0 * STEP)
+
+
+@pytest.mark.parametrize("kind", ["saddle", "arc", "ellipse"])
+@pytest.mark.parametrize("half", [1e-4, 0.003, 0.03, 0.2])
+def test_no_third_derivative_in_an_interval_is_above_its_bound(kind, half):
+    """Sixty intervals of forty random contours each, looked at in 41 places."""
+    random = np.random.default_rng(17)
+    for _ in range(40):
+        curve = contour(kind, random)
+        t = random.uniform(half, 1.0 - half, 60)
+        places = (t[:, None] + half * np.linspace(-1.0, 1.0, 41)).ravel()
+        largest = third(curve, places).reshape(60, 41).max(axis=1)
+        bound = curve.third_bound(t, np.full(60, half))
+        assert (largest <= bound * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("kind", ["saddle", "arc"])
+def test_the_greatest_bound_of_a_whole_turn_is_less_than_twice_the_greatest_derivative(kind):
+    """Without width all that is lost is that terms are added by size; r + e is half of R."""
+    random = np.random.default_rng(18)
+    t = np.linspace(0.0, 1.0, 721)
+    for _ in range(20):
+        angle, e = random.uniform(0.4, 2.7), random.choice([-1.0, 1.0]) * 0.005
+        curve = (Saddle if kind == "saddle" else SphereArc)(0.05, 0.02, angle, e, 0.0, 2.0 * np.pi)
+        assert curve.third_bound(t, np.zeros(721)).max() <= 2.0 * third(curve, t).max()
