@@ -43,14 +43,14 @@ def improved(
     *,
     easy: bool = True,
 ) -> FloatArray:
-    """Returns joints at the nodes of a seam that can be worked faster, at a steady speed, (NODES, n) [rad].
+    """Returns joints at the nodes of a seam that can be worked faster, at a steady speed, (nodes, n) [rad].
 
     Ends where it is as fast as asked or no faster one is found near by; then what is left open makes the motion easy.
     Where that touches something, steps that touch are refused from the beginning.
 
     Args:
         problem: the seam.
-        position: joints at the nodes, chain closed [rad], shape (NODES, n).
+        position: joints at the nodes, chain closed [rad], shape (nodes, n).
         stands: joints that are the same at all nodes, shape (n,).
         rounds: steps at most.
         easy: whether what is left open is used at the end.
@@ -115,7 +115,7 @@ def _cost(time: float, beyond: float) -> float:
 def _smoothed(
     problem: SeamProblem, program: Program, position: FloatArray, time: float
 ) -> FloatArray:
-    """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (NODES, n) [rad]."""
+    """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (nodes, n) [rad]."""
     best, radius = position, FIRST_RADIUS
     unease = program.unease(best, time)
     # Where little is to be moved an arm that is stretched has the least to do.

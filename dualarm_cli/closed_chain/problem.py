@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from dualarm_cli.closed_chain.chain import Chain
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.model.robot import JointLimits
 
-NODES = 41
-"""Places along the seam at which joints are decided."""
+FEWEST_NODES, MOST_NODES = 41, 321
+"""Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
+TOLD, TOLD_TURN = 1e-4, 1e-2
+"""How far a smooth curve through the seam's frames at the nodes may be from it [m], and how far turned [rad]."""
 KEPT_FREE = 0.03
 """Distance from the joints' limits that is kept where they are decided [rad]."""
 
@@ -56,10 +59,30 @@ class SeamProblem:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
 
+    @cached_property
+    def nodes(self) -> int:
+        """Number of places along the seam at which joints are decided: as many as its length and curvature ask for.
+
+        A quintic through the seam's frames at the nodes tells where the seam is between them.
+        """
+        # Slow to import, and needed for seams alone.
+        from scipy.interpolate import make_interp_spline
+
+        count = FEWEST_NODES
+        while count < MOST_NODES:
+            share = np.linspace(0.0, 1.0, 2 * count - 1)
+            R, p = self.chain.work.tool_frames(share)
+            frame = np.concatenate([p / TOLD, R.reshape(len(R), 9) / TOLD_TURN], axis=1)
+            between = make_interp_spline(share[::2], frame[::2], k=5)(share[1::2])
+            if np.abs(between - frame[1::2]).max() <= 1.0:
+                break
+            count = 2 * count - 1
+        return count
+
     @property
     def shares(self) -> FloatArray:
-        """Shares of the seam at the nodes, shape (NODES,)."""
-        return np.linspace(0.0, 1.0, NODES)
+        """Shares of the seam at the nodes, shape (nodes,)."""
+        return np.linspace(0.0, 1.0, self.nodes)
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -72,7 +95,7 @@ class SeamMotion:
     """The joints at the nodes of a seam."""
 
     position: FloatArray
-    """All joints [rad], shape (NODES, n)."""
+    """All joints [rad], shape (nodes, n)."""
     time: float
     """Least time for the whole seam at a steady speed, ramps not counted [s]."""
 

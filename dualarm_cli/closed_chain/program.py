@@ -10,7 +10,7 @@ import numpy as np
 
 from dualarm_cli.closed_chain.chain import KEPT
 from dualarm_cli.closed_chain.closing import all_equations
-from dualarm_cli.closed_chain.problem import NODES, SeamProblem
+from dualarm_cli.closed_chain.problem import SeamProblem
 from dualarm_cli.closed_chain.starts import part_poses
 from dualarm_cli.closed_chain.ways import ROOM
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
@@ -49,12 +49,14 @@ class Program:
 
     @cached_property
     def column(self) -> IntArray:
-        """Which variable each node's joint is, shape (NODES, decided): joints that stand are one for all nodes."""
+        """Which variable each node's joint is, shape (nodes, decided): joints that stand are one for all nodes."""
         standing = self.stands[self.decided]
         shared, own = int(standing.sum()), int((~standing).sum())
-        found = np.empty((NODES, len(self.decided)), dtype=np.int64)
+        found = np.empty((self.problem.nodes, len(self.decided)), dtype=np.int64)
         found[:, standing] = np.arange(shared)
-        found[:, ~standing] = shared + np.arange(NODES * own).reshape(NODES, own)
+        found[:, ~standing] = shared + np.arange(self.problem.nodes * own).reshape(
+            self.problem.nodes, own
+        )
         return found
 
     @cached_property
@@ -74,9 +76,9 @@ class Program:
         from scipy.sparse import csr_matrix, diags, kron
 
         limits, found = self.problem.limits, []
-        difference = np.eye(NODES)
+        difference = np.eye(self.problem.nodes)
         for limit in (limits.velocity, limits.acceleration, limits.jerk):
-            difference = np.diff(difference, axis=0) * (NODES - 1)
+            difference = np.diff(difference, axis=0) * (self.problem.nodes - 1)
             own = np.where(np.isfinite(limit), limit, 1e12)[self.decided]
             found.append(kron(csr_matrix(difference), diags(1.0 / own)).tocsr())
         return found
@@ -85,18 +87,20 @@ class Program:
         """Matrix from the joints at all nodes to shares of their limits; squares add up to means over the nodes."""
         from scipy.sparse import vstack
 
-        return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(NODES)
+        return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(
+            self.problem.nodes
+        )
 
     def step(
         self, position: FloatArray, time: float, radius: float, pace: float
     ) -> tuple[FloatArray, float] | None:
-        """Returns joints (NODES, n) and the seam's time as the linear model has them, or None where there are none.
+        """Returns joints (nodes, n) and the seam's time as the linear model has them, or None where there are none.
 
         Rates are linear in the joints; what they may be grows with time, time² and time³, taken by their tangents,
         which lie below.
 
         Args:
-            position: joints at the nodes, chain closed [rad], shape (NODES, n).
+            position: joints at the nodes, chain closed [rad], shape (nodes, n).
             time: steady time of the seam with them [s].
             radius: how far joints may move [rad].
             pace: what a second of time weighs; 0 to make the motion smooth at the same time.
@@ -162,7 +166,7 @@ class Program:
         if not np.isfinite(x).all():
             return None
         moved = np.array(position)
-        moved[:, self.decided] += (S @ x[:-2]).reshape(NODES, -1)
+        moved[:, self.decided] += (S @ x[:-2]).reshape(self.problem.nodes, -1)
         return moved, time + float(x[-2])
 
     def _equations(self, position: FloatArray) -> tuple[Any, FloatArray]:
@@ -178,7 +182,7 @@ class Program:
         if poses is not None:
             part = all_equations(chain, position, share, part=poses)
             # A part that stands is where it should be at every node if it is at one.
-            nodes = 1 if chain.work.hold.stands else NODES
+            nodes = 1 if chain.work.hold.stands else problem.nodes
             for k in range(nodes):
                 blocks[k] = np.concatenate([part.slope[k, :6][:, self.decided], blocks[k]])
                 left[k] = np.concatenate([part.left[k, :6], left[k]])
@@ -217,23 +221,27 @@ class Program:
         """Returns what a motion costs where its time is kept: effort, and joints near their limits.
 
         Args:
-            position: joints at the nodes [rad], shape (NODES, n).
+            position: joints at the nodes [rad], shape (nodes, n).
             time: steady time of the seam [s].
         """
         y = position[:, self.decided].ravel()
         near, effort = self._near(y), self._effort(time) @ y
-        return float(effort @ effort + AWAY / NODES * (near @ near)) / 2.0
+        return float(effort @ effort + AWAY / self.problem.nodes * (near @ near)) / 2.0
 
     @cached_property
     def _room(self) -> FloatArray:
         """The room at each limit that is better left free, of all nodes' joints [rad]."""
-        low, high = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        low, high = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
         found: FloatArray = ROOM * (high - low)
         return found
 
     def _near(self, y: FloatArray) -> FloatArray:
         """Returns what share of that room joints at all nodes use up, positive at the lower limit."""
-        low, high = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        low, high = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
         room = self._room
         found: FloatArray = np.maximum(low + room - y, 0.0) - np.maximum(y - high + room, 0.0)
         return found / room
@@ -243,15 +251,17 @@ class Program:
         near, room = self._near(y), self._room
         column, count = self.column.ravel(), self._spread.shape[1]
         crowded, away = np.zeros(count), np.zeros(count)
-        np.add.at(crowded, column, AWAY / NODES * (near != 0.0) / room**2)
-        np.add.at(away, column, AWAY / NODES * near / room)
+        np.add.at(crowded, column, AWAY / self.problem.nodes * (near != 0.0) / room**2)
+        np.add.at(away, column, AWAY / self.problem.nodes * near / room)
         return crowded, away
 
     def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
         """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""
         from scipy.sparse import csr_matrix
 
-        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        lower, upper = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
         short = np.concatenate([lower - y, y - upper])
         which = np.flatnonzero(short > 0.0)
         column = np.tile(self.column.ravel(), 2)[which]
@@ -261,7 +271,9 @@ class Program:
 
     def _bounds(self, y: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
         """Returns least and greatest steps of the variables [rad]."""
-        lower, upper = (np.tile(bound[self.decided], NODES) for bound in self.problem.bounds)
+        lower, upper = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
         column, count = self.column.ravel(), self._spread.shape[1]
         low, top = np.full(count, -radius), np.full(count, radius)
         if self.problem.begin is not None:

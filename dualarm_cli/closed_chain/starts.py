@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.closed_chain.closing import Closed, close
 from dualarm_cli.closed_chain.equations import TURN
-from dualarm_cli.closed_chain.problem import NODES, NoSeam, SeamProblem
+from dualarm_cli.closed_chain.problem import NoSeam, SeamProblem
 from dualarm_cli.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.tool_path import Poses
@@ -45,7 +45,7 @@ class Starts:
     """Ways along a seam."""
 
     position: FloatArray
-    """Joints at the nodes, quickest first [rad], shape (m, NODES, n)."""
+    """Joints at the nodes, quickest first [rad], shape (m, nodes, n)."""
     failure: NoSeam | None
     """What ends the farthest way, where none covers the seam."""
 
@@ -82,14 +82,14 @@ def seam_starts(problem: SeamProblem, *, moving: bool = False) -> Starts:
         moving: whether joints that carry the part may move along the seam; the part stands else.
     """
     stands = standing_joints(problem, moving=moving)
-    middle = 0 if problem.begin is not None else NODES // 2
-    ways = np.empty((0, NODES, len(problem.start)))
+    middle = 0 if problem.begin is not None else problem.nodes // 2
+    ways = np.empty((0, problem.nodes, len(problem.start)))
     drawn = _drawn(problem, middle)
     if len(drawn):
-        ways = np.empty((len(drawn), NODES, drawn.shape[1]))
+        ways = np.empty((len(drawn), problem.nodes, drawn.shape[1]))
         ways[:, middle] = drawn
         alive = np.arange(len(drawn))
-        for nodes in (range(middle + 1, NODES), range(middle - 1, -1, -1)):
+        for nodes in (range(middle + 1, problem.nodes), range(middle - 1, -1, -1)):
             for node in nodes:
                 alive = (
                     alive[_next(problem, ways, alive, node, nodes.step, stands)]
@@ -128,7 +128,7 @@ def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
     if not len(drawn):
         return NoSeam(_apart(problem), 0.0)
     here = before = drawn
-    fine = np.linspace(0.0, 1.0, FINER * (NODES - 1) + 1)
+    fine = np.linspace(0.0, 1.0, FINER * (problem.nodes - 1) + 1)
     for k in range(1, len(fine)):
         guess = here + (here - before) * (k > 1)
         found = _step(problem, guess, fine[k], stands)
@@ -216,7 +216,7 @@ def _next(
     """Fills in one node of the ways that are alive, and returns which of them still are."""
     here = ways[alive, node - side]
     # Where ways begin there is no place before.
-    first = node - side == (0 if problem.begin is not None else NODES // 2)
+    first = node - side == (0 if problem.begin is not None else problem.nodes // 2)
     guess = here if first else here + (here - ways[alive, node - 2 * side])
     found = _step(problem, guess, problem.shares[node], stands)
     ways[alive, node] = found.position

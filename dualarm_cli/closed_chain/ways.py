@@ -33,7 +33,7 @@ def turned_back(problem: SeamProblem, ways: FloatArray) -> FloatArray:
 
 
 def way_cost(problem: SeamProblem, way: FloatArray) -> float:
-    """Returns by what ways along a seam (NODES, n) are compared [s]: their time, and that to get to where they begin.
+    """Returns by what ways along a seam (nodes, n) are compared [s]: their time, and that to get to where they begin.
 
     Of ways that are as fast as asked the one is better whose joints stay farther from limits and singular postures.
     """

@@ -14,6 +14,7 @@ from dualarm_cli.closed_chain.starts import seam_starts, standing_joints
 from dualarm_cli.closed_chain.ways import way_cost
 from dualarm_cli.model.contours import Segment
 from dualarm_cli.model.feature_curve import FeatureCurve
+from dualarm_cli.model.point_spline import PointSpline
 from dualarm_cli.model.seam import Hold, SeamTool
 
 
@@ -150,3 +151,15 @@ def test_the_seed_decides_what_is_drawn(cells, make):
     )
     assert one.tobytes() == same.tobytes()
     assert one.tobytes() != other.tobytes()
+
+
+@pytest.mark.parametrize(("waves", "fewest", "most"), [(0, 41, 41), (4, 41, 81), (20, 161, 321)])
+def test_nodes_are_as_many_as_the_curve_asks_for(cells, make, waves, fewest, most):
+    """41 on a line; at least eight to each wave of 5 mm on half a metre, at most 321."""
+    x = np.linspace(0.0, 1.0, 60 * max(waves, 1) + 1)
+    points = np.stack([0.5 * x, 0.005 * np.sin(2.0 * np.pi * waves * x), 0.0 * x], axis=1)
+    curve = FeatureCurve(PointSpline(points, np.array([0.0, 0.0, 1.0])), pin.SE3.Identity())
+    problem = make.problem_on(cells["sda10f"], make.work_on(curve))
+    assert fewest <= problem.nodes <= most
+    assert problem.nodes - 1 >= 8 * waves
+    assert len(problem.shares) == problem.nodes

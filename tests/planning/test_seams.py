@@ -325,6 +325,30 @@ def test_gentle_accelerations_find_their_ramps(tmp_path: Path) -> None:
     assert 2.0 * np.sqrt(0.06 / 0.001) < schedule.duration < 18.0
 
 
+def test_many_short_waves_are_followed_as_closely_as_a_straight_line(tmp_path: Path) -> None:
+    """17 waves of 5 mm on half a metre, 2001 poses: the verifier finds the tool within 1 um of the curve everywhere."""
+    t = np.linspace(0.0, 1.0, 2001)
+    phase = 2.0 * np.pi * 17.0 * t
+    heading = np.arctan2(0.005 * 2.0 * np.pi * 17.0 * np.cos(phase), 0.5)
+    rows = np.stack(
+        [
+            0.5 * t - 0.25,
+            0.005 * np.sin(phase),
+            *np.zeros((3, 2001)),
+            np.sin(heading / 2.0),
+            np.cos(heading / 2.0),
+        ],
+        axis=1,
+    )
+    names = "x,y,z,qx,qy,qz,qw"
+    np.savetxt(tmp_path / "waves.csv", rows, delimiter=",", fmt="%.17g", header=names, comments="")
+    text = seam("speed: 20 mm/s", curve="{kind: poses, file: waves.csv}")
+    schedule = planned(job_of(tmp_path, SDA10F, text))
+    [(begin, end)] = spans(schedule)
+    length = np.trapezoid(np.hypot(0.5, 0.005 * 34.0 * np.pi * np.cos(phase)), t)
+    assert length / 0.02 < end - begin < length / 0.02 + 1.0
+
+
 def test_seams_that_cannot_be_are_refused_at_their_place(tmp_path: Path) -> None:
     """Four metres long; a method that there is not; a micrometre a second."""
     long = "{kind: line, start: [-2, 0, 0], end: [2, 0, 0]}"
