@@ -63,13 +63,12 @@ def _check_one(file: str) -> dict[str, Any]:
     except InputError as error:
         return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
     kind, summary = _describe(noun)
-    wrong = [*_geometry(file, noun), *_paths(noun)]
+    wrong = [*_geometry(noun), *_paths(noun)]
     return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong}
 
 
-def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
+def _geometry(noun: Noun) -> list[Diagnostic]:
     """Returns what is wrong with the geometry: arms that are not what they are called."""
-    from dualarm_cli.errors import Diagnostic, UnsupportedError
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
@@ -78,12 +77,7 @@ def _geometry(file: str, noun: Noun) -> list[Diagnostic]:
     cell = noun.cell if isinstance(noun, Job) else noun
     if not isinstance(cell, Cell | Robot):
         return []
-    robot = cell.robot if isinstance(cell, Cell) else cell
-    try:
-        messages = find_false_kinds(robot)
-    except UnsupportedError as error:
-        messages = [str(error)]
-    return [Diagnostic(file, 0, 0, "E400", message) for message in messages]
+    return find_false_kinds(cell.robot if isinstance(cell, Cell) else cell)
 
 
 def _paths(noun: Noun) -> list[Diagnostic]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.errors import Diagnostic, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
@@ -166,8 +166,8 @@ def measure_general(
         raise UnsupportedError(f"arm {arm.name} of {robot.name}: {error}") from None
 
 
-def find_false_kinds(robot: Robot) -> list[str]:
-    """Returns a sentence for every arm that is not of the kind it is called, with what was measured.
+def find_false_kinds(robot: Robot) -> list[Diagnostic]:
+    """Returns a diagnostic for every arm that is not of the kind it is called, with what was measured.
 
     Args:
         robot: the noun.
@@ -177,19 +177,32 @@ def find_false_kinds(robot: Robot) -> list[str]:
     platform = PlatformChain.from_model(model, robot.platform, base)
     found = []
     for arm in robot.arms:
-        if arm.kind == "srs":
-            geometry = measure_arm(model, robot, arm, platform, base)
-            if not geometry.is_srs(SRS_TOLERANCE):
-                found.append(_false_srs(robot, arm, geometry))
-        elif arm.kind == "spherical_wrist":
-            gap = measure_general(model, robot, arm, platform, base).wrist_gap
-            if gap > SRS_TOLERANCE:
-                found.append(
-                    f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
-                    f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); mend the URDF, "
-                    "or call it kind: general"
-                )
+        try:
+            message = _why_false(model, robot, arm, platform, base)
+        except UnsupportedError as error:
+            message = str(error)
+        if message:
+            place = arm.place
+            found.append(Diagnostic(place.file, place.line, place.column, "E400", message))
     return found
+
+
+def _why_false(
+    model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
+) -> str:
+    """Returns why an arm is not of its kind, or an empty string."""
+    if arm.kind == "srs":
+        geometry = measure_arm(model, robot, arm, platform, base)
+        return "" if geometry.is_srs(SRS_TOLERANCE) else _false_srs(robot, arm, geometry)
+    if arm.kind == "spherical_wrist":
+        gap = measure_general(model, robot, arm, platform, base).wrist_gap
+        if gap > SRS_TOLERANCE:
+            return (
+                f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
+                f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); mend the URDF, "
+                "or call it kind: general"
+            )
+    return ""
 
 
 def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:

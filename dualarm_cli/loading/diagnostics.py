@@ -123,7 +123,8 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
         words_of = {"greater_than": "above", "less_than": "below"}
         relation = words_of.get(kind, "at least" if kind == "greater_than_equal" else "at most")
         return f"{quote(value)} must be {relation} {bound:g}"
-    return text
+    # What a validator of ours says of a value; pydantic would put its own words before it.
+    return str(context["error"]) if kind == "value_error" else text
 
 
 def _unknown_key(model: type[BaseModel], loc: Loc) -> str:

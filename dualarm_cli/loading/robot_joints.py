@@ -15,6 +15,7 @@ from dualarm_cli.loading.schema_robot import ArmSection, LimitSection, RobotFile
 from dualarm_cli.loading.text_source import quote
 from dualarm_cli.loading.urdf import Urdf, UrdfJoint
 from dualarm_cli.loading.yaml_source import Document, Loc
+from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits
 
 AXES_OF_KIND = {"srs": 7, "spherical_wrist": 6}
@@ -233,8 +234,15 @@ def joint_position(
     return min(max(position, joint.lower), joint.upper)
 
 
-def model_arms(model: RobotFile) -> tuple[Arm, ...]:
+def model_arms(document: Document, model: RobotFile) -> tuple[Arm, ...]:
     """Returns the arms as nouns, left before right."""
     return tuple(
-        Arm(name, tuple(arm.joints), arm.flange, arm.kind) for name, arm in file_arms(model).items()
+        Arm(
+            name,
+            tuple(arm.joints),
+            arm.flange,
+            arm.kind,
+            Place(document.source.name, *document.place(("arms", name, "kind"))),
+        )
+        for name, arm in file_arms(model).items()
     )

@@ -44,6 +44,7 @@ def compose_pair(left: Robot, left_base: pin.SE3, right: Robot, right_base: pin.
             tuple(f"{side}_{j}" for j in r.arms[0].joints),
             f"{side}_{r.arms[0].flange}",
             r.arms[0].kind,
+            r.arms[0].place,
         )
         for side, r in robots.items()
     )

@@ -163,7 +163,7 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         model.name,
         text,
         tuple(model.platform),
-        model_arms(model),
+        model_arms(document, model),
         limits,
         postures,
         contacts,

@@ -38,8 +38,7 @@ def check_order(
             next_stage[task.arm] = first + len(task.stops)
             begun_by[task.id] = task.arm, first
         spans[task.id] = task.arm, first, next_stage[task.arm]
-    entries = document.data.get("tasks")
-    ids = [e.get("id") if isinstance(e, dict) else None for e in entries or ()]
+    ids = [e.get("id") if isinstance(e, dict) else None for e in document.listed("tasks")]
     notes = []
     for task in {task.id: task for task in tasks}.values():
         arm, first = begun_by[task.id]

@@ -157,12 +157,10 @@ def check_sequences(
     document: Document, tasks: Mapping[int, TaskSection], findings: Findings
 ) -> list[tuple[str, str]]:
     """Notes sequences of tasks that cannot be; returns who comes right after whom."""
-    raw = document.data.get("sequences")
     arms = {task.id: task.arm for task in tasks.values()}
-    entries = document.data.get("tasks")
-    known = [t.get("id") for t in entries or () if isinstance(t, dict)]
+    known = [t.get("id") for t in document.listed("tasks") if isinstance(t, dict)]
     follows, where = [], dict[str, int]()
-    for k, names in enumerate(raw if isinstance(raw, list) else []):
+    for k, names in enumerate(document.listed("sequences")):
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             continue  # the schema has said so
         for m, name in enumerate(names):
@@ -205,8 +203,7 @@ def _check_precedence(
     in_a_row: list[tuple[str, str]],
     findings: Findings,
 ) -> None:
-    raw = document.data.get("tasks")
-    entries = raw if isinstance(raw, list) else []
+    entries = document.listed("tasks")
     known = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
     known_set = set(known)
     before: dict[str, list[str]] = {}

@@ -120,9 +120,8 @@ def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSe
     """Returns the tasks that their schema accepts, so that the others do not hide their errors."""
     if model is not None:
         return dict(enumerate(model.tasks))
-    raw = document.data.get("tasks")
     good = {}
-    for index, entry in enumerate(raw if isinstance(raw, list) else []):
+    for index, entry in enumerate(document.listed("tasks")):
         try:
             good[index] = TaskSection.model_validate(entry)
         except ValidationError:

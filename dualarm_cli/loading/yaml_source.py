@@ -52,6 +52,11 @@ class Document:
     replaced: dict[Loc, tuple[Override, str]] = field(default_factory=dict)
     """By place: values that are not the file's own, and their paths as people read them."""
 
+    def listed(self, key: str) -> list[Any]:
+        """Returns the unchecked entries of a list at the top, none where there is something else."""
+        found = self.data.get(key)
+        return found if isinstance(found, list) else []
+
     def place(self, loc: Iterable[str | int], key: bool = False) -> tuple[int, int]:
         """Returns line and column of a value, or of the deepest known value around it.
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.shape import Shape
 
 ArmKind = Literal["srs", "spherical_wrist", "general"]
@@ -92,7 +93,9 @@ class Arm:
     flange: str
     """Link of the URDF to which the tool is bolted."""
     kind: ArmKind
-    """How its inverse kinematics is solved; checked against the URDF when it is loaded."""
+    """How its inverse kinematics is solved; `dualarm check` compares it with the URDF."""
+    place: Place = field(default=NOWHERE, compare=False)
+    """Where its kind is written."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +14,8 @@ from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
+
+ROOT = Path(__file__).parents[2]
 
 TILTED_WAIST = """<robot name="waist"><link name="root"/><link name="one"/><link name="two"/>
 <joint name="yaw" type="revolute"><parent link="root"/><child link="one"/><origin xyz="0.1 0.2 0.3" rpy="0.3 0.1 -0.4"/>
@@ -76,9 +80,12 @@ def test_an_arm_called_srs_that_is_not_is_found_out():
     joint = re.compile(r'(<joint name="left_u".*?<origin xyz=")0 0 0(")', re.DOTALL)
     urdf, count = joint.subn(r"\g<1>0.005 0 0\2", robot.urdf)
     assert count == 1
-    (message,) = find_false_kinds(dataclasses.replace(robot, urdf=urdf))
-    assert "arm left of Yaskawa" in message
-    assert "kind: general" in message
+    (found,) = find_false_kinds(dataclasses.replace(robot, urdf=urdf))
+    assert "arm left of Yaskawa" in found.message
+    assert "kind: general" in found.message
+    line = (ROOT / found.file).read_text().splitlines()[found.line - 1]
+    assert "left:" in line
+    assert line[found.column - 1 :].startswith("srs")
 
 
 @pytest.mark.parametrize("numeric", [False, True])

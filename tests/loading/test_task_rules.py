@@ -185,3 +185,15 @@ def test_orders_may_be_open_beside_paths_but_windows_and_sequences_of_paths_not(
     file.write_text(tasks.format("sequences: [[go, wipe]]\n", ""))
     (found,) = messages(lambda: load_job(file))
     assert "task 'wipe' takes its own arms" in found
+
+
+@pytest.mark.parametrize("value", ["5", "true", "x", "1.5"])
+def test_tasks_that_are_no_list_beside_sequences_are_refused_in_their_place(
+    value, project, change, messages
+):
+    """The rules across tasks look at what the file has, whatever that is."""
+    (project / "tasks.yaml").write_text(
+        f"dualarm: tasks/1\ncell: cell.yaml\norder: optimise\nsequences: [[a, b]]\ntasks: {value}\n"
+    )
+    found = messages(lambda: load_job("tasks.yaml"))
+    assert any(one.startswith("tasks.yaml:5:8: E200 must be a list") for one in found)
