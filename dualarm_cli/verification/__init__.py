@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from dualarm_cli.verification.buffer_checks import check_buffers
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
 from dualarm_cli.verification.conveyor_checks import check_conveyors, with_belts
 from dualarm_cli.verification.handover_checks import check_handovers
+from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.motion_checks import (
     check_agreement,
     check_finite,
@@ -26,6 +28,7 @@ from dualarm_cli.verification.motion_checks import (
 from dualarm_cli.verification.order_checks import check_order, check_precedence, check_windows
 from dualarm_cli.verification.path_checks import check_paths
 from dualarm_cli.verification.seam_checks import check_seams
+from dualarm_cli.verification.segment_checks import check_segment_kinds
 from dualarm_cli.verification.sequence_checks import (
     check_arms,
     check_bound,
@@ -102,6 +105,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     stops = known
     if job is not None:
         stops = replace(known, events=tuple(e for e in known.events if e.action != "path"))
+    spans = () if done is None else line_spans(known, done, model)
     checks: list[Check] = [
         *numbers,
         *check_agreement(trajectory),
@@ -112,15 +116,18 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         *check_lines(known, done, model),
         *check_conveyors(known, stated, done, model),
         *check_paths(schedule, done, model),
-        *check_seams(schedule, done, model),
-        *check_handovers(known, done, model),
+        *check_seams(schedule, done, model, spans),
+        *check_handovers(known, done, model, spans),
         check_torques(schedule, done),
-        check_platform_still(schedule),
+        check_platform_still(
+            schedule, [(s.start, s.end, f"lines of {s.event.task}") for s in spans]
+        ),
         check_tool_speed(schedule, schedule.robot.tool_speed, model),
         check_stages(schedule, job),
         check_segments(schedule),
+        check_segment_kinds(known),
         check_bound(schedule),
-        *_job_checks(schedule, job, done),
+        *_job_checks(schedule, job, done, spans),
     ]
     if not clearance:
         return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
@@ -151,7 +158,9 @@ def _of_known_arms(schedule: Schedule) -> Schedule:
     )
 
 
-def _job_checks(schedule: Schedule, job: Job | None, done: Job | None) -> list[Check]:
+def _job_checks(
+    schedule: Schedule, job: Job | None, done: Job | None, spans: Sequence[LineSpan]
+) -> list[Check]:
     """Returns the checks of what only a job tells, as its file has it and as it was done."""
     if job is None or done is None:
         return [not_checked(name, "no task file was given (--tasks)") for name in OF_JOBS]
@@ -159,10 +168,10 @@ def _job_checks(schedule: Schedule, job: Job | None, done: Job | None) -> list[C
         check_targets(schedule, done),
         check_order(schedule, job),
         check_tool_changes(schedule, job),
-        check_precedence(schedule, job),
+        check_precedence(schedule, job, spans),
         check_windows(schedule, job),
         check_buffers(schedule, job),
-        check_pairing(schedule, done),
+        check_pairing(schedule, done, spans),
         check_dwells(schedule, done),
         *check_ends(schedule, job),
     ]

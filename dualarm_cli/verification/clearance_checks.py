@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pinocchio as pin
 
@@ -14,13 +15,15 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.model.job import GIVES, LYING, TAKES, Job
-from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
 from dualarm_cli.verification.handover_checks import HandoverSpan, handover_spans
+from dualarm_cli.verification.line_spans import LineSpan, line_spans, spans_of
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.stretches import edges_of, stages_of
+from dualarm_cli.verification.tool_model import ToolModel
 
 NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
@@ -48,10 +51,12 @@ def check_clearance(
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
+    # Robot and tools are the job's, whatever the schedule states.
+    schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
     model = pin.buildModelFromXML(job.cell.robot.urdf)
-    arms = schedule.robot.arms
-    solids = cell_solids(job.cell, model, [one for one in job.carried() if one[0] in arms])
-    pairs, windows = _pairs_and_windows(model, solids, schedule, job)
+    solids = cell_solids(job.cell, model, job.carried())
+    spans = line_spans(schedule, job, ToolModel(schedule))
+    pairs, windows = _pairs_and_windows(model, solids, schedule, job, spans)
     if not pairs:
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
@@ -118,23 +123,28 @@ def _millimetres(distance: float) -> str:
 
 
 def _pairs_and_windows(
-    model: pin.Model, solids: Sequence[Solid], schedule: Schedule, job: Job
+    model: pin.Model,
+    solids: Sequence[Solid],
+    schedule: Schedule,
+    job: Job,
+    spans: Sequence[LineSpan],
 ) -> tuple[list[Pair], list[Windows]]:
     """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
     pairs: list[Pair] = []
     windows: list[Windows] = []
-    handovers = handover_spans(schedule, job)
+    handovers = handover_spans(job, spans)
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]
         if not carriers:
-            _add_plain(pairs, windows, pair, (one.body, other.body), schedule, job)
+            works = _worked(job, (one.body, other.body), spans)
+            _add_plain(pairs, windows, pair, works, schedule)
             continue
-        spans = [_carried(schedule, job, solid) for solid in carriers]
-        during = spans[0] if len(spans) == 1 else _overlaps(spans[0], spans[1])
+        held = [_carried(schedule, job, solid) for solid in carriers]
+        during = held[0] if len(held) == 1 else _overlaps(held[0], held[1])
         during = _without(during, _handed(handovers, one, other))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
-            lines = _lines(schedule, job, carriers[0])
+            lines = _lines(job, carriers[0], spans)
             pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
             windows += [_without(during, lines), _overlaps(during, lines)]
         else:
@@ -147,12 +157,10 @@ def _add_plain(
     pairs: list[Pair],
     windows: list[Windows],
     pair: Pair,
-    bodies: tuple[str, str],
+    works: Sequence[Span],
     schedule: Schedule,
-    job: Job,
 ) -> None:
     """Appends a pair that carries no part: always, but while one works on the other it need only not reach into it."""
-    works = _worked(schedule, job, bodies)
     if not works:
         pairs.append(pair)
         windows.append(None)
@@ -162,9 +170,9 @@ def _add_plain(
     windows += [_without([(float(time[0]), float(time[-1]))], works), works]
 
 
-def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[Span]:
+def _worked(job: Job, bodies: tuple[str, str], spans: Sequence[LineSpan]) -> list[Span]:
     """Returns when a seam's tool works on a body that it may touch, its approach and retract included [s]."""
-    spans = []
+    found = []
     for task in job.tasks:
         work = task.seam
         if work is None or task.arm != work.slave:
@@ -172,16 +180,13 @@ def _worked(schedule: Schedule, job: Job, bodies: tuple[str, str]) -> list[Span]
         tool = f"{work.slave}_tool"
         if tool not in bodies or not any(body in bodies for body in work.touches if body != tool):
             continue
-        own = [
-            s
-            for s in schedule.segments
-            if (s.arm, s.task) == (task.arm, task.id)
-            and s.kind in ("approach", "dwell", "seam", "retract")
-        ]
-        seams = [(s.start, s.end) for s in own if s.kind == "seam"]
-        # Only what follows on from the seam itself, or leads up to it, without a gap.
-        spans += [span for span in _joined(own) if any(_within(seam, span) for seam in seams)]
-    return sorted(spans)
+        begins, ends = (
+            spans_of(spans, task.arm, task.id, action) for action in ("seam_start", "seam_end")
+        )
+        # One that is not there once is found with the order; from the one to the other the tool is on the seam.
+        if len(begins) == len(ends) == 1 and begins[0].over <= ends[0].event.time:
+            found.append((begins[0].start, ends[0].end))
+    return sorted(found)
 
 
 def _handed(handovers: Sequence[HandoverSpan], one: Solid, other: Solid) -> list[Span]:
@@ -199,21 +204,6 @@ def _handed(handovers: Sequence[HandoverSpan], one: Solid, other: Solid) -> list
         if solids == held or any(solids == set(pair) for pair in tools):
             found.append((span.start, span.end))
     return sorted(found)
-
-
-def _joined(segments: Sequence[Segment]) -> list[Span]:
-    """Returns the spans of segments, those that follow one another as one [s]."""
-    joined: list[Span] = []
-    for start, end in sorted((s.start, s.end) for s in segments if s.end > s.start):
-        if joined and start <= joined[-1][1] + tol.SAME_TIME:
-            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
-        else:
-            joined.append((start, end))
-    return joined
-
-
-def _within(one: Span, other: Span) -> bool:
-    return other[0] <= one[0] + tol.SAME_TIME and one[1] <= other[1] + tol.SAME_TIME
 
 
 def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:
@@ -256,19 +246,22 @@ def _tasks_of(solid: Solid, job: Job) -> set[str]:
     }
 
 
-def _lines(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:
-    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s]."""
+def _lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
+    """Returns when a part's carrier is on the lines or dwells at the ends of the part's way [s], sorted and apart."""
     tasks = _tasks_of(solid, job)
-
-    def counts(segment: Segment) -> bool:
-        return (
-            segment.arm == solid.carrier
-            and segment.task in tasks
-            and segment.action in LYING
-            and segment.kind in ("approach", "dwell", "retract")
-        )
-
-    return _joined([s for s in schedule.segments if counts(s)])
+    joined: list[Span] = []
+    for start, end in sorted(
+        (span.start, span.end)
+        for span in spans
+        if span.event.arm == solid.carrier
+        and span.event.task in tasks
+        and span.event.action in LYING
+    ):
+        if joined and start <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((start, end))
+    return joined
 
 
 def _overlaps(one: Sequence[Span], other: Sequence[Span]) -> list[Span]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
-from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.tool_checks import Worst, dense_times, pose_error
@@ -155,16 +154,20 @@ def _measure_lines(
     schedule: Schedule, model: ToolModel, event: Event, stop: Stop, found: _Found
 ) -> None:
     """Adds how straight and how long the ways to the part and from it are in the belt's frame."""
-    own: Mapping[str, Segment] = {
-        s.kind: s for s in schedule.segments if (s.arm, s.task, s.action) == _key(event)
-    }
+    over = event.time + event.dwell
     for kind, asked in (("approach", stop.approach), ("retract", stop.retract)):
         where = f"{kind} of {event.task} ({event.action})"
-        if kind not in own:
-            if asked > 0.0:
-                found.length.add(np.inf, f"{where} is missing")
+        own = [
+            s
+            for s in schedule.segments
+            if s.kind == kind and (s.arm, s.task, s.action) == _key(event)
+        ]
+        if len(own) != 1:
+            if own or asked > 0.0:
+                listed = f"listed {len(own)} times" if own else "missing"
+                found.length.add(np.inf, f"{where} is {listed}")
             continue
-        segment, over = own[kind], event.time + event.dwell
+        [segment] = own
         where += f" at {segment.start:.3f} s"
         apart = segment.end - event.time if kind == "approach" else segment.start - over
         if not abs(apart) <= tol.SAME_TIME:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
-from dualarm_cli.model.schedule import Event, Schedule, Segment, SegmentKind
+from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.line_spans import LineSpan, spans_of
 from dualarm_cli.verification.motion_checks import not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
@@ -37,29 +39,27 @@ class HandoverSpan:
     """When the giver's retract is over [s]."""
 
 
-def handover_spans(schedule: Schedule, job: Job) -> list[HandoverSpan]:
+def handover_spans(job: Job, spans: Sequence[LineSpan]) -> list[HandoverSpan]:
     """Returns the hand-overs of which a schedule has each event once.
 
     Args:
-        schedule: with finite numbers.
         job: as it was done.
+        spans: of the job's stops.
     """
     found = []
     for giving, taking in _shares(job):
-        gives, takes = _events(schedule, giving, "give"), _events(schedule, taking, "take")
+        gives = spans_of(spans, giving.arm, giving.id, "give")
+        takes = spans_of(spans, taking.arm, taking.id, "take")
         if len(gives) != 1 or len(takes) != 1:
             continue  # `check_handovers` says so
-        give, take = gives[0], takes[0]
-        rest = give.time + give.dwell
-        # Only lines that lead there and away without a gap: what a file calls a line does not widen a hand-over.
-        comes = [s.start for s in _lines(schedule, take, "approach") if _near(s.end, take.time)]
-        leaves = [s.end for s in _lines(schedule, give, "retract") if _near(s.start, rest)]
-        start, end = min([take.time, *comes]), max([rest, *leaves])
-        found.append(HandoverSpan(giving, taking, give, take, start, end))
+        [give], [take] = gives, takes
+        found.append(HandoverSpan(giving, taking, give.event, take.event, take.start, give.end))
     return found
 
 
-def check_handovers(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+def check_handovers(
+    schedule: Schedule, job: Job | None, model: ToolModel, spans: Sequence[LineSpan]
+) -> list[Check]:
     """Checks every hand-over of the job.
 
     The taking tool grips where the file says, the giving arm stands still from when the taking one begins its approach
@@ -70,6 +70,7 @@ def check_handovers(schedule: Schedule, job: Job | None, model: ToolModel) -> li
         schedule: with finite numbers and rising times.
         job: as it was done; without it nothing is known of hand-overs.
         model: where the tools are.
+        spans: of the job's stops.
     """
     if job is None or not job.has_handovers:
         why = "no task file was given (--tasks)" if job is None else "the job has no hand-overs"
@@ -78,7 +79,7 @@ def check_handovers(schedule: Schedule, job: Job | None, model: ToolModel) -> li
     for giving, taking in _shares(job):
         if wrong := _wrong_events(schedule, giving, taking):
             order.add(np.inf, wrong)
-    for span in handover_spans(schedule, job):
+    for span in handover_spans(job, spans):
         _judge_order(schedule, span, order)
         _judge_grip(schedule, span, model, grip)
         name = span.giving.id
@@ -103,15 +104,6 @@ def _shares(job: Job) -> list[tuple[Task, Task]]:
 
 def _events(schedule: Schedule, task: Task, action: str) -> list[Event]:
     return [e for e in schedule.events if (e.arm, e.task, e.action) == (task.arm, task.id, action)]
-
-
-def _lines(schedule: Schedule, event: Event, kind: SegmentKind) -> list[Segment]:
-    key = event.arm, event.task, event.action
-    return [s for s in schedule.segments if s.kind == kind and (s.arm, s.task, s.action) == key]
-
-
-def _near(one: float, other: float) -> bool:
-    return abs(one - other) <= tol.SAME_TIME
 
 
 def _wrong_events(schedule: Schedule, giving: Task, taking: Task) -> str:

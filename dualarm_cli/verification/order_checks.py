@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +13,7 @@ from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import in_time
+from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_change_checks import is_change
 from dualarm_cli.verification.tool_checks import Worst
@@ -184,7 +185,7 @@ def _descents(numbers: list[int]) -> Iterator[tuple[int, int]]:
     return ((a, b) for a, b in pairwise(numbers) if b < a)
 
 
-def check_precedence(schedule: Schedule, job: Job) -> Check:
+def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
     """Checks that no task begins before those are over that are to be done before.
 
     A task begins with its first approach, where it has one, and is over once its last tool has dwelt and retracted.
@@ -192,6 +193,7 @@ def check_precedence(schedule: Schedule, job: Job) -> Check:
     Args:
         schedule: what is judged.
         job: as its file leaves it.
+        spans: of the job's stops.
     """
     if job.is_decided and job.mode == "paired":
         why = "order: given is the file's order; arms side by side do not wait for one another"
@@ -200,14 +202,14 @@ def check_precedence(schedule: Schedule, job: Job) -> Check:
         return not_checked("precedence", "no task is to come after another")
     begin: dict[str, float] = {}
     over: dict[str, float] = {}
+    for span in spans:
+        name = span.event.task
+        begin[name] = min(span.start, begin.get(name, span.start))
+        over[name] = max(span.end, over.get(name, span.end))
+    # A path is on its way before its event, which is its end; that it is the path is for the check of paths.
     for s in schedule.segments:
-        if s.kind == "approach":
+        if s.kind == "path":
             begin[s.task] = min(s.start, begin.get(s.task, s.start))
-        elif s.kind in ("dwell", "retract"):
-            over[s.task] = max(s.end, over.get(s.task, s.end))
-    for e in schedule.events:
-        begin[e.task] = min(e.time, begin.get(e.task, e.time))
-        over[e.task] = max(e.time + e.dwell, over.get(e.task, e.time))
     worst = Worst(where="every task after those that are to be done before")
     for task, name in ((one.id, name) for one in job.tasks for name in one.after):
         # What nobody does is the order's to find.

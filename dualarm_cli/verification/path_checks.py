@@ -10,13 +10,13 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.path_work import PathWork
-from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.tool_path import TURN_LENGTH, ToolPath
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.motion_checks import not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
-from dualarm_cli.verification.tool_model import ToolModel
+from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
 NAMES = (
     "path_distance",
@@ -61,7 +61,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         why = "no task file was given (--tasks)" if job is None else "the job has no paths"
         return [not_checked(name, why) for name in NAMES]
     distance, angle, progress, speed, slow, together = (Worst() for _ in NAMES)
-    events = {(e.arm, e.task): e.time for e in schedule.events if e.action == "path"}
+    events = {(e.arm, e.task): e for e in schedule.events if e.action == "path"}
     for section in job.sections():
         work = section[0].path
         if work is None:
@@ -81,9 +81,12 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
                 )
                 continue
             [segment] = own
-            if abs(events.get((task.arm, task.id), np.inf) - segment.end) > tol.SAME_TIME:
-                progress.add(np.inf, f"{where}: its event is not where its segment ends")
             path = work.paths[task.arm]
+            event = events.get((task.arm, task.id))
+            if event is None or abs(event.time - segment.end) > tol.SAME_TIME:
+                progress.add(np.inf, f"{where}: its event is not where its segment ends")
+            elif (off := _pose_error(event, path)) > tol.POSE_DISTANCE:
+                progress.add(off, f"{where}: its event commands a pose that is not the path's end")
             along = found[task.arm] = along_path(schedule, model, segment, path)
             _add(distance, along.distance / work.tolerance, along.time, where)
             _add(angle, along.angle * TURN_LENGTH / work.tolerance, along.time, where)
@@ -110,6 +113,12 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         slow.judge(NAMES[4], tol.PATH_LATE, "s beyond what is asked", "every path may be slower"),
         together.judge(NAMES[5], tol.LINE_DISTANCE, "m", nothing),
     ]
+
+
+def _pose_error(event: Event, path: ToolPath) -> float:
+    """Returns how far the pose that an event commands is from a path's end [m, rad]."""
+    off = path.pose(path.length).actInv(event.pose)
+    return max(float(np.linalg.norm(off.translation)), float(rotation_angle(off.rotation)))
 
 
 def _dawdling(job: Job, work: PathWork, segment: Segment) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -10,6 +12,7 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.line_spans import LineSpan, spans_of
 from dualarm_cli.verification.motion_checks import not_checked
 from dualarm_cli.verification.seam_places import OnSeam, on_seam, placed
 from dualarm_cli.verification.tool_checks import Worst, dense_times
@@ -34,13 +37,16 @@ STEADY = 0.999
 """Share of the largest speed from which on the tool counts as at its steady speed."""
 
 
-def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[Check]:
+def check_seams(
+    schedule: Schedule, job: Job | None, model: ToolModel, lines: Sequence[LineSpan]
+) -> list[Check]:
     """Checks every seam of the job.
 
     Args:
         schedule: with finite numbers and rising times.
         job: cell and tasks; without them nothing is known of seams.
         model: where the tools are.
+        lines: spans of the job's stops.
     """
     if job is None or not job.has_seams:
         why = "no task file was given (--tasks)" if job is None else "the job has no seams"
@@ -68,7 +74,7 @@ def check_seams(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             message = f"{task}: it takes one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
-        _judge(worst, schedule, job, model, work, own[0])
+        _judge(worst, schedule, job, model, work, own[0], lines)
     nothing = "no seam asks for it"
     return [
         worst["seam_distance"].judge(NAMES[0], tol.CHAIN_DISTANCE, "m", ""),
@@ -89,6 +95,7 @@ def _judge(
     model: ToolModel,
     work: SeamWork,
     segment: Segment,
+    lines: Sequence[LineSpan],
 ) -> None:
     """Adds what one seam measures."""
     found = on_seam(schedule, job, model, work, segment)
@@ -98,6 +105,14 @@ def _judge(
         k = int(np.argmax(values))
         value = float(values[k])
         worst[name].add(value if not value < 0.0 else 0.0, f"{task} at {time[k]:.3f} s")
+
+    def add_stands(end: int, start: float, over: float) -> FloatArray:
+        time = dense_times(schedule.trajectory.time, start, over)
+        at = placed(schedule, job, model, work, time, np.zeros(len(time)))
+        away = np.linalg.norm(at.p_part - found.p_part[end], axis=1)
+        turned = rotation_angle(found.R_part[end].T @ at.R_part)
+        add("seam_part", np.maximum(away, turned), time)
+        return time
 
     add("seam_distance", found.distance)
     add("seam_angle", found.angle)
@@ -130,15 +145,14 @@ def _judge(
         add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)
     if work.master is not None and (work.hold.given or work.hold.stands):
         add("seam_part", _part_off(found, work))
-    for span in _beside(schedule, work, task):
+    for end, action in ((0, "seam_start"), (-1, "seam_end")):
+        [stop] = spans_of(lines, work.slave, task, action)
         # While the tool comes, dwells and leaves the part stands as where the seam begins, or ends.
-        time = dense_times(schedule.trajectory.time, span.start, span.end)
-        at = placed(schedule, job, model, work, time, np.zeros(len(time)))
-        end = 0 if span.action == "seam_start" else -1
-        away = np.linalg.norm(at.p_part - found.p_part[end], axis=1)
-        turned = rotation_angle(found.R_part[end].T @ at.R_part)
-        add("seam_part", np.maximum(away, turned), time)
-        if span.kind == "dwell":
+        for start, over in ((stop.start, stop.event.time), (stop.over, stop.end)):
+            if over > start:
+                add_stands(end, start, over)
+        if stop.event.dwell > 0.0:
+            time = add_stands(end, stop.event.time, stop.over)
             there = _tool_in_part(schedule, job, model, work, np.array([found.time[end]]))
             off = _tool_in_part(schedule, job, model, work, time) - there
             add("seam_distance", np.linalg.norm(off, axis=1), time)
@@ -146,16 +160,6 @@ def _judge(
         R, _ = work.curve.at(found.length)
         up = (found.R_part @ R)[:, 2, 2]
         add("seam_downhand", np.arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
-
-
-def _beside(schedule: Schedule, work: SeamWork, task: str) -> list[Segment]:
-    """Returns the slave's approach, dwells and retract of a seam."""
-    kinds = ("approach", "dwell", "retract")
-    return [
-        s
-        for s in schedule.segments
-        if (s.arm, s.task) == (work.slave, task) and s.kind in kinds and s.end > s.start
-    ]
 
 
 def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
@@ -171,10 +175,10 @@ def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:
     seam = next((s for s in own if s.kind == "seam"), None)
     if seam is None:
         return "it has no segment of kind seam"
-    events = {e.action: e for e in schedule.events if (e.arm, e.task) == (work.slave, task)}
-    first, last = events.get("seam_start"), events.get("seam_end")
-    if first is None or last is None:
-        return "it has no events seam_start and seam_end"
+    events = [e for e in schedule.events if (e.arm, e.task) == (work.slave, task)]
+    if sorted(event.action for event in events) != ["seam_end", "seam_start"]:
+        return "it takes one event seam_start and one seam_end"
+    last, first = sorted(events, key=lambda event: event.action)
     off = max(abs(first.time + first.dwell - seam.start), abs(last.time - seam.end))
     if not off <= tol.SAME_TIME:
         return "its events are not where its segment begins and ends"

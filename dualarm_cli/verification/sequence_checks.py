@@ -12,7 +12,7 @@ from dualarm_cli.verification.motion_checks import judge, not_checked
 
 
 def check_arms(schedule: Schedule) -> Check:
-    """Checks that everything is done by an arm that the robot has."""
+    """Checks that everything is done by an arm that the robot has, and that events are about that arm's own tool."""
     known = schedule.robot.arms
     works = [("event", e) for e in schedule.events] + [("segment", s) for s in schedule.segments]
     found = [(f"{kind} of {work.task}", work.arm) for kind, work in works if work.arm not in known]
@@ -21,11 +21,14 @@ def check_arms(schedule: Schedule) -> Check:
         for number, stage in enumerate(schedule.stages, start=1)
         if stage.arm and stage.arm not in known
     ]
+    other = [e for e in schedule.events if e.arm in known and e.frame != f"{e.arm}_tcp"]
     where = f"all of {', '.join(known)}"
     if found:
         what, arm = found[0]
         where = f"{what} names arm '{arm}'; the robot has {', '.join(known)}"
-    return judge("arms", len(found), 0, "", where)
+    elif other:
+        where = f"event of {other[0].task} names frame '{other[0].frame}'; it is {other[0].arm}_tcp"
+    return judge("arms", len(found) + len(other), 0, "", where)
 
 
 def check_segments(schedule: Schedule) -> Check:
@@ -63,14 +66,16 @@ def check_dwells(schedule: Schedule, job: Job) -> Check:
         short = asked.get(key, Dwell()).total - event.dwell
         if short > worst:
             worst, where = short, f"{event.task} ({event.action}) dwells {event.dwell:g} s"
-    stands = {(s.arm, s.task, s.action): s for s in schedule.segments if s.kind == "dwell"}
-    for key, segment in stands.items():
+    stands = [s for s in schedule.segments if s.kind == "dwell"]
+    for segment in stands:
+        key = (segment.arm, segment.task, segment.action)
         off, what = _dwell_error(segment, events.get(key), asked.get(key, Dwell()))
         if off > worst:
             worst, where = off, f"{segment.task} ({segment.action}) {what}"
     if schedule.segments:
+        listed = {(s.arm, s.task, s.action) for s in stands}
         for key, event in events.items():
-            if event.dwell > worst and key not in stands:
+            if event.dwell > worst and key not in listed:
                 worst, where = event.dwell, f"{event.task} ({event.action}) has no dwell listed"
     return judge("dwells", worst, tol.SAME_TIME, "s", where)
 

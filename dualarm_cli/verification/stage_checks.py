@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.job import Job, Stop, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, stages_of_arm
+from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.segment_checks import first_move
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -89,12 +93,15 @@ def _unplaced(schedule: Schedule, event: Event) -> str:
     return f"{event.task} ({event.action}) at {event.time:.3f} s is within none of {whose} that name it"
 
 
-def check_pairing(schedule: Schedule, job: Job) -> Check:
+def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Check:
     """Checks that paired targets fall into one stage, which both arms start together.
+
+    Who is done first in a stage stands until the other one is; what the segments say of it has to agree.
 
     Args:
         schedule: what is judged.
         job: as it was done, where its file leaves arms or order open.
+        spans: of the job's stops.
     """
     if job.mode == "free":
         return not_checked("pairing", "each arm goes by its own clock")
@@ -121,10 +128,52 @@ def check_pairing(schedule: Schedule, job: Job) -> Check:
         apart = max(begun, default=0.0) - min(begun, default=0.0)
         if apart > worst:
             worst, where = apart, f"the arms do not start stage {number} together"
+    early, what = _early(schedule, asked, spans)
+    if early > worst:
+        worst, where = early, what
     wrong = _wrong_tasks(schedule, [[task.id for task, _ in work.values()] for work in asked])
     if wrong and worst <= tol.SAME_TIME:
         return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
     return judge("pairing", worst, tol.SAME_TIME, "s", where)
+
+
+def _early(
+    schedule: Schedule,
+    asked: Sequence[Mapping[str, tuple[Task, Stop]]],
+    spans: Sequence[LineSpan],
+) -> tuple[float, str]:
+    """Returns how long before a stage is over an arm leaves it at worst [s], measured on the motion, and where."""
+    worst = Worst(where="")
+    by_key = {(s.event.arm, s.event.task, s.event.action): s for s in spans}
+    before, number = -np.inf, 0
+    for work in asked:
+        keys = [(arm, task.id, stop.action) for arm, (task, stop) in work.items()]
+        done = {key[0]: by_key[key] for key in keys if key in by_key}
+        for arm, span in done.items():
+            where = (
+                f"the {arm} arm is at {span.event.task} before both are done with stage {number}"
+            )
+            worst.add(before - span.start, where)
+        ends = {arm: _at_rest(schedule, span) for arm, span in done.items()}
+        before, number = max(ends.values(), default=before), number + 1
+        for arm, end in ends.items():
+            if moved := first_move(schedule, arm, end, before):
+                where = f"the {arm} arm leaves stage {number} before the other one is done"
+                worst.add(before - moved, where)
+    return worst.value, worst.where
+
+
+def _at_rest(schedule: Schedule, span: LineSpan) -> float:
+    """Returns when an arm has come to rest after a stop [s]: beyond the line where it moves with a conveyor."""
+    if span.stop.belt is None:
+        return span.end
+    trajectory = schedule.trajectory
+    names = schedule.robot.arms[span.event.arm].joints
+    columns = [trajectory.joints.index(name) for name in names]
+    first = int(np.searchsorted(trajectory.time, span.end))
+    speed = np.abs(trajectory.velocity[first:, columns]).max(axis=1)
+    stands = np.flatnonzero(speed <= tol.AT_REST)
+    return float(trajectory.time[first + stands[0]]) if len(stands) else schedule.duration
 
 
 def _unpaired(schedule: Schedule, job: Job) -> str:

@@ -21,6 +21,10 @@ SAME_JOINTS = 1e-9
 """Difference of two postures that count as one [rad]."""
 SAME_TIME = 1e-9
 """Difference of two instants that count as one [s]."""
+SAME_PLACE = 1e-9
+"""Difference of two places that count as one [m]."""
+STANDS = 1e-6
+"""How far a joint may move while its arm has to stand [rad]."""
 POSE_DISTANCE = 1e-6
 """Distance of a tool from where it is commanded to be [m]."""
 POSE_ANGLE = 1e-6

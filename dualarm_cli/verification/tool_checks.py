@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,8 +215,13 @@ def dense_times(knots: FloatArray, start: float, end: float) -> FloatArray:
     return np.append(times, end)
 
 
-def check_platform_still(schedule: Schedule) -> Check:
-    """Checks that the platform stands during every line and dwell."""
+def check_platform_still(schedule: Schedule, lines: Sequence[tuple[float, float, str]]) -> Check:
+    """Checks that the platform stands during every line and dwell.
+
+    Args:
+        schedule: what is judged: also what it lists as lines and dwells, which it may not.
+        lines: start and end of each stop's lines and dwell as measured [s], and whose they are.
+    """
     robot, trajectory = schedule.robot, schedule.trajectory
     if not robot.platform:
         return not_checked("platform_still", "the robot has no platform")
@@ -225,7 +231,8 @@ def check_platform_still(schedule: Schedule) -> Check:
         for s in schedule.segments
         if s.kind in ("approach", "dwell", "retract")
     ]
-    # A schedule may list no segments: its events say when tools stand.
+    spans += lines
+    # Without a job events say when tools stand.
     spans += [(e.time, e.time + e.dwell, f"dwell of {e.task}") for e in schedule.events if e.dwell]
     worst = Worst()
     for start, end, what in spans:

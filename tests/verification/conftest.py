@@ -28,6 +28,9 @@ from dualarm_cli.model.schedule import (
 )
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.as_done import job_as_done
+from dualarm_cli.verification.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.tool_model import ToolModel
 
 LINK, TCP, SIDE, LINE = 0.4, 0.1, 0.5, 0.05
 JOINTS = ("turn", "l1", "l2", "l3", "r1", "r2", "r3")
@@ -364,6 +367,16 @@ def failing() -> Callable[..., dict[str, str]]:
 
     def run(schedule: Schedule, job: Job | None = None) -> dict[str, str]:
         return {check.name: check.detail for check in verify(schedule, job).failures}
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def measured_lines() -> Callable[..., tuple[LineSpan, ...]]:
+    """The spans of the lines of a schedule for a job as it was done."""
+
+    def run(schedule: Schedule, job: Job) -> tuple[LineSpan, ...]:
+        return line_spans(schedule, job_as_done(schedule, job), ToolModel(schedule))
 
     return run
 

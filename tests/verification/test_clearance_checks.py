@@ -244,6 +244,41 @@ def test_a_part_of_a_task_of_any_arm_belongs_to_the_arm_that_did_it(schedule, pa
     assert given[0].verdict == ("passed" if length < 0.1 else "failed")
 
 
+def _short_of_clearance(packing):
+    """The rods' job with 200 mm asked of the rods from the table, and nothing else asked: the transfers have less."""
+    job = carried(packing, 0.02)
+    kept = ("left rod", "right rod", "rod", "table")
+    others = [names for names in bodies_in_pairs(job.cell) if not set(names) <= set(kept)]
+    return in_cell(job, clearance=0.2, allowed_contacts=tuple(tuple(names) for names in others))
+
+
+KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_name_of_a_segment_makes_room_for_a_part(schedule, packing, kind):
+    """Every segment called something else, alone and all together: the same distance, the same pair and time.
+
+    Where a part may lie on something follows from its events and the motion.
+    """
+    job = _short_of_clearance(packing)
+    expected, _ = collisions(schedule, job)
+    assert expected.verdict == "failed"
+    segments = schedule.segments
+    for k in range(len(segments)):
+        named = tuple(
+            dataclasses.replace(s, kind=kind) if n == k else s for n, s in enumerate(segments)
+        )
+        relabelled = dataclasses.replace(schedule, segments=named)
+        # The name itself is a finding, too.
+        assert verify(relabelled, job).passed == (segments[k].kind == kind)
+        if k % 7 == 0:
+            assert collisions(relabelled, job)[0] == expected
+    alike = tuple(dataclasses.replace(s, kind=kind) for s in segments)
+    assert collisions(dataclasses.replace(schedule, segments=alike), job)[0] == expected
+    assert collisions(dataclasses.replace(schedule, segments=()), job)[0] == expected
+
+
 def test_a_part_that_nobody_picks_is_carried_by_nobody(schedule, packing):
     """The left arm's task is not done: its long rod is nowhere, the right arm's still hits the table."""
     job = left_open(carried(packing, 0.30))

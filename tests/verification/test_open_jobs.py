@@ -70,7 +70,7 @@ def test_a_task_that_is_handed_over_is_found(planned, failing):
 
 
 def test_a_task_that_is_left_out_is_found(planned, failing):
-    """Its segments are waits, no stage names it: what is missing are its targets and its lines."""
+    """Its segments are waits, in which the arm moves, no stage names it: its targets and its lines are missing."""
     name = "left-02"
     schedule = dataclasses.replace(
         planned.schedule,
@@ -85,11 +85,11 @@ def test_a_task_that_is_left_out_is_found(planned, failing):
         ),
     )
     found = failing(schedule, planned.job)
-    assert set(found) == {"order", "line_lengths"}
+    assert set(found) == {"order", "line_lengths", "segment_kinds"}
     assert found["order"] == "left-02 pick is not done"
     less = tuple(task for task in planned.job.tasks if task.id != name)
     job = dataclasses.replace(planned.job, tasks=less, sequences=())
-    assert failing(schedule, job) == {}
+    assert set(failing(schedule, job)) == {"segment_kinds"}
     # The other way round: a schedule that does more than it was asked for.
     assert failing(planned.schedule, job)["order"] == "left-02 pick is done, which no task asks for"
 

@@ -180,17 +180,23 @@ def test_clocks_of_their_own_change_nothing_in_a_given_order(clean):
     assert found == check_order(torn, clean.job)
 
 
-def test_a_task_begins_with_its_approach_and_is_over_with_its_retract(by_clocks):
+@pytest.fixture
+def precedence(measured_lines):
+    """The check of a schedule for a job."""
+    return lambda schedule, job: check_precedence(schedule, job, measured_lines(schedule, job))
+
+
+def test_a_task_begins_with_its_approach_and_is_over_with_its_retract(by_clocks, precedence):
     """Fill retracts until 4.0 s, fit approaches from 4.0 s: 10 ms less of the one wait is 10 ms too early."""
-    assert check_precedence(by_clocks.schedule, by_clocks.job).verdict == "passed"
+    assert precedence(by_clocks.schedule, by_clocks.job).verdict == "passed"
     early = by_clocks.play(left=["fill", "look"], right=["turn", (2.39, "after"), "fit"])
-    check = check_precedence(early, by_clocks.job)
+    check = precedence(early, by_clocks.job)
     assert check.verdict == "failed"
     assert check.measured == pytest.approx(0.01, abs=1e-9)
     assert check.detail == "fit begins at 3.990 s, fill is over at 4.000 s"
 
 
-def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks):
+def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks, precedence):
     """Fit after look, a bare move that ends at 4.8 s; look after turn, whose events are all there is of them."""
     tasks = {task.id: task for task in by_clocks.job.tasks}
 
@@ -201,20 +207,20 @@ def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks):
         ]
         return dataclasses.replace(by_clocks.job, tasks=tuple(changed))
 
-    check = check_precedence(by_clocks.schedule, after(fit="look"))
+    check = precedence(by_clocks.schedule, after(fit="look"))
     assert check.measured == pytest.approx(0.8, abs=1e-9)
     assert check.detail == "fit begins at 4.000 s, look is over at 4.800 s"
-    assert check_precedence(by_clocks.schedule, after(look="turn")).verdict == "passed"
-    check = check_precedence(by_clocks.schedule, after(turn="look"))
+    assert precedence(by_clocks.schedule, after(look="turn")).verdict == "passed"
+    check = precedence(by_clocks.schedule, after(turn="look"))
     assert check.detail == "turn begins at 0.800 s, look is over at 4.800 s"
-    # Without segments the events are left, in whatever order: fill is at its targets at 1.2 s and at 3.2 s, for 0.4 s.
+    # Lines are measured, whatever segments are listed, and in whatever order events are: fill's last ends at 4.0 s.
     events = by_clocks.schedule.events[::-1]
     bare = dataclasses.replace(by_clocks.schedule, segments=(), events=events)
-    assert check_precedence(bare, after(look="fill")).verdict == "passed"
-    check = check_precedence(bare, after(turn="fill"))
-    assert check.detail == "turn begins at 0.800 s, fill is over at 3.600 s"
-    check = check_precedence(bare, after(fill="look"))
-    assert check.detail == "fill begins at 1.200 s, look is over at 4.800 s"
+    assert precedence(bare, after(look="fill")).verdict == "passed"
+    check = precedence(bare, after(turn="fill"))
+    assert check.detail == "turn begins at 0.800 s, fill is over at 4.000 s"
+    check = precedence(bare, after(fill="look"))
+    assert check.detail == "fill begins at 0.800 s, look is over at 4.800 s"
 
 
 @pytest.mark.parametrize(
@@ -227,7 +233,7 @@ def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks):
         ({"mode": "free", "order": "given", "after": ()}, "not checked", "no task is to come"),
     ],
 )
-def test_precedence_is_asked_of_what_waits(by_clocks, changes, verdict, detail):
+def test_precedence_is_asked_of_what_waits(by_clocks, precedence, changes, verdict, detail):
     """Look is at 4.8 s and is to come after fit; only paired arms in the file's order do not wait."""
     after = changes.get("after", ("fit",))
     arms = {"left": "any"} if "any" in changes else {"any": "left"}
@@ -239,17 +245,17 @@ def test_precedence_is_asked_of_what_waits(by_clocks, changes, verdict, detail):
     )
     kept = {key: value for key, value in changes.items() if key in ("mode", "order")}
     job = dataclasses.replace(by_clocks.job, tasks=tasks, **kept)
-    check = check_precedence(by_clocks.schedule, job)
+    check = precedence(by_clocks.schedule, job)
     assert check.verdict == verdict
     assert check.detail.startswith(detail)
 
 
-def test_what_nobody_does_neither_begins_nor_ends(by_clocks):
+def test_what_nobody_does_neither_begins_nor_ends(by_clocks, precedence):
     """The order names it; nothing is left to compare."""
     events = tuple(e for e in by_clocks.schedule.events if e.task != "fill")
     segments = tuple(s for s in by_clocks.schedule.segments if s.task != "fill")
     lost = dataclasses.replace(by_clocks.schedule, events=events, segments=segments)
-    assert check_precedence(lost, by_clocks.job).verdict == "not checked"
+    assert precedence(lost, by_clocks.job).verdict == "not checked"
     assert check_order(lost, by_clocks.job).detail == "fill pick is not done"
 
 

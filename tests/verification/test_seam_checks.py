@@ -18,6 +18,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _worked
+from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.seam_checks import NAMES, check_seams
 from dualarm_cli.verification.seam_places import on_seam
 from dualarm_cli.verification.tool_model import ToolModel
@@ -138,7 +139,9 @@ def with_tool(job, **changes):
 
 def seams(schedule, job):
     """The seam checks by name."""
-    return {check.name: check for check in check_seams(schedule, job, ToolModel(schedule))}
+    model = ToolModel(schedule)
+    lines = line_spans(schedule, job, model)
+    return {check.name: check for check in check_seams(schedule, job, model, lines)}
 
 
 def failed(schedule, job):
@@ -499,7 +502,7 @@ def test_without_seams_or_tasks_nothing_is_checked(clean, line):
         (clean.schedule, clean.job, "the job has no seams"),
         (line.schedule, None, "no task file was given (--tasks)"),
     ):
-        checks = check_seams(schedule, job, ToolModel(schedule))
+        checks = check_seams(schedule, job, ToolModel(schedule), ())
         assert [check.name for check in checks] == list(NAMES)
         assert {(check.verdict, check.detail) for check in checks} == {("not checked", why)}
 
@@ -547,7 +550,11 @@ def test_a_dwell_of_no_length_elsewhere_is_found_and_hides_no_contact(entry):
     schedule = dataclasses.replace(entry.schedule, segments=(early, *segments))
     assert failed(schedule, entry.job) == {"seam_progress"}
     for some in (schedule, entry.schedule):
-        [(start, end)] = _worked(some, entry.job, ("left_tool", "right_tool"))
+        [(start, end)] = _worked(
+            entry.job,
+            ("left_tool", "right_tool"),
+            line_spans(some, entry.job, ToolModel(some)),
+        )
         assert start == min(s.start for s in segments if s.kind == "approach")
         assert end == max(s.end for s in segments if s.kind == "retract")
 

@@ -127,14 +127,15 @@ def test_a_stage_of_an_arm_that_the_robot_does_not_have_is_a_finding(by_clocks):
     assert "turn (move) at 0.800 s" in failures["stages"]
 
 
-def test_paired_arms_have_no_stages_of_their_own(by_clocks, clean):
+def test_paired_arms_have_no_stages_of_their_own(by_clocks, clean, measured_lines):
     """Overlapping they fail as before; one after the other they are still no pairs."""
     paired = dataclasses.replace(by_clocks.job, mode="paired")
     assert check_stages(by_clocks.schedule, paired).verdict == "failed"
     schedule = changed(clean.schedule, s2={"arm": "left"})
     for job in (clean.job, open_job(clean.job)):
         assert check_stages(schedule, job).verdict == "passed"
-        check = check_pairing(schedule, job_as_done(schedule, job))
+        lines = measured_lines(schedule, job)
+        check = check_pairing(schedule, job_as_done(schedule, job), lines)
         assert check.detail == (
             "stage 2 is the left arm's by its own clock; paired arms start every stage together"
         )
@@ -147,23 +148,26 @@ def test_both_arms_may_play_a_paired_schedule_by_their_clocks(clean):
     assert verify(clean.schedule, free).failures == ()
 
 
-def test_an_open_job_is_held_to_the_pairs_of_the_stages(clean, failing):
+def test_an_open_job_is_held_to_the_pairs_of_the_stages(clean, failing, measured_lines):
     """As it is, no fault; the checks of a job that says all would find the same pairs."""
     job = open_job(clean.job)
     assert failing(clean.schedule, job) == {}
     done = job_as_done(clean.schedule, job)
-    assert check_pairing(clean.schedule, done) == check_pairing(clean.schedule, clean.job)
+    lines = measured_lines(clean.schedule, job)
+    expected = check_pairing(clean.schedule, clean.job, lines)
+    assert check_pairing(clean.schedule, done, lines) == expected
 
 
 def test_open_arms_that_do_not_start_a_stage_together_are_found(clean, failing):
-    """The right arm waits for 0.1 s before its first transfer."""
+    """The right arm is said to wait for 0.1 s before its first transfer; it moves from 0 s on."""
     segments = list(clean.schedule.segments)
     k = [(s.arm, s.kind, s.action) for s in segments].index(("right", "transfer", "pick"))
     segments[k] = dataclasses.replace(segments[k], start=0.1)
     segments.insert(k, Segment("right", "wait", "", "", 0.0, 0.1))
     schedule = dataclasses.replace(clean.schedule, segments=tuple(segments))
     found = failing(schedule, open_job(clean.job))
-    assert found == {"pairing": "the arms do not start stage 1 together"}
+    assert set(found) == {"pairing", "segment_kinds"}
+    assert found["pairing"] == "the arms do not start stage 1 together"
 
 
 @pytest.mark.parametrize(
