@@ -14,7 +14,7 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.model.job import GIVES, LYING, TAKES, Job
+from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
@@ -247,15 +247,18 @@ def _tasks_of(solid: Solid, job: Job) -> set[str]:
 
 
 def _lines(job: Job, solid: Solid, spans: Sequence[LineSpan]) -> list[Span]:
-    """Returns when a part's carrier is on the lines or dwells at the ends of the part's way [s], sorted and apart."""
-    tasks = _tasks_of(solid, job)
+    """Returns when a part's carrier is on the lines or dwells at the ends of its way, or at the stand of a tool [s].
+
+    Sorted and apart.
+    """
+    tasks, actions = _tasks_of(solid, job), AT_STANDS if solid.bolted else LYING
     joined: list[Span] = []
     for start, end in sorted(
         (span.start, span.end)
         for span in spans
         if span.event.arm == solid.carrier
         and span.event.task in tasks
-        and span.event.action in LYING
+        and span.event.action in actions
     ):
         if joined and start <= joined[-1][1]:
             joined[-1] = (joined[-1][0], max(end, joined[-1][1]))

@@ -246,3 +246,24 @@ def test_a_visit_with_the_name_of_another_one_is_no_way_around_the_stand(schedul
 
     fooled = with_events(schedule, elsewhere)
     assert "tool_changes" in [check.name for check in verify(fooled, job).failures]
+
+
+@pytest.mark.parametrize(("raised", "verdict"), [(0.0, "passed"), (0.0155, "failed")])
+def test_a_tool_at_its_stand_need_not_keep_clear_of_it_but_not_reach_into_it(
+    schedule, job, raised, verdict
+):
+    """The changer's face at 0.95 m, fingers 95 mm longer, the rack's top at 0.84 m: 15 mm where 16 are asked."""
+
+    def lifted(obstacle):
+        pose = obstacle.shape.pose.copy()
+        pose.translation = pose.translation + np.array([0.0, 0.0, raised])
+        return dataclasses.replace(obstacle, shape=dataclasses.replace(obstacle.shape, pose=pose))
+
+    obstacles = tuple(lifted(o) if o.name == "rack" else o for o in job.cell.obstacles)
+    pair = ("left_fingers", "rack", 0.016)
+    cell = dataclasses.replace(job.cell, obstacles=obstacles, clearances=(pair,))
+    check = verify(schedule, dataclasses.replace(job, cell=cell), clearance=True).checks[-1]
+    assert (check.name, check.verdict) == ("collisions", verdict)
+    if raised:
+        assert "left_fingers and rack" in check.detail
+        assert "0.5 mm inside" in check.detail
