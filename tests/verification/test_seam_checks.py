@@ -11,7 +11,7 @@ import pytest
 
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Tool
-from dualarm_cli.model.seam import Hold
+from dualarm_cli.model.seam import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
@@ -20,7 +20,7 @@ from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _worked
 from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.seam_checks import NAMES, check_seams
-from dualarm_cli.verification.seam_places import on_seam
+from dualarm_cli.verification.seam_places import _turned_away, on_seam
 from dualarm_cli.verification.tool_model import ToolModel
 
 SDA10F = """\
@@ -383,6 +383,29 @@ def test_going_back_for_a_moment_fails_the_progress(line):
     back = 0.1 * (np.maximum.accumulate(tau) - tau).max()
     assert back > 1e-4
     assert seams(schedule, line.job)["seam_progress"].measured == pytest.approx(back, rel=0.02)
+
+
+@pytest.mark.parametrize("lean", [0.0, 1e-9, 1e-4, 0.05, 0.6])
+def test_spin_is_what_is_left_once_a_lean_is_taken_back(lean):
+    """Tools spun about their axis, then leant by the shortest turn, about 40 axes: by pinocchio's exponentials."""
+    rng = np.random.default_rng(1)
+    heading, spin = rng.uniform(-np.pi, np.pi, 40), rng.uniform(-1.0, 1.0, 40)
+    about = np.column_stack([np.cos(heading), np.sin(heading), np.zeros(40)])
+    E = np.array(
+        [
+            pin.exp3(lean * axis) @ pin.exp3(np.array([0.0, 0.0, turn]))
+            for axis, turn in zip(about, spin, strict=True)
+        ]
+    )
+    leans = np.full(40, lean)
+
+    def work(**tool):
+        return SimpleNamespace(tool=SeamTool(**tool))
+
+    away = _turned_away(E, leans, work(tilt=0.02))
+    assert away == pytest.approx(np.maximum(max(lean - 0.02, 0.0), np.abs(spin)), abs=1e-7)
+    free = _turned_away(E, leans, work(tilt=0.02, free_spin=True))
+    assert free == pytest.approx(np.full(40, max(lean - 0.02, 0.0)), abs=1e-12)
 
 
 def test_a_seam_from_its_end_fails_the_progress(line):
