@@ -174,7 +174,9 @@ def springs() -> None:
     plain = follow_min_norm(problem)
     assert isinstance(plain, PathMotion)
     base = _elbows(problem, plain) - least
-    print(f"least norm: elbows {1e3 * (base + least):.1f} mm, of any posture at least {1e3 * least:.1f} mm")
+    print(
+        f"least norm: elbows {1e3 * (base + least):.1f} mm, of any posture at least {1e3 * least:.1f} mm"
+    )
     for stiffness in (2.0, 5.0, 10.0, 15.0):
         one = replace(problem, spring=replace(problem.spring, gain=2.0 * stiffness**2))
         for name, follow in (("exact", follow_spring), ("as printed", follow_spring_damped)):

@@ -231,7 +231,7 @@ def _contour(section: FeatureSection) -> Contour:
     if section.kind == "line":
         return Segment(np.array(section.start), np.array(section.end), up)
     normals = up if section.normals is None else np.array(section.normals, dtype=np.float64)
-    return PointSpline(np.array(section.points), normals, bool(section.closed))
+    return PointSpline.through(np.array(section.points), normals, closed=bool(section.closed))
 
 
 def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:

@@ -13,7 +13,14 @@ import pinocchio as pin
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.arc_length import ArcLength
 from dualarm_cli.model.contours import Contour
-from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.point_spline import (
+    SAME_NORMAL,
+    UNIT,
+    PointSpline,
+    chord_parameters,
+    quintic,
+    telling,
+)
 from dualarm_cli.model.tool_path import Poses
 
 STANDS = 1e-9
@@ -72,9 +79,9 @@ class FeatureCurve(MeasuredCurve):
 
 @dataclass(frozen=True)
 class PoseCurve(MeasuredCurve):
-    """A smooth curve through frames that are given: C2 in position and in rotation, by the chords' lengths.
+    """A smooth curve through frames that are given: C4 in position and in rotation, by the chords' lengths.
 
-    Only the way counts as its length, not the turning.
+    Only the way counts as its length, not the turning. Rotations are quintics of their quaternions' entries.
     """
 
     rotations: FloatArray
@@ -95,19 +102,38 @@ class PoseCurve(MeasuredCurve):
         p = np.array([pose.translation for pose in poses])
         R = np.array([pose.rotation for pose in poses])
         closed = len(p) > 3 and float(np.linalg.norm(p[0] - p[-1])) < SAME_PLACE
-        return cls(PointSpline(p, R[:, :, 2], closed), T_part_curve, R)
+        t, turned = chord_parameters(p), _quaternions(R)
+        # Rotations that are the same at both ends are told as open ones all the same: their quaternions change signs.
+        k = max(telling(t, p, closed=closed), telling(t, UNIT * turned, closed=False), key=len)
+        return cls(PointSpline(p[k], R[k, :, 2], closed, t[k]), T_part_curve, R[k])
 
     @cached_property
     def _turning(self) -> object:
-        # Slow to import, and needed for poses alone.
-        from scipy.spatial.transform import Rotation, RotationSpline
-
         assert isinstance(self.contour, PointSpline)
-        return RotationSpline(self.contour.knots, Rotation.from_matrix(self.rotations))
+        knots, q = self.contour.knots, _quaternions(self.rotations)
+        sign = 1.0 if float(q[0] @ q[-1]) > 0.0 else -1.0
+        if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SAME_NORMAL:
+            return quintic(knots, q, closed=False)
+        # Twice round, the quaternions are themselves again.
+        twice = np.concatenate([q[:-1], sign * q[:-1], q[:1]])
+        return quintic(np.concatenate([knots[:-1], 1.0 + knots]), twice, closed=True)
 
     def frames(self, t: FloatArray) -> FloatArray:
         """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
-        return np.asarray(self._turning(t).as_matrix())  # type: ignore[operator]
+        # Slow to import, and needed for poses alone.
+        from scipy.spatial.transform import Rotation
+
+        return np.asarray(Rotation.from_quat(self._turning(t)).as_matrix())  # type: ignore[operator]
+
+
+def _quaternions(R: FloatArray) -> FloatArray:
+    """Returns the unit quaternions (k, 4) of rotations (k, 3, 3), each the nearer one to its neighbour."""
+    from scipy.spatial.transform import Rotation
+
+    q = Rotation.from_matrix(R).as_quat()
+    turns = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    found: FloatArray = q * np.cumprod(np.append(1.0, turns))[:, None]
+    return found
 
 
 def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:

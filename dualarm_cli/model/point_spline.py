@@ -7,13 +7,22 @@ from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.model.contours import NODES
 
 ALONG = 1e-9
 """Sine of the angle to the curve below which a normal points along it."""
 SAME_NORMAL = 1e-6
 """Difference of the first and last normal of a closed spline below which they are one."""
+FEW = 8
+"""Points below which the ends of an open spline are straight; more of them tell how it bends there."""
+EXACT, ROUNDED = 1e-9, 1e-5
+"""How near a spline through some of the points comes to the others where these add nothing, and where what is left may
+be what files round away [m]."""
+UNIT = 0.2
+"""Length that a unit vector counts as there [m]: rounded points also misplace vectors along the curve."""
+GAINED = 4.0
+"""Factor by which twice as many points have to bring it nearer: rounding gains nothing."""
 
 
 @dataclass(frozen=True)
@@ -27,19 +36,27 @@ class PointSpline:
     more than the curve bends (rotation-minimising)."""
     closed: bool = False
     """Whether the last point is the first one, and the curve is as smooth there as anywhere."""
+    given: FloatArray | None = None
+    """Parameters of the points, from 0 to 1, shape (k,); None for those by their own chords' lengths."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("points", "up"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+        for name in ("points", "up", "given"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def through(cls, points: FloatArray, up: FloatArray, *, closed: bool) -> PointSpline:
+        """Returns the spline through as many of the points as tell the others: see `telling`."""
+        t = chord_parameters(points)
+        normals = up if up.ndim == 2 else np.zeros((len(points), 0))
+        k = telling(t, np.concatenate([points, UNIT * _directions(normals)], axis=1), closed=closed)
+        return cls(points[k], up[k] if up.ndim == 2 else up, closed, t[k])
 
     @cached_property
     def knots(self) -> FloatArray:
-        """Parameters of the points, from 0 to 1, by the chords' lengths, shape (k,)."""
-        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        found = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
-        found[-1] = 1.0
-        return readonly(found)
+        """Parameters of the points, from 0 to 1, shape (k,)."""
+        return chord_parameters(self.points) if self.given is None else self.given
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -53,20 +70,19 @@ class PointSpline:
     def _curve(self) -> object:
         # Periodic ends have to be the same to the last digit.
         points = np.concatenate([self.points[:-1], self.points[:1]]) if self.closed else self.points
-        return _quintic(self.knots, points, closed=self.closed)
+        return quintic(self.knots, points, closed=self.closed)
 
     @cached_property
     def _normals(self) -> object:
         if self.up.ndim == 1:
             nodes = self.nodes
             carried = _carried_along(self.up, self.point(nodes), self.rate(nodes))
-            return _quintic(nodes, carried, closed=False)
-        # Only their directions count: a long one beside short ones would pull the curve between them.
-        up = self.up / np.linalg.norm(self.up, axis=1)[:, None]
+            return quintic(nodes, carried, closed=False)
+        up = _directions(self.up)
         if self.closed and np.allclose(up[0], up[-1], rtol=0.0, atol=SAME_NORMAL):
             up[-1] = up[0]
-            return _quintic(self.knots, up, closed=True)
-        return _quintic(self.knots, up, closed=False)
+            return quintic(self.knots, up, closed=True)
+        return quintic(self.knots, up, closed=False)
 
     def point(self, t: FloatArray) -> FloatArray:
         """Returns points (k, 3) [m] at parameters (k,)."""
@@ -102,13 +118,61 @@ class PointSpline:
         return np.asarray(self._normals(t))  # type: ignore[operator]
 
 
-def _quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
-    """Returns a quintic spline, periodic or straight at its ends: its tangents are smooth enough for finite jerk."""
+def chord_parameters(points: FloatArray) -> FloatArray:
+    """Returns parameters of points (k, 3) from 0 to 1 by the chords' lengths, shape (k,)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    found = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    found[-1] = 1.0
+    return readonly(found)
+
+
+def telling(knots: FloatArray, values: FloatArray, *, closed: bool) -> IntArray:
+    """Returns the places of as few of k values as tell the others, or of all, rising.
+
+    A curve is the same however densely a file describes it: derivatives of a spline through all of many points are
+    those of what the file rounds away. Those that are taken are equally many apart; they are doubled until the spline
+    passes the others at EXACT, or at ROUNDED and twice as many bring it no nearer.
+
+    Args:
+        knots: parameters of the values, rising, shape (k,).
+        values: points, or unit vectors by UNIT [m], shape (k, d).
+        closed: whether the last value is the first one.
+    """
+    last, pieces, before = len(knots) - 1, FEW, np.inf
+    fewer = np.arange(0)
+    values = np.concatenate([values[:-1], values[:1]]) if closed else values
+    while 2 * pieces <= last:
+        k: IntArray = np.linspace(0, last, pieces + 1).round().astype(np.int64)
+        found = np.asarray(quintic(knots[k], values[k], closed=closed)(knots))  # type: ignore[operator]
+        off = float(np.abs(found - values).max())
+        if before <= ROUNDED and off * GAINED > before:
+            return fewer
+        if off <= EXACT:
+            return k
+        pieces, before, fewer = 2 * pieces, off, k
+    return np.arange(last + 1)
+
+
+def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
+    """Returns a quintic spline (C4): its tangents are smooth enough for finite jerk.
+
+    Periodic where it is closed. At open ends it goes on as the values next to them tell; of few values it is straight.
+    """
     # Slow to import, and needed for splines alone.
     from scipy.interpolate import make_interp_spline
 
-    free = [(2, np.zeros(3)), (4, np.zeros(3))]
+    if not closed and len(knots) > FEW:
+        return make_interp_spline(knots, values, k=5)
+    free = [(2, np.zeros(values.shape[1])), (4, np.zeros(values.shape[1]))]
     return make_interp_spline(knots, values, k=5, bc_type="periodic" if closed else (free, free))
+
+
+def _directions(vectors: FloatArray) -> FloatArray:
+    """Returns vectors (k, d) at length 1: a long normal beside short ones would pull the curve between them."""
+    if not vectors.size:
+        return vectors
+    found: FloatArray = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return found
 
 
 def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArray:

@@ -330,9 +330,10 @@ def test_poses_are_on_their_curve_and_only_the_way_is_its_length():
     ]
     curve = PoseCurve.through(poses, HERE)
     assert curve.length == pytest.approx(0.04 * np.pi, rel=1e-6)
-    R, p = curve.at_parameter(curve.contour.knots)
-    assert p == pytest.approx(np.array([pose.translation for pose in poses]), abs=1e-12)
-    assert pytest.approx(np.array([pose.rotation for pose in poses]), abs=1e-12) == R
+    # Equal chords: the poses are at equal steps of the parameter.
+    R, p = curve.at_parameter(np.linspace(0.0, 1.0, 73))
+    assert p == pytest.approx(np.array([pose.translation for pose in poses]), abs=1e-9)
+    assert pytest.approx(np.array([pose.rotation for pose in poses]), abs=1e-8) == R
     # It closes smoothly, and a curve that is placed elsewhere is moved with all its frames.
     first, last = curve.contour.second(np.array([0.0, 1.0]))
     assert first == pytest.approx(last, abs=1e-9)
@@ -341,6 +342,52 @@ def test_poses_are_on_their_curve_and_only_the_way_is_its_length():
     R, p = curve.at(np.array([0.03]))
     assert q[0] == pytest.approx(place.act(p[0]))
     assert S[0] == pytest.approx(place.rotation @ R[0])
+
+
+def _wave(count, digits):
+    """Poses of a wave of 10 mm on 0.3 m, three to its length, x along it, as a file of so many digits has them."""
+    t = np.linspace(0.0, 1.0, count)
+    k = 2.0 * np.pi * 3.0
+    p = np.column_stack([0.3 * t, 0.01 * np.cos(k * t), 0.0 * t]).round(digits)
+    heading = np.arctan2(-0.01 * k * np.sin(k * t), 0.3)
+    poses = []
+    for place, angle in zip(p, heading, strict=True):
+        z, w = np.round([np.sin(angle / 2.0), np.cos(angle / 2.0)], digits)
+        poses.append(pin.SE3(pin.Quaternion(w, 0.0, 0.0, z).normalized().toRotationMatrix(), place))
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("count", "digits"), [(101, 16), (301, 16), (2001, 16), (8001, 16), (2001, 9), (8001, 6)]
+)
+def test_a_wave_s_derivatives_do_not_hang_on_how_densely_it_is_described(count, digits):
+    """Against the wave's own: curvature to a fiftieth of its largest, third no larger by half, also at the ends.
+
+    8001 poses are 45 um apart: differences of what six digits round away would be some 1000 times the third derivative.
+    """
+    curve = PoseCurve.through(_wave(count, digits), HERE)
+    t, k, step = np.linspace(0.0, 1.0, 901), 2.0 * np.pi * 3.0, 1e-3
+    whole = quad(lambda u: np.hypot(0.3, 0.01 * k * np.sin(k * u)), 0.0, 1.0, limit=200)[0]
+    assert curve.length == pytest.approx(whole, rel=5e-6)
+
+    def along(s):
+        R, p = curve.at(s)
+        return np.column_stack([p, R[:, :, 0]])
+
+    # The same points by the exact wave, at the same x.
+    s = np.clip(t * whole, 2.0 * step, whole - 2.0 * step)
+    points, heading = along(s)[:, :3], along(s)[:, 3:]
+    assert points[:, 1] == pytest.approx(0.01 * np.cos(k * points[:, 0] / 0.3), abs=3e-6)
+    slope = -0.01 * k / 0.3 * np.sin(k * points[:, 0] / 0.3)
+    bend = -0.01 * (k / 0.3) ** 2 * np.cos(k * points[:, 0] / 0.3)
+    assert heading[:, 1] == pytest.approx(slope / np.hypot(1.0, slope), abs=1e-4)
+    curvature = bend / (1.0 + slope**2) ** 1.5
+    found = (along(s + step)[:, 3:] - along(s - step)[:, 3:]) / (2.0 * step)
+    sign = found[:, 1] * heading[:, 0] - found[:, 0] * heading[:, 1]
+    assert sign == pytest.approx(curvature, abs=0.02 * np.abs(curvature).max())
+    u = np.linspace(0.0, 1.0, 901)
+    third = (curve.contour.second(u[2:]) - curve.contour.second(u[:-2])) / (u[2] - u[0])
+    assert np.abs(third).max() < 1.5 * 0.01 * k**3
 
 
 def test_what_cannot_have_a_frame_is_found():
