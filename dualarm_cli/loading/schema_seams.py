@@ -193,6 +193,11 @@ class EntrySection(Section):
     dwell: Duration = Field(
         default=0.0, description="How long it stands where the curve begins [s]."
     )
+    duration: WorkDuration | None = Field(
+        default=None,
+        description="Time for the way to where the curve begins, approach and dwell included; default: as quick as can "
+        "be [s].",
+    )
 
 
 class ExitSection(Section):

@@ -89,6 +89,7 @@ class SeamReader:
             acceleration=section.acceleration,
             slower=section.slower == "allowed",
             downhand=section.downhand,
+            entry_duration=section.entry.duration,
             approach=section.entry.approach,
             retract=section.exit.retract,
             dwell_start=section.entry.dwell,

@@ -13,6 +13,8 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 
+DURATION = "duration"
+"""What decides a stage whose transfer takes the time that the task file gives it."""
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
@@ -94,7 +96,8 @@ class Stage:
     joint_times: Mapping[str, float]
     """How long each joint alone would need for its transfer [s]."""
     bottleneck: str
-    """The joint that decides the transfer's duration, TOOL_SPEED where a cap does; empty where nothing moves."""
+    """The joint that decides the transfer's duration, TOOL_SPEED where a cap does, DURATION where the
+    task file does; empty where nothing moves."""
     arm: str = ""
     """The arm whose stage it is by its own clock; empty where it is both arms'."""
 

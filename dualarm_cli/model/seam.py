@@ -109,6 +109,8 @@ class SeamWork:
     """Whether it may be slower where the joints' limits ask for it."""
     downhand: float | None = None
     """By how much the seam's surface may lean away from facing upwards [rad]; None where it does not matter."""
+    entry_duration: float | None = None
+    """Time for the way to the seam, approach and dwell included [s]; None for as quick as can be."""
     approach: float = 0.0
     """Length of the straight way to the seam along the tool [m]; 0 for none."""
     retract: float = 0.0

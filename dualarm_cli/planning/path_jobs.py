@@ -24,16 +24,22 @@ from dualarm_cli.planning.orders import PairedSearch
 from dualarm_cli.planning.path_clearance import keeps_clear, touching_path
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_motion import Budget, Followed, Refused, follow_path
-from dualarm_cli.planning.path_record import Record, add_followed, add_transfer
+from dualarm_cli.planning.path_record import (
+    Record,
+    add_followed,
+    add_transfer,
+    drawn_out_transfer,
+)
 from dualarm_cli.planning.path_starts import path_starts
 from dualarm_cli.planning.path_words import path_notes, why_not
+from dualarm_cli.planning.planned_seam import PlannedSeam
 from dualarm_cli.planning.seam_jobs import SeamPlanner
 from dualarm_cli.planning.seam_record import add_seam, seam_notes
 from dualarm_cli.planning.stage_plan import StagePlan
 from dualarm_cli.planning.waiting import with_ends
 from dualarm_cli.planning.watch import Watch
 from dualarm_cli.timing import TimingSolver
-from dualarm_cli.timing.composition import concatenate
+from dualarm_cli.timing.composition import SAME_TIME, concatenate
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME = 1e-9
@@ -254,10 +260,26 @@ class SectionPlanner:
                     f"{work.place}: task '{section[0].id}': no way to where its tool comes from "
                     f"(`entry: {{approach: …}}` lets it come from farther away): {error}"
                 ) from None
-            add_transfer(record, transfer.cleared.motion, section)
+            add_transfer(record, self._timed_entry(work, transfer, found, section[0].id), section)
             record.count(transfer)
-        add_seam(record, self.problem.model, section, found, begin)
+        add_seam(record, self.problem.model, section, found, begin, job.speed)
         record.notes += seam_notes(job, section[0].id, work, found)
+
+    def _timed_entry(
+        self, work: SeamWork, transfer: Found, found: PlannedSeam, task: str
+    ) -> Motion:
+        """Returns the transfer to a seam, drawn out to the time that the file gives the way there."""
+        motion = transfer.cleared.motion
+        if work.entry_duration is None:
+            return motion
+        asked = work.entry_duration / self.problem.job.speed
+        if motion.trajectory.duration > asked - found.coming + SAME_TIME:
+            least = motion.trajectory.duration + found.coming
+            raise InfeasibleError(
+                f"{work.place}: task '{task}': the way to where it begins takes {least:.3f} s at least, more than "
+                f"the {asked:g} s that entry gives it; raise its duration or leave it out"
+            )
+        return drawn_out_transfer(motion, asked - found.coming)
 
     def _transfer(self, here: FloatArray, there: FloatArray) -> Found:
         """Returns the motion of all joints from one configuration to another that keeps clear."""

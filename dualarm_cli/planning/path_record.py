@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from dualarm_cli.model.job import Task
-from dualarm_cli.model.schedule import Event, Segment, Stage
+from dualarm_cli.model.schedule import DURATION, Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.clear_plan import Found, clearance_notes
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.planning.path_motion import Followed
 from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.timing.composition import drawn_out
 
 
 @dataclass
@@ -49,6 +50,22 @@ class Record:
         first = len(self.stages) - len(found.cleared.plans) + 1
         self.cost += found.cost or 0.0
         self.notes += [*found.decided.notes, *clearance_notes(found, first)]
+
+
+def drawn_out_transfer(motion: Motion, duration: float) -> Motion:
+    """Returns a transfer that takes a longer time [s], on the same way."""
+    factor = duration / motion.trajectory.duration
+    return replace(
+        motion,
+        trajectory=drawn_out(motion.trajectory, factor),
+        stages=tuple(
+            replace(s, start=s.start * factor, end=s.end * factor, bottleneck=DURATION)
+            for s in motion.stages
+        ),
+        segments=tuple(
+            replace(s, start=s.start * factor, end=s.end * factor) for s in motion.segments
+        ),
+    )
 
 
 def add_transfer(record: Record, motion: Motion, section: tuple[Task, ...]) -> None:

@@ -30,6 +30,11 @@ class PlannedSeam:
     """Part and tool."""
 
     @property
+    def coming(self) -> float:
+        """How long the tool's approach and its dwell before the seam take [s]."""
+        return self.dwell_start.duration + (self.approach.duration if self.approach else 0.0)
+
+    @property
     def first(self) -> FloatArray:
         """All joints where the tool's approach begins [rad], shape (n,)."""
         start: FloatArray = (self.approach or self.seam.trajectory).position[0]

@@ -11,7 +11,7 @@ from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.path_record import Record
 from dualarm_cli.planning.planned_seam import PlannedSeam
-from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.composition import SAME_TIME, hold
 
 SLOWED = 1.001
 """Speeds lower by this factor are worth a word."""
@@ -23,6 +23,7 @@ def add_seam(
     section: tuple[Task, ...],
     found: PlannedSeam,
     begin: float,
+    job_speed: float,
 ) -> None:
     """Appends a seam: a stage up to where it begins, with the transfer there, and a stage for itself.
 
@@ -32,14 +33,15 @@ def add_seam(
         section: the seam's tasks, one per arm that works.
         found: the seam as it is worked.
         begin: when its first stage begins, with the transfer where there is one [s].
+        job_speed: the job's share of full speed.
     """
     writer = _Writer(record, model, section)
     transfer = record.stages.pop() if record.clock > begin else None
     work = found.chain.work
-    coming = found.dwell_start.duration
-    coming += 0.0 if found.approach is None else found.approach.duration
-    late = work.not_before - record.clock - coming
-    if late > 0.0:
+    # Where there is no transfer that takes the time of the way there, it is waited for.
+    entry = begin + (work.entry_duration or 0.0) / job_speed
+    late = max(work.not_before, entry) - record.clock - found.coming
+    if late > SAME_TIME:
         writer.add("wait", "seam_start", hold(model.cell.robot.joints, found.first, late), None)
     if found.approach is not None:
         writer.add("approach", "seam_start", found.approach, "wait")

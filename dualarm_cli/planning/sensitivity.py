@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.schedule import DURATION, Schedule
 from dualarm_cli.planning.line_factors import line_factors
 from dualarm_cli.planning.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -160,8 +160,11 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
     # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
     ends = np.array([part.stage.end for part in parts])
     arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
+    displaced = _displacements(schedule, starts, arrivals, arrived, limits.joints)
+    # What takes the time that the file gives it is as long under any limits.
+    displaced[[part.stage.bottleneck == DURATION for part in parts]] = 0.0
     return _Chains(
-        moved=_displacements(schedule, starts, arrivals, arrived, limits.joints),
+        moved=displaced,
         lines=tuple(lines),
         fixed=fixed,
         returns=returns,

@@ -20,7 +20,7 @@ from dualarm_cli.reporting.measures import (
     elbow_imbalance,
     platform_travel,
 )
-from dualarm_cli.reporting.path_measures import path_measures
+from dualarm_cli.reporting.path_measures import path_curves, path_measures
 from dualarm_cli.reporting.report import (
     count_parts,
     relative_gap,
@@ -135,6 +135,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             None,
         ),
         "paths": [],
+        "path_curves": [],
         "seams": [],
     }
     if schedule is None:
@@ -152,6 +153,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "deciding_stages": found.stages,
         "deciding_time": found.time,
         "paths": path_measures(schedule, job),
+        "path_curves": path_curves(schedule, job),
         "seams": seam_measures(schedule, job),
     }
 

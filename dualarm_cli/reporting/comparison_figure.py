@@ -13,6 +13,8 @@ from dualarm_cli.reporting.measures import DWELLS, LINES, NO_TRANSFERS, OTHER, P
 WIDTH = 10.0
 BAR, PANEL = 0.3, 1.0
 """Height of a bar's row and of a panel's title and axis [inch]."""
+CURVES = 3.2
+"""Height of the row of a path's curves [inch]."""
 COLOURS = {
     "left": "#1f5fbf",
     "right": "#c23b22",
@@ -39,7 +41,17 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
     """
     sections = document["comparisons"]
     heights = [PANEL + BAR * max(1, len(section["rows"])) for section in sections]
-    figure = new_figure(WIDTH, sum(heights) + 0.5)
+    curves = [(section, task) for section in sections for task in _compared_paths(section)]
+    whole = new_figure(WIDTH, sum(heights) + 0.5 + CURVES * len(curves))
+    parts = whole.subfigures(
+        1 + len(curves),
+        1,
+        squeeze=False,
+        height_ratios=[sum(heights) + 0.5, *[CURVES] * len(curves)],
+    )[:, 0]
+    for part, (section, task) in zip(parts[1:], curves, strict=True):
+        _draw_curves(part, section, task)
+    figure = parts[0]
     panels = figure.subplots(len(sections), 1, squeeze=False, height_ratios=heights)[:, 0]
     names = _short_names([section["tasks"] for section in sections])
     drawn: dict[str, Any] = {}
@@ -54,7 +66,42 @@ def draw_comparison(document: dict[str, Any], kind: str) -> bytes:
             ncols=4,
             frameon=False,
         )
-    return rendered(figure, kind)
+    return rendered(whole, kind)
+
+
+def _compared_paths(section: dict[str, Any]) -> list[str]:
+    """Returns the paths of a task file that several plans follow."""
+    rows = [row["path_curves"] for row in section["rows"] if row["path_curves"]]
+    return [path["task"] for path in rows[0]] if len(rows) > 1 else []
+
+
+def _draw_curves(part: Any, section: dict[str, Any], task: str) -> None:
+    """Draws one path by every method: contraction force ([Choi2020] Fig. 11), manipulability ([Zhang2024] Fig. 4)."""
+    called = row_namer(section["rows"])
+    found = [
+        (called(row), path)
+        for row in section["rows"]
+        for path in row["path_curves"]
+        if path["task"] == task
+    ]
+    sprung = any(path["force"] for _, path in found)
+    panels = part.subplots(1, 3 if sprung else 2)
+    for k, (name, path) in enumerate(found):
+        # What lies on another curve is thinner than that.
+        look = {"color": f"C{k % 10}", "linewidth": 1.0 + 0.5 * (len(found) - 1 - k)}
+        panels[-1].plot(path["time"], path["manipulability_together"], **look, label=name)
+        for panel, values in zip(
+            panels, [*[path["force"]] * sprung, path["manipulability"]], strict=False
+        ):
+            for arm, value in values.items():
+                panel.plot(path["time"], value, linestyle="--" if arm == "right" else "-", **look)
+    titles = ["contraction force K D [m]"] * sprung
+    titles += ["M of each arm [m³/rad³]", "M of all tools together"]
+    for panel, title in zip(panels, titles, strict=True):
+        panel.set_title(title, fontsize=9)
+        panel.set_xlabel("time [s]")
+    part.suptitle(f"path {task} (solid: left, dashed: right)", fontsize=10)
+    part.legend(*panels[-1].get_legend_handles_labels(), loc="outside right center", fontsize=8)
 
 
 def _labels() -> list[str]:

@@ -19,6 +19,8 @@ from dualarm_cli.planning.path_context import PathContext
 from dualarm_cli.verification.path_checks import along_path
 from dualarm_cli.verification.tool_model import ToolModel
 
+CURVE = 101
+"""Instants of curves that are compared."""
 SPACING = 0.005
 """Time between the instants at which bodies are measured [s]."""
 
@@ -188,6 +190,36 @@ def _least(
             least_elbow_distance(arm.kinematics, turned @ T.rotation, flange, point, along)
         )
     return np.stack(found, axis=1)
+
+
+def path_curves(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
+    """Returns what of every path is drawn over time beside that of other methods, JSON-ready, at CURVE instants.
+
+    Contraction forces where the file gives critical points, manipulability of each arm and of all tools together.
+
+    Args:
+        schedule: the plan.
+        job: what it was planned for.
+    """
+    found = []
+    for path in path_samples(schedule, job):
+        which = np.linspace(0, len(path.time) - 1, CURVE).round().astype(int)
+        forces = path.force if path.work.critical_points else np.empty((len(path.time), 0))
+        found.append(
+            {
+                "task": path.task,
+                "time": path.time[which].tolist(),
+                "force": {
+                    arm: f[which].tolist() for arm, f in zip(path.arms, forces.T, strict=False)
+                },
+                "manipulability": {
+                    arm: one[which].tolist()
+                    for arm, one in zip(path.arms, path.alone.T, strict=True)
+                },
+                "manipulability_together": path.together[which].tolist(),
+            }
+        )
+    return found
 
 
 def _idle_joints(job: Job, path: PathSamples) -> list[str]:

@@ -38,7 +38,7 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind
     Raises:
         MissingDependencyError: matplotlib is not installed.
     """
-    figure = new_figure(12, 7.5)
+    figure = new_figure(12, 8)
     axes = figure.subplot_mosaic(
         [["before", "equation", "equation"], ["one", "two", "elbows"]],
         width_ratios=[1, 1, 1.15],
@@ -50,17 +50,34 @@ def draw_move(problem: PlatformProblem, rows: list[Row], start: FloatArray, kind
     axes["before"].set_title("before the move (crosses: targets)")
     _draw_equation(axes["equation"], problem, rows)
     _draw_elbows(axes["elbows"], problem, rows)
+    numbers = [row for row in rows if row.method == "linearised"]
     for name, row in zip(("one", "two"), chosen, strict=False):
         ax = axes[name]
+        _draw_shoulder_before(ax, problem, angle_0)
         _draw_arms(ax, problem, start, angle_0, faint=True)
         _draw_arms(ax, problem, problem.wrist[0], row.angle)
         _draw_targets(ax, problem)
-        ax.set_title(f"{row.method}: {np.degrees(row.turn):+.2f}°")
+        number = numbers.index(row) + 1
+        ax.set_title(f"{row.method}, N = {number}: turn {np.degrees(row.turn):+.2f}°")
     for name in ("before", "one", "two"):
         axes[name].set_aspect("equal")
         axes[name].set_xlabel("x [m]")
     axes["before"].set_ylabel("y [m]")
+    axes["one"].set_ylabel("y [m]")
+    # One legend below everything, so that it hides nothing.
+    named = [axes[name].get_legend_handles_labels() for name in ("one", "equation", "elbows")]
+    found = {
+        label: line for lines, labels in named for line, label in zip(lines, labels, strict=True)
+    }
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=5)
     return rendered(figure, kind)
+
+
+def _draw_shoulder_before(ax: Any, problem: PlatformProblem, angle: float) -> None:
+    """Draws where the first shoulder is before the move, in green as in Figure 5 of [Bottin2021]."""
+    azimuth, radius = angle + problem.offset[0, 0], problem.radius[0, 0]
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    ax.plot([0.0, x], [0.0, y], color=BALANCE, linewidth=2, label="first shoulder before the move")
 
 
 def _shown(rows: list[Row]) -> list[Row]:
@@ -91,9 +108,9 @@ def _draw_arms(
         line = np.array([[0.0, 0.0], shoulder, elbow, wrist[arm][:2]])
         colour = COLOURS[arm]
         ax.plot(line[:2, 0], line[:2, 1], color="0.5", linewidth=1, **style)
-        ax.plot(
-            line[1:, 0], line[1:, 1], marker="o", color=colour, linewidth=3, markersize=5, **style
-        )
+        label = f"arm {arm + 1} before the move" if faint else None
+        look = {"color": colour, "linewidth": 3, "marker": "o", "markersize": 5, **style}
+        ax.plot(line[1:, 0], line[1:, 1], label=label, **look)
 
 
 def _elbow(
@@ -138,7 +155,10 @@ def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[Row]) -> None:
     u, v, w = np.moveaxis(cosine_coefficients(problem)[0], -1, 0)
     x = u[:, None] + v[:, None] * np.cos(angle) + w[:, None] * np.sin(angle)
     gain = x - np.cos(problem.elbow_0[0])[:, None]
-    for sign, label, colour in ((1.0, "same direction", "#1f5fbf"), (-1.0, "opposite", "#e08a1e")):
+    for sign, label, colour in (
+        (1.0, "elbows turn the same way", "#7a3fa0"),
+        (-1.0, "elbows turn opposite ways", "#e08a1e"),
+    ):
         value = gain[0] - sign * gain[1]
         ax.plot(degrees, value / np.abs(value).max(), color=colour, label=label)
     ax.axhline(0.0, color="0.5", linewidth=0.8)
@@ -146,7 +166,6 @@ def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[Row]) -> None:
     ax.set_xlim(-180, 180)
     ax.set_title("equation 5, normalised (dashed: candidates of `linearised`)")
     ax.set_xlabel("platform turn [deg]")
-    ax.legend(loc="upper right")
 
 
 def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[Row]) -> None:
@@ -168,4 +187,3 @@ def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[Row]) -> None:
     ax.set_title("elbow displacements (dots: roots of `exact`)")
     ax.set_xlabel("platform turn [deg]")
     ax.set_ylabel("displacement [deg]")
-    ax.legend(loc="best")

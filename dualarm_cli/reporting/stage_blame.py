@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.model.schedule import TOOL_SPEED, Schedule
+from dualarm_cli.model.schedule import DURATION, TOOL_SPEED, Schedule
 from dualarm_cli.planning.stage_parts import StageParts
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -137,7 +137,9 @@ def _slowest_joint(version: Version, arm: str) -> str:
     robot, stated = version.schedule.robot, version.parts.stage.bottleneck
     known = robot.arms.get(arm)
     joints = [*(robot.platform or ()), *(known.joints if known is not None else ())]
-    if stated in joints or (stated not in ("", TOOL_SPEED) and not version.parts.stage.tasks):
+    if stated in joints or (
+        stated not in ("", DURATION, TOOL_SPEED) and not version.parts.stage.tasks
+    ):
         return stated
     moved = {joint: version.displacement(joint, arm) or 0.0 for joint in joints}
     moved = {joint: way for joint, way in moved.items() if way > SAME_ANGLE}

@@ -21,6 +21,17 @@ def hold(joints: tuple[str, ...], position: FloatArray, duration: float) -> Traj
     return Trajectory(joints, np.array([0.0, duration]), np.vstack([position] * 2), rest, rest)
 
 
+def drawn_out(trajectory: Trajectory, factor: float) -> Trajectory:
+    """Returns the same way in factor times the time."""
+    return Trajectory(
+        trajectory.joints,
+        trajectory.time * factor,
+        trajectory.position,
+        trajectory.velocity / factor,
+        trajectory.acceleration / factor**2,
+    )
+
+
 def concatenate(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Returns trajectories of the same joints one after the other, from time 0.
 

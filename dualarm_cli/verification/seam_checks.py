@@ -140,6 +140,14 @@ def _judge(
         worst["seam_as_asked"].add(max(0.0, taken / longest - 1.0), task)
     if work.not_before > segment.start + tol.SAME_TIME:
         worst["seam_as_asked"].add(np.inf, f"{task} begins before {work.not_before:g} s")
+    if work.entry_duration is not None:
+        asked = work.entry_duration / job.speed
+        mine = (s.start for s in schedule.segments if (s.arm, s.task) == (work.slave, task))
+        way = segment.start - min(mine)
+        waits = work.not_before >= segment.start - tol.SAME_TIME
+        if way < asked - tol.SAME_TIME or (way > asked + tol.SAME_TIME and not waits):
+            message = f"{task}: the way to it takes {way:.6g} s, not {asked:g} s"
+            worst["seam_as_asked"].add(np.inf, message)
     if work.acceleration is not None:
         allowed = work.acceleration * job.speed**2
         add("seam_as_asked", np.abs(acceleration) / allowed - 1.0, middle)

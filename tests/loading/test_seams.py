@@ -375,7 +375,7 @@ def test_files_of_poses_that_are_no_curve(
         ("speed: 50 mm/s", "speed: 1\n      tool: {tilt: 90 deg}", "12:20: E200 '90 deg': angle must be at most 1"),
         ("speed: 50 mm/s", "speed: 1\n      tool: {standoff: -1 mm}", "12:24: E200 '-1 mm': length must be at least 0"),
         ("speed: 50 mm/s", "speed: 1\n      tool: {free: spinn}", "12:20: E200 'spinn' is not allowed, did you mean 'spin'? Allowed: spin, none"),
-        ("speed: 50 mm/s", "speed: 1\n      entry: {retract: 1 mm}", "12:15: E201 unknown key 'retract'; allowed: approach, dwell"),
+        ("speed: 50 mm/s", "speed: 1\n      entry: {retract: 1 mm}", "12:15: E201 unknown key 'retract'; allowed: approach, dwell, duration"),
         ("speed: 50 mm/s", "speed: 1\n      exit: {dwell: -1}", "12:21: E200 -1: time must be at least 0"),
         ("speed: 50 mm/s", "speed: 1\n      touches: [tabel]", "12:17: E300 there is no body 'tabel', did you mean 'table'?"),
         ("speed: 50 mm/s", "speed: 1\n      posture: bend", "12:16: E300 Tiny has no posture 'bend', did you mean 'bent'?"),

@@ -73,6 +73,53 @@ def test_seams_begin_at_5_s_and_13_s(scenario):
         assert fourth == pytest.approx(16.0, abs=1e-9)
 
 
+def test_the_rotation_is_that_of_figure_24(tasks_folder):
+    """Axis 6 of M turns most, then axis 6 of S, the others hardly; the tool moves up and down, as the paper says.
+
+    Axis 6 of S turns by what the track's slope is, atan(-r² s c / x / r), to both sides and back; the tool rises by
+    R - sqrt(R² - r²). On the way to the first point, 0 to 5 s, every joint's speed is a trapezoid without a pause.
+    """
+    job = load_job(tasks_folder / "papers" / "qin_rotation" / "tasks.yaml")
+    schedule = plan_without_bound(job, SETTINGS)
+    joints, trajectory = schedule.trajectory.joints, schedule.trajectory
+    q = trajectory.at(np.linspace(5.0, 13.0, 2001))[0]
+    travel = dict(zip(joints, np.abs(np.diff(q, axis=0)).sum(axis=0), strict=True))
+    beta = np.linspace(0.0, np.pi, 2001)
+    x = np.sqrt(0.05**2 - (0.045 * np.sin(beta)) ** 2)
+    slope = np.arctan(-0.045 * np.sin(beta) * np.cos(beta) / x)
+    assert travel.pop("left_joint_6") == pytest.approx(np.pi, abs=1e-6)
+    spun = np.abs(np.diff(slope)).sum()
+    assert travel.pop("right_joint_6") == pytest.approx(spun, rel=0.05)
+    assert spun < np.pi
+    assert max(travel.values()) < np.deg2rad(20.0)
+    tool = CellModel.from_cell(job.cell).tool_position("right", q)
+    moved = np.ptp(tool, axis=0)
+    assert moved[2] == pytest.approx(0.05 - np.sqrt(0.05**2 - 0.045**2), abs=1e-4)
+    assert np.hypot(*moved[:2]) < 0.003
+    on_the_way = trajectory.at(np.linspace(0.05, 4.95, 99))[1]
+    assert (np.abs(on_the_way).max(axis=1) > 1e-3).all()
+
+
+def test_the_half_track_s_frames_are_those_of_the_saddle(tasks_folder):
+    """Eq. 12 at every 2 deg: points, x along the track, z out of the branch pipe; backwards with x turned round."""
+    folder = tasks_folder / "papers" / "qin_rotation"
+    there, back = (
+        np.loadtxt(folder / name, delimiter=",", skiprows=1)
+        for name in ("half_track.csv", "half_track_back.csv")
+    )
+    beta = np.deg2rad(np.arange(0.0, 181.0, 2.0))
+    c, s, R, r = np.cos(beta), np.sin(beta), 0.05, 0.045
+    x = np.sqrt(R**2 - (r * s) ** 2)
+    np.testing.assert_allclose(there[:, :3], np.stack([x, r * s, -r * c], axis=1), atol=1e-9)
+    along = np.stack([-(r**2) * s * c / x, r * c, r * s], axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    for rows, way in ((there, 1.0), (back[::-1], -1.0)):
+        np.testing.assert_allclose(rows[:, :3], there[:, :3], atol=1e-12)
+        frames = np.array([pin.Quaternion(q).toRotationMatrix() for q in rows[:, 3:]])
+        np.testing.assert_allclose(frames[:, :, 0], way * along, atol=1e-8)
+        np.testing.assert_allclose(frames[:, :, 2], np.stack([0 * s, s, -c], axis=1), atol=1e-8)
+
+
 def test_both_robots_stand_still_at_both_ends_of_seams(scenario):
     """Joint speeds are zero there, as in Figs. 24 and 27."""
     for time in np.ravel(scenario.seams):

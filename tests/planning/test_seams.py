@@ -16,6 +16,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.planning.sensitivity import sensitivity
 from dualarm_cli.verification import verify
 
 SDA10F = """\
@@ -195,6 +196,40 @@ def test_slower_where_allowed_and_asking_for_more_is_never_less(tmp_path: Path) 
     )
     assert fast.duration <= slow.duration
     assert any("as limits ask for, not at 5000 mm/s" in note for note in fast.notes)
+
+
+def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path) -> None:
+    """Drawn out to 6 s with approach and dwell, 12 s at half speed; refused below the least; no limit changes it.
+
+    A schedule in which it is as quick as can be fails the verifier for such a file.
+    """
+    more = ("speed: 100 mm/s", "posture: home")
+    entry = "entry: {approach: 40 mm, dwell: 0.2 s%s}"
+    head = "start: home\n"
+    slow = job_of(tmp_path, SDA10F, seam(*more, entry % ", duration: 6 s"), head=head)
+    schedule = planned(slow)
+    assert spans(schedule)[0][0] == pytest.approx(6.0, abs=1e-9)
+    kinds = [s.kind for s in schedule.segments if s.arm == "right"]
+    assert kinds == ["transfer", "approach", "dwell", "seam"]
+    assert schedule.stages[0].bottleneck == "duration"
+    everything = [entry for entry in sensitivity(schedule) if entry.joint is None]
+    [approach] = spans(schedule, "approach")
+    assert everything
+    # Of what comes before the seam only the approach changes, by no more than 1 / sqrt(0.9).
+    for entry_ in everything:
+        assert abs(entry_.lower - schedule.duration) < 0.06 * (approach[1] - approach[0]) + 1e-9
+    half = job_of(
+        tmp_path, SDA10F, seam(*more, entry % ", duration: 6 s"), head=f"{head}speed: 50%\n"
+    )
+    assert spans(planned(half))[0][0] == pytest.approx(12.0, abs=1e-9)
+    quick = planned(job_of(tmp_path, SDA10F, seam(*more, entry % ""), head=head))
+    failed = [c.name for c in verify(quick, slow).checks if c.verdict == "failed"]
+    assert failed == ["seam_as_asked"]
+    with pytest.raises(InfeasibleError, match=r"takes \d\.\d+ s at least, more than the 1 s"):
+        planned(job_of(tmp_path, SDA10F, seam(*more, entry % ", duration: 1 s"), head=head))
+    # Begun on the seam there is no way to draw out: it is waited for.
+    free = planned(job_of(tmp_path, SDA10F, seam("speed: 100 mm/s", "entry: {duration: 2 s}")))
+    assert spans(free)[0][0] == pytest.approx(2.0, abs=1e-9)
 
 
 def test_entry_and_exit_stand_where_the_seam_begins_and_ends_not_before_its_time(

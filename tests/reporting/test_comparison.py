@@ -33,6 +33,7 @@ def row(method, cycle, status="verified", reason="", **rest):
         "platform_travel": None,
         "deciding_stages": None if cycle is None else {"left": 3, "right": 1},
         "deciding_time": decided,
+        "path_curves": [],
     } | rest
 
 
@@ -140,6 +141,27 @@ def test_the_figure_is_the_same_bytes_and_knows_no_wall_clock(kind):
     for entry in two["wall_clock"]:
         entry["planning_time"] *= 7.0
     assert draw_comparison(one, kind) == draw_comparison(two, kind)
+
+
+def test_paths_are_drawn_over_time_by_every_method():
+    """Forces and manipulability of both methods under their names; a single plan has nothing to be compared with."""
+    import matplotlib as mpl
+
+    def path(slope):
+        line = [0.0, slope]
+        both = {"left": line, "right": line}
+        curves = {"task": "seam", "time": [0.0, 1.0], "force": both, "manipulability": both}
+        return [{**curves, "manipulability_together": line}]
+
+    one, two = row("one", 4.0, path_curves=path(1.0)), row("two", 4.5, path_curves=path(2.0))
+    with mpl.rc_context({"svg.fonttype": "none"}):
+        both, alone = (draw_comparison(document(*rows), "svg") for rows in ((one, two), (one,)))
+    titles = (b"path seam (solid: left, dashed: right)", b"contraction force K D [m]")
+    for words in titles:
+        assert words in both
+        assert words not in alone
+    # Each name beside its bar and in the legend.
+    assert [both.count(b">one<"), both.count(b">two<")] == [2, 2]
 
 
 def test_the_figure_says_the_bound_the_gain_and_the_reasons():

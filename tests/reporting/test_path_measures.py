@@ -12,8 +12,9 @@ import pytest
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.reporting import path_figure
 from dualarm_cli.reporting.path_figure import draw_paths
-from dualarm_cli.reporting.path_measures import path_measures, path_samples
+from dualarm_cli.reporting.path_measures import path_curves, path_measures, path_samples
 from dualarm_cli.reporting.path_table import path_lines
 from dualarm_cli.verification import verify
 
@@ -294,6 +295,39 @@ def test_jobs_without_paths_have_no_measures(tasks_folder, planned):
     assert path_samples(planned.schedule, job) == []
     bare = dataclasses.replace(planned.schedule, segments=())
     assert path_measures(bare, planned.job) == []
+
+
+def test_curves_of_the_comparison_are_those_of_the_samples(planned):
+    """101 instants from the path's first to its last: force, manipulability of each arm and together."""
+    (samples,) = path_samples(planned.schedule, planned.job)
+    (curves,) = path_curves(planned.schedule, planned.job)
+    assert len(curves["time"]) == 101
+    assert curves["time"][-1] == pytest.approx(planned.measures["duration"], abs=1e-12)
+    k = [int(np.argmin(np.abs(samples.time - time))) for time in curves["time"]]
+    for m, arm in enumerate(ARMS):
+        np.testing.assert_array_equal(curves["force"][arm], samples.force[k, m])
+        np.testing.assert_array_equal(curves["manipulability"][arm], samples.alone[k, m])
+    np.testing.assert_array_equal(curves["manipulability_together"], samples.together[k])
+
+
+def test_the_figure_names_every_curve_beside_the_panels(planned, monkeypatch):
+    """All joints, tools, elbows, critical points and least forces are in legends, and no panel has one in it."""
+    seen = []
+    monkeypatch.setattr(path_figure, "rendered", lambda figure, kind: seen.append(figure) or b"")
+    draw_paths(planned.schedule, planned.job, "png")
+    (whole,) = seen
+    parts = [sub for part in whole.subfigs for sub in part.subfigs]
+    named = {text.get_text() for part in parts for legend in part.legends for text in legend.texts}
+    robot = planned.job.cell.robot
+    assert named >= {*robot.platform, *(joint for arm in robot.arms for joint in arm.joints)}
+    things = ("tool", "elbow", "critical point")
+    assert named >= {f"{arm} {what}" for arm in ARMS for what in things}
+    assert named >= {f"{arm}, least force with tools there" for arm in ARMS}
+    panels = [axes for part in parts for axes in part.axes]
+    assert len(panels) == 4 + 3 + 3
+    for axes in panels:
+        assert axes.get_legend() is None
+        assert all(getattr(axes, f"get_{name}label")() for name in "xy")
 
 
 def test_the_sentence_has_the_measures_in_people_s_units(planned):
