@@ -9,10 +9,10 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, StopKey
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
+from dualarm_cli.planning.file_order import NEAR, file_order, stage_by_stage
 from dualarm_cli.planning.free_epochs import (
     FreeEpochs,
     epoch_orders,
@@ -68,20 +68,27 @@ def plan_by_own_clocks(
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
+    given = file_order(order)
+    as_given: tuple[FreeOrder, ...] = ()
+    if given is not None and orders.found:
+        file = replace(order, job=given)
+        as_given = free_orders(file, settings.effort, settings.seed, watch).found
     best: Schedule | None = None
     total = np.inf
-    for number, one in enumerate(_worth_planning(orders)):
-        if best is not None and (watch.stop() or number >= ANGLES or len(one.job.tasks) > LONG):
-            break
-        try:
-            decided = with_changes(one.job)
-            own = replace(planner, problem=replace(problem, job=decided))
-            found = schedule(own.plan(one.angle), decided)
-        except InfeasibleError:
-            continue
-        if best is None or found.duration < best.duration:
-            best, total = replace(found, order_grid_gap=_free_gap(orders, one.total)), one.total
-            watch.keep(_noted(best, free_notes(orders, total, None)))
+    for some in (_worth_planning(orders), _near(orders, as_given)):
+        for number, one in enumerate(some):
+            enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
+            if best is not None and enough:
+                break
+            try:
+                decided = with_changes(one.job)
+                own = replace(planner, problem=replace(problem, job=decided))
+                found = schedule(own.plan(one.angle), decided)
+            except InfeasibleError:
+                continue
+            if best is None or found.duration < best.duration:
+                best, total = replace(found, order_grid_gap=_free_gap(orders, one.total)), one.total
+                watch.keep(_noted(best, free_notes(orders, total, None)))
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
         least = orders.found[0].total if best is not None else np.inf
@@ -138,48 +145,6 @@ def _why_together(own: Schedule | None) -> str:
     )
 
 
-def stage_by_stage(job: Job) -> Job:
-    """Returns a job as paired arms do it: each makes its next stop as soon as what comes before it is over.
-
-    Raises:
-        InfeasibleError: in the order that is given arms wait for one another for ever.
-    """
-    if job.is_decided and used_buffers(job):
-        return replace(job, mode="paired", pairing=served_pairing(job))
-    if not job.is_decided or not any(task.after for task in job.tasks):
-        return replace(job, mode="paired")
-    queues = [
-        [(task, stop) for task in job.tasks if task.arm == arm.name for stop in task.stops]
-        for arm in job.cell.robot.arms
-    ]
-    over: set[str] = set()
-    pairing: list[tuple[StopKey, ...]] = []
-    while waiting := [queue for queue in queues if queue]:
-        ready = [
-            queue
-            for queue in waiting
-            if queue[0][1] is not queue[0][0].stops[0] or over.issuperset(queue[0][0].after)
-        ]
-        # Arms meet for a hand-over: the early one waits.
-        meeting = [queue for queue in ready if queue[0][1].action in ("give", "take")]
-        if len({queue[0][0].id for queue in meeting}) != 1 or len(meeting) < 2:
-            ready = [queue for queue in ready if queue not in meeting]
-        if not ready:
-            tasks = [queue[0][0] for queue in waiting]
-            names = " and ".join(f"'{task.id}'" for task in tasks)
-            raise InfeasibleError(
-                f"{tasks[0].place}: in the order that is given {names} wait for tasks that come later for ever; "
-                "change the order in the file, or say order: optimise"
-            )
-        stage = [queue.pop(0) for queue in ready]
-        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stage))
-        # What is handed over is over when it is placed.
-        over |= {
-            task.id for task, stop in stage if stop is task.stops[-1] and stop.action != "give"
-        }
-    return replace(job, mode="paired", pairing=tuple(pairing))
-
-
 def _may_be_quicker(model: CellModel, found: Schedule) -> bool:
     """Returns whether paired arms may be quicker: a platform's turns help them, or the others wait much."""
     if _turns(model):
@@ -207,6 +172,12 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
         *(one for one in orders.found if one.total <= (1.0 + PROMISING) * least),
         *(one for one in orders.found if one.total > (1.0 + PROMISING) * least),
     ][:TRIES]
+
+
+def _near(orders: FreeOrders, given: tuple[FreeOrder, ...]) -> list[FreeOrder]:
+    """Returns the file's order at those angles at which it may be as quick as the best one."""
+    least = min((one.total for one in orders.found), default=np.inf)
+    return [one for one in given if one.total <= (1.0 + NEAR) * least]
 
 
 def _free_gap(orders: FreeOrders, total: float) -> float | None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -12,6 +15,8 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.planning.file_order import NEAR, file_order
+from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_trials import MOST_TRIED, TRIALS, most_promising
 from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
@@ -27,6 +32,8 @@ LONG = 40
 """Of orders with more stages only the most promising one is planned."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
+OF_THE_FILE = "that of the file, whose plan is quicker than those of the orders found"
+"""How the order was found that was there before."""
 PROMISING = 0.04
 """Orders are planned that are estimated to be slower than the best one by less than this share."""
 
@@ -56,27 +63,69 @@ def plan_in_best_order(
         InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found keeps clear.
     """
     watch.begin()
-    search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
-    orders = search.orders(watch)
-    pairs: set[StagePair] = set()
 
-    def planned(one: DecidedOrder, patient: bool) -> Schedule:
+    def planned(one: DecidedOrder, of: Orders, patient: bool) -> Schedule:
         found = decided_plan(one.job, one.plan, patient)
-        notes = (*found.notes, *order_notes(orders, one.total))
-        found = replace(found, order_grid_gap=orders.gap(one.total), notes=notes)
+        notes = (*found.notes, *order_notes(of, one.total))
+        found = replace(found, order_grid_gap=of.gap(one.total), notes=notes)
         keep(found)
         return found
 
+    search: PairedSearch | None = None
+    best: Schedule | None = None
+    failure: InfeasibleError | None = None
+    least, bound = np.inf, None
+    try:
+        search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
+        orders = search.orders(watch)
+        least, bound = orders.found[0].total, orders.bound
+        best = _searched(search, orders, settings, watch, planned)
+    except InfeasibleError as error:
+        failure = error
+    # On the search's grid there may be less than off it: what the file says is tried in any case.
+    order = OrderModel.of(model, job, clear=clear) if search is None else search.order
+    if (given := file_order(order)) is not None:
+        total = np.inf if search is None else search.total(given)
+        if best is None or (total <= (1.0 + NEAR) * least and not watch.stop()):
+            watch.tell("planning the file's order")
+            one = DecidedOrder(given, total)
+            with suppress(InfeasibleError):
+                found = planned(one, Orders((one,), bound, OF_THE_FILE), patient=True)
+                best = found if best is None or found.duration < best.duration else best
+    if best is None:
+        assert failure is not None  # nothing else leaves none
+        raise failure
+    return best
+
+
+def _searched(
+    search: PairedSearch,
+    orders: Orders,
+    settings: PlanSettings,
+    watch: Watch,
+    planned: Callable[..., Schedule],
+) -> Schedule:
+    """Returns the quickest plan of the orders that the search finds, anew where what they do side by side touches.
+
+    Args:
+        search: where orders come from.
+        orders: what it finds at first.
+        settings: as for any plan.
+        watch: is told how it goes, and may end the search.
+        planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
+    """
+    pairs: set[StagePair] = set()
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
     tries = 0
     while True:
         known = len(pairs)
+        # There is no other order to hope for where nothing more is searched.
+        patient = not long or tries > searches or watch.stop()
+        one_by_one = partial(planned, of=orders, patient=patient)
         try:
-            # There is no other order to hope for where nothing more is searched.
-            patient = not long or tries > searches or watch.stop()
             promising = _promising(search, orders.found, settings, watch)
-            return _quickest(promising, watch, partial(planned, patient=patient), pairs)
+            return _quickest(promising, watch, one_by_one, pairs)
         except BlockedError as error:
             if tries == searches + TAKEN_APART or len(pairs) == known:
                 raise
@@ -167,8 +216,10 @@ def order_notes(orders: Orders, total: float) -> list[str]:
 
     Args:
         orders: what the search found.
-        total: of the order that was planned, on the search's grid [s].
+        total: of the order that was planned, on the search's grid [s]; infinite where it has no plan there.
     """
+    if np.isinf(total):
+        return [f"order: {orders.how}"]
     notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
     if orders.bound is not None:
         notes.append(

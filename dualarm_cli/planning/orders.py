@@ -176,7 +176,7 @@ class PairedSearch:
                 self.order, self.stages, self.problem, known, self.effort, watch
             )
             how = DYNAMIC if better[0].total < known.total else how
-            found = [*better, *found]
+            found = _distinct([*better, *found])
         if (bound is None or of_stages(self.problem).timed) and not watch.stop():
             least = least_total(self.order, self.problem, self.effort, self.seed, watch)
             bound = max(bound or 0.0, least)
@@ -199,6 +199,10 @@ class PairedSearch:
         own = float(totals(self.stands.whole, stages[None])[0])
         # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
         return DecidedOrder(paired_as(changed, stages), own if np.isfinite(own) else total)
+
+    def total(self, job: Job) -> float:
+        """Returns how long a decided job takes on the search's grid [s]; infinite where it has no plan there."""
+        return with_angles(self.problem, self._slots(job)).total
 
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""
@@ -226,21 +230,33 @@ class PairedSearch:
             stands = replace(stands, whole=_kept_apart(stands.whole, cuts))
         # Stops at stands are none of the search.
         cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
-        slots = np.full((len(near.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
-        for k, work in enumerate(near.stages()):
-            for a, name in enumerate(self.order.model.arms):
-                if name in work and not work[name][0].is_change:
-                    slots[k, a] = numbers[work[name][0].id, work[name][1].action]
-        slots = slots[(slots != IDLE).any(axis=1)]
+        slots = self._slots(near)
         problem = _kept_apart(self.problem, cuts)
         effort = "quick" if len(slots) > LONG else self.effort
         start = apart(slots, cuts)
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
 
+    def _slots(self, job: Job) -> IntArray:
+        """Returns the stops of a decided job's stages but for those at stands, shape (n, arms)."""
+        numbers = self._stop_numbers()
+        slots = np.full((len(job.stages()), len(self.order.model.arms)), IDLE, dtype=np.int64)
+        for k, work in enumerate(job.stages()):
+            for a, name in enumerate(self.order.model.arms):
+                if name in work and not work[name][0].is_change:
+                    slots[k, a] = numbers[work[name][0].id, work[name][1].action]
+        return slots[(slots != IDLE).any(axis=1)]
+
     def _stop_numbers(self) -> dict[tuple[str, str], int]:
         """Returns the number of every stop, those at stands among them, by the name of its task and its action."""
         keys = [(task.id, stop.action) for task in self.order.tasks for stop in task.stops]
         return {key: k for k, key in enumerate(keys)}
+
+
+def _distinct(found: list[StageOrder]) -> list[StageOrder]:
+    """Returns orders without those that are there already, at the same angles."""
+    return list({one.slots.tobytes() + one.angles.tobytes(): one for one in found[::-1]}.values())[
+        ::-1
+    ]
 
 
 StagePair = tuple[tuple[str, str], tuple[str, str]]

@@ -17,7 +17,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_numbers import check_stage_levels
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.conveyor_plan import conveyor_notes, guessed, quickest_meeting
-from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks, stage_by_stage
+from dualarm_cli.planning.file_order import stage_by_stage
+from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.job_bound import job_bound
 from dualarm_cli.planning.method import MethodProblem
@@ -149,7 +150,7 @@ def plan_without_bound(
     assert found is not None  # nothing else is dropped
     found = _finished(found, job, watch)
     watch.keep(found)
-    return _in_time(found, job)
+    return found
 
 
 def _finished(schedule: Schedule, job: Job, watch: Watch) -> Schedule:
@@ -187,12 +188,14 @@ def _planned(
             job,
             settings.effort,
             watch,
-            lambda one: _with_paths(one, settings, problem, replaced, watch.tell, clear=clear),
+            lambda one: _in_time(
+                _with_paths(one, settings, problem, replaced, watch.tell, clear=clear), job
+            ),
         )
 
     def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
         own = replace(problem, start=start, patient=patient, job=with_changes(one))
-        return _decided_plan(own, settings, replaced, watch, clear=clear)
+        return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
 
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
         if one.is_decided:
@@ -209,7 +212,8 @@ def _planned(
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
-        return _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one)))
+        found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one)))
+        return _in_time(found, job)
 
     return plan_by_own_clocks(planner, settings, watch, paired, schedule)
 

@@ -19,7 +19,7 @@ from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_meeting import MeetingBuffers, first_missed
 from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels, keeps_borders
-from dualarm_cli.planning.free_ordered_plan import stage_by_stage
+from dualarm_cli.planning.file_order import stage_by_stage
 from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.planning.section_orders import section_orders

@@ -12,7 +12,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.free_ordered_plan import stage_by_stage
+from dualarm_cli.planning.file_order import stage_by_stage
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 

@@ -1,0 +1,111 @@
+"""The order of a job's file as one of its orders: what is found must not be slower than what the file says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.model.job import ANY, Job, StopKey
+from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
+from dualarm_cli.planning.order_model import OrderModel
+
+NEAR = 0.1
+"""The file's order is planned where the search's estimate of it is above that of the best order by at most this share:
+plans differ by less from their estimates."""
+
+
+def file_order(order: OrderModel) -> Job | None:
+    """Returns a job in the order of its file; None where that is given, breaks rules, or leaves open who gives to whom.
+
+    Tasks of any arm are done by the one of those that reach them that has fewer stops until then. Paired arms make each
+    stop as soon as what comes before it is over.
+
+    Args:
+        order: the job's tasks as each arm may do them.
+    """
+    job, arms = order.job, list(order.model.arms)
+    if job.order == "given":
+        return None
+    reached = np.asarray(order.reached().any(axis=2))
+    rows = {name: row for row in job.sequences for name in row}
+    stops, doer = dict.fromkeys(arms, 0), dict[str, str]()
+    tasks = []
+    for t, task in enumerate(job.tasks):
+        if task.arm == ANY:
+            if task.handover is not None:
+                return None
+            able = [a for a, name in enumerate(arms) if reached[a, t]]
+            if not able:
+                return None
+            fewest = arms[min(able, key=lambda a: (stops[arms[a]], a))]
+            task = replace(
+                task, arm=next((doer[n] for n in rows.get(task.id, ()) if n in doer), fewest)
+            )
+        doer[task.id] = task.arm
+        stops[task.arm] += len(task.stops)
+        tasks.append(task)
+    found = replace(job, tasks=tuple(tasks), order="given")
+    if not all(_in_a_row(found, row) for row in job.sequences):
+        return None
+    if job.mode == "free":
+        return found
+    try:
+        return stage_by_stage(found)
+    except InfeasibleError:
+        return None
+
+
+def stage_by_stage(job: Job) -> Job:
+    """Returns a job as paired arms do it: each makes its next stop as soon as what comes before it is over.
+
+    Raises:
+        InfeasibleError: in the order that is given arms wait for one another for ever.
+    """
+    if job.is_decided and used_buffers(job):
+        return replace(job, mode="paired", pairing=served_pairing(job))
+    if not job.is_decided or not any(task.after for task in job.tasks):
+        return replace(job, mode="paired")
+    queues = [
+        [(task, stop) for task in job.tasks if task.arm == arm.name for stop in task.stops]
+        for arm in job.cell.robot.arms
+    ]
+    over: set[str] = set()
+    pairing: list[tuple[StopKey, ...]] = []
+    while waiting := [queue for queue in queues if queue]:
+        ready = [
+            queue
+            for queue in waiting
+            if queue[0][1] is not queue[0][0].stops[0] or over.issuperset(queue[0][0].after)
+        ]
+        # Arms meet for a hand-over: the early one waits.
+        meeting = [queue for queue in ready if queue[0][1].action in ("give", "take")]
+        if len({queue[0][0].id for queue in meeting}) != 1 or len(meeting) < 2:
+            ready = [queue for queue in ready if queue not in meeting]
+        if not ready:
+            tasks = [queue[0][0] for queue in waiting]
+            names = " and ".join(f"'{task.id}'" for task in tasks)
+            raise InfeasibleError(
+                f"{tasks[0].place}: in the order that is given {names} wait for tasks that come later for ever; "
+                "change the order in the file, or say order: optimise"
+            )
+        stage = [queue.pop(0) for queue in ready]
+        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stage))
+        # What is handed over is over when it is placed.
+        over |= {
+            task.id for task, stop in stage if stop is task.stops[-1] and stop.action != "give"
+        }
+    return replace(job, mode="paired", pairing=tuple(pairing))
+
+
+def _in_a_row(job: Job, row: tuple[str, ...]) -> bool:
+    """Returns whether one arm does tasks right after one another."""
+    names = {
+        name: [t.id for t in job.tasks if t.arm == name] for name in {t.arm for t in job.tasks}
+    }
+    return any(
+        tuple(own[k : k + len(row)]) == tuple(row)
+        for own in names.values()
+        for k in range(len(own) - len(row) + 1)
+    )
