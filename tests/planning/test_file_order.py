@@ -7,7 +7,6 @@ import json
 
 import pytest
 
-
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
