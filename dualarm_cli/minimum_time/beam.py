@@ -32,6 +32,9 @@ WAYS = 4
 MORE, LIKE = 8, 2
 """So many times more are sorted where something has to keep clear, of which but so many of a kind are looked at first:
 else all the best ones touch the same thing."""
+EVERY = 16
+"""Nodes of each arm that are paired at each platform angle, from the best state and all with one another, where
+something has to touch in all the best steps."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,12 @@ class _States:
     """Platform angle in the arms' last common coordinates, in steps, shape (b,)."""
     left: NDArray[np.float32]
     """What each arm still needs at least [s], shape (arms, b)."""
+
+    def best(self) -> _States:
+        """Returns the most promising one alone."""
+        k = [int(np.argmin(self.spent + self.left.max(axis=0)))]
+        joints = tuple(rows_of(q, np.array(k)) for q in self.joints)
+        return _States(self.spent[k], self.node[:, k], joints, self.angle[k], self.left[:, k])
 
 
 def beam_search(
@@ -144,6 +153,8 @@ def _extend(
     if not len(possible):
         return None
     count = WAYS * len(arms) * width
+    if per_angle == EVERY:
+        count = key.size
     looked_at = count if problem.clearance is None else MORE * count
     some = possible[np.argsort(key[possible], kind="stable")[:looked_at]]
     parent = some // (key.size // b)
@@ -156,6 +167,8 @@ def _extend(
         rows = _varied(_kinds(arms, node, angle, k), LIKE, count)
         step = Step(parent[rows], node[:, rows], angle[rows])
         waits = _waits(problem, problem.clearance, arms, states, step, angles, k)
+        if per_angle < EVERY and len(working) > 1 and not np.isfinite(waits).any():
+            return _extend(problem, arms, angles, states.best(), k, width, EVERY)
         worth = key[some[rows]] + waits
         # Impossible ones come last; if there are no others, what is wrong with them is found out when they are timed.
         waits = np.minimum(waits, IMPOSSIBLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,12 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.minimum_time.beam import beam_search
 from dualarm_cli.minimum_time.node_paths import NodePath
 from dualarm_cli.minimum_time.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
+from dualarm_cli.minimum_time.own_stages import (
+    free_nodes,
+    stages_without_angle,
+    taking_turns,
+    with_own_angles,
+)
 from dualarm_cli.minimum_time.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.stops import StopTable
@@ -76,31 +83,32 @@ def plans_on_nodes(
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
 
-    def own_nodes(a: int, k: int) -> Nodes:
+    def nodes(a: int, k: int) -> Nodes:
         if near is not None and loose is not None and not loose[k]:
             return _own_node(problem, a, k, angles[k], near)
         grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
-        return _free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
+        return free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
 
-    def nodes(a: int, k: int) -> Nodes:
-        own = own_nodes(a, k)
-        if k not in problem.together or not len(own.work):
-            return own
-        # In a hand-over the other arm's lines and dwell come before or after one's own: they take this at least.
-        other = own_nodes(1 - a, k).work
-        return replace(own, work=own.work + other.min(initial=np.inf)) if len(other) else own
+    def of_stages(a: int) -> Iterator[Nodes | None]:
+        for k, stop in enumerate(problem.arms[a].stops):
+            partner = nodes(1 - a, k) if stop is not None and k in problem.together else None
+            yield None if stop is None else taking_turns(nodes(a, k), partner)
 
-    arms = []
-    for a, work in enumerate(problem.arms):
-        of_stages = (None if stop is None else nodes(a, k) for k, stop in enumerate(work.stops))
-        layers = arm_layers(problem, a, angles, of_stages)
-        if any(layer is not None and not len(layer.work) for layer in layers.layers):
-            return NodePlans([], None)
-        arms.append(layers)
-    arms = list(with_potentials(problem, arms, angles.shape[1]))
-    bound = max(arm.bound for arm in arms)
+    arms = tuple(arm_layers(problem, a, angles, of_stages(a)) for a in range(len(problem.arms)))
+    own: set[int] = set()
+    bound: float | None = None
     for _ in range(BANS):
-        paths = beam_search(problem, tuple(arms), angles, mesh.width, mesh.per_angle, plans)
+        lacking = stages_without_angle(arms, angles.shape[1])
+        if own.intersection(lacking):
+            return NodePlans([], bound)
+        refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes)
+        if refined is None:
+            return NodePlans([], bound)
+        own.update(lacking)
+        if bound is None or lacking:
+            arms = with_potentials(problem, refined, angles.shape[1])
+            bound = max(arm.bound for arm in arms)
+        paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
         found = []
         for path in paths:
             yawed = replace(path, decisions=with_yaws(problem, tables, path.decisions))
@@ -108,7 +116,7 @@ def plans_on_nodes(
         possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
         if possible or not found:
             return NodePlans(possible, bound)
-        arms = [_without(arm, a, *found[0]) for a, arm in enumerate(arms)]
+        arms = tuple(_without(arm, a, *found[0]) for a, arm in enumerate(arms))
     return NodePlans([], bound)
 
 
@@ -127,24 +135,6 @@ def _own_node(
         found.work[row],
         stop.free_yaw and yaw_turns_last_joint(work),
     )
-
-
-def _free_nodes(
-    problem: SequenceProblem, a: int, k: int, angles: FloatArray, nodes: Nodes
-) -> Nodes:
-    """Returns the nodes at which the arm keeps clear of itself and of what stands still."""
-    test = problem.clearance
-    if test is None or not len(nodes.work):
-        return nodes
-    free = np.ones(len(nodes.work), dtype=np.bool_)
-    before, after = int(test.before[k, a]), int(test.after[k, a])
-    places = [(nodes.decisions.near, int(test.at_targets[k, a])), (nodes.q_approach, before)]
-    if before != after or not np.array_equal(nodes.q_approach, nodes.q_retract):
-        places.append((nodes.q_retract, after))
-    for q, held in places:
-        rows = np.flatnonzero(free)
-        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows], held)
-    return nodes.take(np.flatnonzero(free))
 
 
 def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:

@@ -106,7 +106,7 @@ def grid_nodes(
         points = points[:, :2]
     psi = np.linspace(-np.pi, np.pi, 2 * grid.arm_angles, endpoint=False)
     q = work.kinematics.solve(R[:, None, None], points[:, :, None], psi).q
-    q_target = work.kinematics.nearest_turns(q[:, 0, ::2], _middle(work))
+    q_target = work.kinematics.nearest_turns(q[:, 0, ::2], middle_of_ranges(work))
     inside = work.kinematics.within_limits(q_target)
     if free_last:
         low, high = work.limits.lower.copy(), work.limits.upper.copy()
@@ -136,7 +136,7 @@ def grid_nodes(
     )
     lines = LINE_FACTOR * (work.law.duration(q_a - target) + work.law.duration(q_r - target))
     nodes = Nodes(f[r], decisions, q_a, q_r, lines + stop.dwell, free_last)
-    return _thinned(nodes, grid.most)
+    return thinned(nodes, grid.most)
 
 
 def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
@@ -147,7 +147,7 @@ def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
     return stop.yaw
 
 
-def _middle(work: ArmWork) -> FloatArray:
+def middle_of_ranges(work: ArmWork) -> FloatArray:
     """Returns the middle of every joint's range [rad], 0 where it has none."""
     low, high = work.limits.lower, work.limits.upper
     bounded = np.isfinite(low) & np.isfinite(high)
@@ -222,10 +222,10 @@ def _configuration_nodes(
     nodes = Nodes(
         f, every.take(rows), found.q_approach[rows], found.q_retract[rows], found.work[rows], False
     )
-    return _thinned(nodes, grid.most)
+    return thinned(nodes, grid.most)
 
 
-def _thinned(nodes: Nodes, most: int) -> Nodes:
+def thinned(nodes: Nodes, most: int) -> Nodes:
     """Returns at most so many nodes, spread evenly over platform angles and line times."""
     n = len(nodes.work)
     if n <= most:

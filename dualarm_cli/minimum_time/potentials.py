@@ -86,7 +86,7 @@ def arm_layers(
     work = problem.arms[arm]
     table = transfer_table(problem, work)
     layers = [
-        None if own is None else _layer(problem, table, here, own)
+        None if own is None else layer_of(problem, table, here, own)
         for here, own in zip(angles, nodes, strict=True)
     ]
     n = problem.stages
@@ -174,9 +174,18 @@ def free_columns(*layers: Layer | None) -> tuple[int, ...]:
     return (LAST_JOINT,) if free else ()
 
 
-def _layer(
+def layer_of(
     problem: SequenceProblem, table: TransferTable, angles: FloatArray, nodes: Nodes
 ) -> Layer:
+    """Returns one arm's nodes in one stage, ready to be compared.
+
+    Args:
+        problem: the sequence.
+        table: times of the arm's joints and of the platform.
+        angles: the grid's platform angles at this stage [rad], shape (f,).
+        nodes: the nodes, in order of their platform angle.
+    """
+
     def steps(q: FloatArray) -> Coordinates:
         if problem.turns:
             q = np.column_stack([q, angles[nodes.angle_index]])

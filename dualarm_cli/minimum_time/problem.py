@@ -144,6 +144,10 @@ class ArmDecisions:
         """Returns some rows, in the order of the index."""
         return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
+    def at(self, q_target: FloatArray) -> ArmDecisions:
+        """Returns the same with whole turns of the joints as at given targets, shape (n, 7) [rad]."""
+        return replace(self, near=q_target)
+
     def compact(self) -> ArmDecisions:
         """Returns the same in half the memory, angles to 2e-7 rad."""
         small = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int16}
