@@ -87,7 +87,7 @@ class CellClearance:
         """
         if len(self.parts) == 1:
             return self.test.margins(self.test.own(self.arms[a]), position)
-        found = np.full(len(position), np.inf)
+        found = np.empty(len(position))
         for number in np.unique(held).tolist():
             rows = np.flatnonzero(held == number)
             group = self.test.own(self.arms[a], self.part_of(number), bool(number % 2))

@@ -96,7 +96,9 @@ class GeneralArm:
         frames = [pin.SE3.Identity()]
         for name in joints:
             index = model.getJointId(name)
-            twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
+            twist = pin.getJointJacobian(model, data, index, pin.LOCAL)
+            # Of a robot with one joint the Jacobian comes without its second axis.
+            twist = twist.reshape(6, model.nv)[:, model.idx_vs[index]]
             if abs(np.linalg.norm(twist[3:]) - 1.0) > 1e-9:
                 raise UnsupportedError(
                     f"joint {name} slides; arms of revolute joints are planned only"

@@ -186,3 +186,26 @@ def test_an_arm_of_five_axes_is_described_and_refused(general_robots, tmp_path, 
     assert "not planned: arm left of Five: the arm has 5 joints" in capsys.readouterr().out
     assert run(["plan", str(file), "--out", str(tmp_path / "plan")]) == 2
     assert "6 are needed to hold a tool in any pose" in capsys.readouterr().err
+
+
+def test_a_robot_of_a_single_joint_is_refused_too(tmp_path, capsys):
+    """Jacobians with one column are no special case."""
+    (tmp_path / "dualarm.toml").touch()
+    (tmp_path / "one.urdf").write_text(
+        '<robot name="one"><link name="base"/><link name="tip"/><joint name="j" type="revolute">'
+        '<parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="2" effort="1"/></joint></robot>'
+    )
+    (tmp_path / "robot.yaml").write_text(
+        "dualarm: robot/1\nname: One\nurdf: one.urdf\n"
+        "arms: {left: {joints: [j], flange: tip, kind: general}}\n"
+        "limits: {j: {acceleration: 1 rad/s^2, jerk: 9 rad/s^3, source: assumed}}\n"
+    )
+    (tmp_path / "cell.yaml").write_text("dualarm: cell/1\nrobot: robot.yaml\n")
+    file = tmp_path / "tasks.yaml"
+    file.write_text(
+        "dualarm: tasks/1\ncell: cell.yaml\nstart: free\n"
+        "tasks: [{id: a, arm: left, move: {joints: [0.5]}}]\n"
+    )
+    assert run(["plan", str(file), "--out", str(tmp_path / "plan")]) == 2
+    assert "the arm has 1 joints; 6 are needed" in capsys.readouterr().err

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.reach import can_meet
-from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that_must_keep_apart
+from dualarm_cli.collision.solids import (
+    WORLD,
+    Pair,
+    Solid,
+    cell_solids,
+    geometry_model,
+    pairs_that_must_keep_apart,
+)
 from dualarm_cli.loading.tasks import load_job
 
 
@@ -33,3 +41,65 @@ def test_pairs_that_cannot_meet_keep_apart_at_three_thousand_random_postures(tas
         pin.computeDistances(model, data, geometry, distances, q)
         found = np.array([result.min_distance for result in distances.distanceResults])
         assert (found >= required).all()
+
+
+def placed(x: float, y: float = 0.0, z: float = 0.0) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.array([x, y, z]))
+
+
+def ball(joint: int, x: float, radius: float) -> Solid:
+    """A ball at a place on the x axis of a joint's frame."""
+    return Solid(f"ball {joint}", joint, placed(x), coal.Sphere(radius), abs(x) + radius)
+
+
+def meets_at(model: pin.Model, one: Solid, other: Solid, required: float, within: float) -> bool:
+    """Whether they can meet; the same whichever is first."""
+    both = [
+        can_meet(model, a, b, Pair(0, 1, required), within) for a, b in ((one, other), (other, one))
+    ]
+    assert both[0] == both[1]
+    return both[0]
+
+
+@pytest.mark.parametrize("links", [1, 2, 3])
+def test_an_arm_reaches_as_far_as_its_links_add_up(links):
+    """Joints about z, 0.3, 0.2 and 0.1 m apart, a ball of 20 mm 0.1 m from the last: against one of 50 mm that stands.
+
+    Half a metre up the first joint's axis there is a link of 0.4 m along z, which the turning does not move.
+    """
+    model = pin.Model()
+    last = model.addJoint(0, pin.JointModelRZ(), placed(0.0, 0.0, 0.5), "first")
+    lengths = [0.3, 0.2, 0.1][:links]
+    for k, length in enumerate(lengths):
+        height = 0.4 if k == 0 else 0.0
+        last = model.addJoint(last, pin.JointModelRZ(), placed(length, 0.0, height), f"joint {k}")
+    reach = sum(lengths) + 0.12
+    for away, meets in ((-1e-4, True), (1e-4, False)):
+        distance = reach + 0.05 + 0.015 + away
+        stands = Solid("ball", WORLD, placed(0.0, distance, 0.9), coal.Sphere(0.05), 2.0)
+        assert meets_at(model, ball(last, 0.1, 0.02), stands, 0.01, 0.005) == meets
+
+
+def test_two_arms_on_one_torso_meet_by_what_is_beyond_it():
+    """Shoulders 0.8 m apart on a torso that turns; one arm of 0.3 m and a ball of 0.1 m, the other a ball alone."""
+    model = pin.Model()
+    torso = model.addJoint(0, pin.JointModelRZ(), placed(0.0, 0.0, 0.7), "torso")
+    left = model.addJoint(torso, pin.JointModelRZ(), placed(0.0, 0.4), "left")
+    right = model.addJoint(torso, pin.JointModelRZ(), placed(0.0, -0.4), "right")
+    elbow = model.addJoint(left, pin.JointModelRZ(), placed(0.3), "elbow")
+    for away, meets in ((-1e-4, True), (1e-4, False)):
+        # 0.8 = 0.3 + (0.1 + 0.05) + (x + 0.05) + 0.02
+        other = ball(right, 0.28 - away, 0.05)
+        assert meets_at(model, ball(elbow, 0.1, 0.05), other, 0.02, 0.0) == meets
+        # What the torso carries itself, 0.5 m beside the left shoulder: 0.3 + 0.12 + 0.05 + 0.03 m.
+        beside = Solid("torso", torso, placed(0.0, 0.9 + away), coal.Sphere(0.03), 1.0)
+        assert meets_at(model, ball(elbow, 0.1, 0.02), beside, 0.05, 0.0) == meets
+
+
+def test_nothing_is_said_of_joints_that_slide():
+    """However far away."""
+    model = pin.Model()
+    slide = model.addJoint(0, pin.JointModelPZ(), placed(0.0), "slide")
+    arm = model.addJoint(slide, pin.JointModelRZ(), placed(0.1), "arm")
+    far = Solid("ball", WORLD, placed(9.0), coal.Sphere(0.05), 9.1)
+    assert meets_at(model, ball(arm, 0.1, 0.05), far, 0.0, 0.0)

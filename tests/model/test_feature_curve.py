@@ -312,6 +312,22 @@ def test_a_closed_spline_is_smooth_where_it_closes():
     assert closed.point(ends[1:])[0] == pytest.approx(points[0], abs=1e-12)
 
 
+def test_normals_that_close_but_for_rounding_are_smooth_where_they_close():
+    """Nine normals round a ring that lean outward; the last differs from the first by 1e-9."""
+    turn = np.linspace(0.0, TURN, 9)
+    points = 0.1 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(9)])
+    points[-1] = points[0]
+    up = np.column_stack([np.cos(turn), np.sin(turn), np.ones(9)])
+    up[-1] = up[0] + 1e-9
+    spline = PointSpline(points, up, closed=True)
+    given = up / np.linalg.norm(up, axis=1)[:, None]
+    assert spline.normal(spline.knots[:-1]) == pytest.approx(given[:-1], abs=1e-8)
+    h = 1e-4
+    around = spline.normal(np.array([1.0 - h, 1.0, 0.0, h]))
+    assert around[1] == pytest.approx(around[2], abs=1e-12)
+    assert (around[1] - around[0]) / h == pytest.approx((around[3] - around[2]) / h, abs=0.01)
+
+
 def test_a_spline_of_many_points_is_measured_at_its_points():
     """10 000 points of a circle of 0.1 m: 0.2 pi, though the nodes of other contours are 2049."""
     angle = np.linspace(0.0, TURN, 10_000)

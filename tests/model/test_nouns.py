@@ -89,3 +89,10 @@ def test_a_trajectory_of_the_wrong_shape_is_refused():
         Trajectory(("a",), np.zeros(2), np.zeros((2, 1)), np.zeros((2, 2)), np.zeros((2, 1)))
     with pytest.raises(ValueError, match="at least one knot"):
         Trajectory(("a",), np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1)))
+
+
+def test_a_motion_that_begins_later_lasts_no_longer():
+    """From 2 s to 5 s: three."""
+    still = np.zeros((2, 1))
+    motion = Trajectory(("a",), np.array([2.0, 5.0]), still, still, still)
+    assert motion.duration == 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,6 +17,29 @@ from dualarm_cli.sequencing.times import best_ways, timed
 
 KINDS = ("", "before", "sequences", "windows", "file", "before sequences windows")
 EFFORT = 5.0
+
+
+@pytest.mark.parametrize("one_stop", [True, False])
+def test_least_times_of_stages_are_the_least_of_all_angles(in_stages, one_stop):
+    """Word by word: from the last stop of a task to the last of the next, the way from the start and back."""
+    for seed in range(6):
+        problem = in_stages(seed, "", 4, one_stop=one_stop)
+        found, s, f = of_stages(problem), problem.stops, range(len(problem.turn))
+        shortest = np.full(4, np.inf)
+        for a, length in enumerate(problem.length):
+            for t, own in enumerate(problem.tasks):
+                inside = sum(
+                    min(length[i, j, g, h] for g in f for h in f) for i, j in pairwise(own)
+                )
+                work = min(problem.work[a][own[0], g] for g in f)
+                shortest[t] = min(shortest[t], work + inside)
+                for c, before in enumerate([*problem.tasks, (s,)]):
+                    begins = f if before != (s,) or problem.free_start else [0]
+                    goes = min(length[before[-1], own[0], g, h] for g in begins for h in f)
+                    assert found.cost[a][c, t] == pytest.approx(goes + inside)
+                back = min(length[own[-1], s, g, h] for g in f for h in f)
+                assert found.cost[a][t, 4] == pytest.approx(back)
+        assert found.least == pytest.approx(shortest)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -15,13 +15,22 @@ from dualarm_cli.sequencing.stage_labels import LabelSearch
 from dualarm_cli.sequencing.stage_near import near_orders
 from dualarm_cli.sequencing.stage_pairs import pair_bound
 from dualarm_cli.sequencing.stage_prices import Paths, best_prices, good_prices, needed
-from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder
+from dualarm_cli.sequencing.stage_problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.sequencing.stage_proof import ProofEffort, can_prove, keeps_rules, prove_order
 from dualarm_cli.sequencing.stage_search import StageSearch
 from dualarm_cli.sequencing.stage_times import totals
 
 SEEDS = st.integers(0, 10_000)
-KINDS = ["", "apart", "before", "windows", "sequences", "before apart windows"]
+KINDS = [
+    "",
+    "apart",
+    "before",
+    "windows",
+    "sequences",
+    "before apart windows",
+    "file",
+    "file before",
+]
 CLOSE = 2e-4
 """What single precision may add up to [s]."""
 THOROUGH = ProofEffort(80, 100_000)
@@ -68,6 +77,11 @@ def least_of_all(problem, *, idle=True, more=None):
                     continue
                 if not all(
                     _follows(after, before, came, stop)
+                    and (
+                        not problem.in_file_order
+                        or IDLE in (came, stop)
+                        or task.get(came, 0) <= task[stop]
+                    )
                     for came, stop in zip((c0, c1), stage, strict=True)
                 ):
                     continue
@@ -193,6 +207,73 @@ def test_what_labels_drop_counts_in_their_bound(in_stages, seed, most):
     assert all(length >= whole.bound - CLOSE for length in lengths)
 
 
+@pytest.mark.parametrize("kind", ["", "apart", "before", "sequences", "file before"])
+def test_ways_are_what_rules_allow_and_last_as_long_as_tables_say(in_stages, kind):
+    """Every pair of nodes, word by word; an arm that was idle comes from wherever is best."""
+    allowed = 0
+    for seed in range(4):
+        problem = in_stages(seed, kind, 4)
+        graph = StageGraph.of(problem, singles=True)
+        task = {stop: t for t, own in enumerate(problem.tasks) for stop in own}
+        rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)))]
+        chains = [[stop for t in row for stop in problem.tasks[t]] for row in rows]
+        after = {one: other for chain in chains for one, other in pairwise(chain)}
+        before = {other: one for one, other in after.items()}
+        table = graph.ways.rows(np.arange(graph.nodes))
+        stops, angle = graph.stops.tolist(), graph.angle.tolist()
+        for u in range(graph.nodes):
+            for v in range(graph.nodes):
+                made, goes = ([x for x in stops[k] if x != IDLE] for k in (u, v))
+                wrong = bool(set(made) & set(goes)) or any(
+                    (task[y], task[x]) in problem.before for x in made for y in goes
+                )
+                whole = 0.0
+                for a, (came, then) in enumerate(zip(stops[u], stops[v], strict=True)):
+                    if then == IDLE:
+                        continue
+                    if came != IDLE:
+                        wrong |= not _follows(after, before, came, then)
+                        wrong |= problem.in_file_order and task[came] > task[then]
+                    own = problem.length[a][:, then, angle[u], angle[v]]
+                    others = np.delete(np.arange(problem.stops + 1), then)
+                    whole = max(whole, own[came] if came != IDLE else own[others].min())
+                if problem.apart is not None:
+                    whole += problem.apart[(*stops[v], angle[v])]
+                assert table[u, v] == pytest.approx(np.inf if wrong else whole, abs=1e-5)
+                allowed += bool(np.isfinite(table[u, v]))
+    assert allowed > 1000
+
+
+def test_the_bound_by_pairs_is_the_best_partners_by_hand():
+    """One angle, no rules. Arm 0 takes 1, 5 and 9 s for stops 0 to 2, arm 1 takes 4, 2 and 3 s.
+
+    0 with 1 lasts max(1, 2) = 2 s, 0 with 2 lasts 3 s, 1 with 2 at least 5 s; alone they take 1, 2 and 3 s. Each stop
+    is counted with half of its stage: 0 with 1 and 2 alone are 5 s, 0 with 2 and 1 alone too; round in a circle
+    (0 with 1, 1 with 2, 2 with 0) (2 + 5 + 3) / 2 s.
+    """
+    works = (np.array([[1.0], [5.0], [9.0]]), np.array([[4.0], [2.0], [3.0]]))
+    lengths = []
+    for work in works:
+        length = np.zeros((4, 5, 1, 1))
+        length[:, :3] = work[None, :, :, None]
+        length[:, 3] = 0.7
+        length[:, 4] = -np.inf
+        lengths.append(length)
+    problem = StageProblem(tuple(lengths), works, np.zeros((1, 1)), ((0,), (1,), (2,)), False)
+    assert pair_bound(problem) == pytest.approx(5.0)
+    assert pair_bound(replace(problem, returns=True)) == pytest.approx(5.7)
+    two = replace(
+        problem,
+        length=tuple(x[np.ix_([0, 1, 3], [0, 1, 3, 4])] for x in lengths),
+        work=tuple(work[:2] for work in works),
+        tasks=((0,), (1,)),
+    )
+    assert pair_bound(two) == pytest.approx(2.0)
+    assert pair_bound(replace(two, length=two.length[::-1], work=works[::-1])) == pytest.approx(2.0)
+    alone = replace(two, length=two.length[:1], work=works[:1])
+    assert pair_bound(alone) == pytest.approx(6.0)
+
+
 def test_a_few_labels_prove_less_than_many(in_stages):
     """Bounds get better with labels, or the search that drops some would prove nothing."""
     gained = 0
@@ -240,6 +321,19 @@ def test_prices_are_of_paths_that_have_as_many_stops_as_there_are(in_stages, see
         )
     both = (to + on[::-1]).min(axis=0)
     np.testing.assert_allclose(both, through, atol=CLOSE)
+
+
+def test_steps_of_prices_prove_ever_more(in_stages):
+    """Never less than fewer steps; sixty of them on average 7 % of the best order more than the first."""
+    gained = []
+    for seed in range(8):
+        graph = StageGraph.of(in_stages(seed, "", 6, one_stop=True), singles=True)
+        least = LabelSearch(graph, best_prices(graph, 20.0, 25), 40.0, 100_000).run().bound
+        bounds = [best_prices(graph, 1.02 * least, steps).bound for steps in (1, 5, 20, 60)]
+        assert bounds == sorted(bounds)
+        assert good_prices(graph, 1.02 * least, 60).bound == bounds[-1]
+        gained.append((bounds[-1] - bounds[0]) / least)
+    assert np.mean(gained) > 0.07
 
 
 def test_prices_of_many_nodes_by_way_of_some_prove_nearly_as_much(in_stages, monkeypatch):
