@@ -110,7 +110,7 @@ class CellClearance:
             return np.full(len(position), np.inf)
         if len(self.parts) == 1:
             return self.test.margins(self.test.cross(), position)
-        found = np.full(len(position), np.inf)
+        found = np.empty(len(position))
         parts = held // 2
         for numbers in np.unique(parts, axis=0):
             rows = np.flatnonzero((parts == numbers).all(axis=1))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
+from dualarm_cli.model.stop import PoseTarget
 from dualarm_cli.model.trajectory import Trajectory
 
 
@@ -96,3 +98,9 @@ def test_a_motion_that_begins_later_lasts_no_longer():
     still = np.zeros((2, 1))
     motion = Trajectory(("a",), np.array([2.0, 5.0]), still, still, still)
     assert motion.duration == 3.0
+
+
+def test_a_pose_without_freedoms_is_asked_for_as_it_is():
+    """Stands of tools and hand-overs name none: half a turn about the tool's axis is another pose."""
+    target = PoseTarget(pin.SE3.Identity())
+    assert (target.free_yaw, target.symmetry) == (False, 1)

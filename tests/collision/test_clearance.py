@@ -1,0 +1,77 @@
+"""Clearance by what each arm holds: many postures with different parts at once are each one by itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.model.cell import Obstacle
+from dualarm_cli.model.shape import Shape
+
+SHELF = Obstacle(
+    "shelf", Shape("box", (0.6, 1.6, 0.05), pin.SE3(np.eye(3), np.array([0.7, 0.0, 0.6])))
+)
+SHAPES = {"rod": (0.02, 0.02, 0.5), "plate": (0.3, 0.3, 0.02)}
+
+
+@pytest.fixture(scope="module")
+def clearance(tasks_folder):
+    """Two parts that either arm may carry, over a shelf."""
+    cell = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell
+    ahead = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.05]))
+    parts = {name: (Shape("box", sides, ahead),) for name, sides in SHAPES.items()}
+    cell = dataclasses.replace(cell, parts=parts, obstacles=(SHELF,), clearance=0.005)
+    return CellClearance.of(cell, [(arm, part) for arm in ("left", "right") for part in SHAPES])
+
+
+@pytest.fixture(scope="module")
+def postures(tasks_folder):
+    """Forty about the one in which the packing job begins, shape (40, 15)."""
+    robot = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell.robot
+    random = np.random.default_rng(2)
+    return robot.postures["home"] + random.normal(scale=0.6, size=(40, len(robot.joints)))
+
+
+def test_numbers_say_what_is_held_and_where(clearance):
+    """Even away from lines, odd on them, from twice the number of names on in a hand-over."""
+    assert clearance.parts == ("", "rod", "plate")
+    assert [clearance.held(p, line) for p in clearance.parts for line in (False, True)] == [
+        *range(6)
+    ]
+    at = clearance.at_stops(np.array([[0, 2], [2, 4]]), np.array([False, True]))
+    assert at.tolist() == [[1, 3], [8, 10]]
+    assert [clearance.part_of(k) for k in (0, 1, 2, 5, 8, 10)] == [
+        "", "", "rod", "plate", "rod", "plate",
+    ]  # fmt: skip
+    assert [clearance.is_handed(k) for k in (0, 5, 6, 10)] == [False, False, True, True]
+
+
+def test_margins_of_mixed_rows_are_those_of_each_row_alone(clearance, postures):
+    """Every part in either hand, on and off lines; a part takes clearance and never gives any."""
+    held = np.random.default_rng(3).integers(0, 6, (40, 2))
+    together = clearance.margins(postures, held)
+    alone = [
+        clearance.margins(q[None], number[None])[0]
+        for q, number in zip(postures, held, strict=True)
+    ]
+    np.testing.assert_allclose(together, alone, atol=2e-6)
+    nothing = clearance.margins(postures, np.zeros((40, 2), dtype=np.int64))
+    assert (together <= nothing + 2e-6).all()
+    assert (together < nothing - 0.01).any()
+
+
+def test_arms_that_need_not_keep_clear_of_one_another_are_looked_at_by_themselves(
+    clearance, postures
+):
+    """The least of what each of them has of its own."""
+    held = np.random.default_rng(4).integers(0, 6, (40, 2))
+    apart = dataclasses.replace(clearance, crossing=False)
+    assert (apart.cross_margins(postures, held) == np.inf).all()
+    own = [clearance.own_margins(a, postures, held[:, a], ground=True) for a in (0, 1)]
+    np.testing.assert_array_equal(apart.margins(postures, held), np.minimum(*own))
+    assert np.isfinite(clearance.cross_margins(postures, held)).all()
