@@ -1,0 +1,323 @@
+"""The parts of the lower bound one by one: rates by differences, enclosures by samples, lines by their own formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+
+from dualarm_cli.kinematics.arm_angle_curves import flips
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.loading.cells import load_cell
+from dualarm_cli.minimum_time import bound_enclosures
+from dualarm_cli.minimum_time.bound import platform_edges
+from dualarm_cli.minimum_time.bound_cells import Cells, _merged
+from dualarm_cli.minimum_time.bound_enclosures import enclosures
+from dualarm_cli.minimum_time.bound_lines import line_bounds
+from dualarm_cli.minimum_time.bound_reach import AngleCells, reachable_cells, shape_rates, turned
+from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem
+
+Problems = Callable[..., SequenceProblem]
+
+
+@pytest.fixture(scope="module", params=["sda10f", "iiwa7", "bottin_planar"])
+def arm(request, tmp_path_factory) -> SrsArm:
+    """The first arm of a bundled robot, its shoulder 0.2 m and more beside the platform's axis."""
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / ".git").mkdir()
+    (folder / "cell.yaml").write_text(f"dualarm: cell/1\nrobot: {request.param}\n")
+    cell = load_cell(folder / "cell.yaml").cell
+    return next(iter(CellModel.from_cell(cell).arms.values())).kinematics
+
+
+def one_cell(low: float, high: float) -> AngleCells:
+    return AngleCells(np.zeros(1, dtype=np.int64), np.array([low]), np.array([high]))
+
+
+def smallest_rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The rotation about a × b that takes the unit vector a to b."""
+    axis = np.cross(a, b)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-15:
+        return np.eye(3)
+    return pin.exp3(axis / sine * np.arctan2(sine, float(a @ b)))
+
+
+def link_frames(
+    arm: SrsArm, wrist: np.ndarray, middle: float, phi: float, psi: float
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Upper arm's frame in the carried one, forearm's in the world, sines of both links' angles to the line.
+
+    In the world: the shoulder goes round, the wrist stands, the elbow's direction at the middle is carried along by the
+    smallest rotation of the line between them.
+    """
+    upper, fore = arm.geometry.upper, arm.geometry.fore
+
+    def line(angle: float) -> np.ndarray:
+        return wrist - rotation_z(np.array([angle]))[0] @ arm.geometry.shoulder
+
+    start, now = line(middle), line(phi)
+    r = float(np.linalg.norm(now))
+    u0, u = start / np.linalg.norm(start), now / r
+    beside = np.cross(u0, [0.3, 0.5, 0.8])
+    beside /= np.linalg.norm(beside)
+    e0 = np.cos(psi) * beside + np.sin(psi) * np.cross(u0, beside)
+    e = smallest_rotation(u0, u) @ e0
+    alpha = np.arccos((r * r + upper**2 - fore**2) / (2.0 * r * upper))
+    gamma = np.arccos((r * r + fore**2 - upper**2) / (2.0 * r * fore))
+    frames = []
+    for angle in (alpha, -gamma):
+        along = np.cos(angle) * u + np.sin(angle) * e
+        frames.append(np.column_stack([along, np.cross(u, e), np.cross(along, np.cross(u, e))]))
+    back = rotation_z(np.array([-phi]))[0]
+    return back @ frames[0], frames[1], float(np.sin(alpha)), float(np.sin(gamma))
+
+
+def test_rates_of_the_arm_s_shape_are_those_of_differences(arm):
+    """Frames of both links by differences: never faster than said; on narrow intervals nearly as fast at worst."""
+    random = np.random.default_rng(21)
+    h, tight = 1e-4, []
+    for trial in range(60):
+        least, most = arm.reach
+        away = random.normal(size=3)
+        distance = least + (most - least) * random.uniform(0.1, 0.97)
+        wrist = arm.geometry.shoulder + away * (distance / np.linalg.norm(away))
+        half = (0.001, 0.02, 0.08)[trial % 3]
+        cell = one_cell(-half, half)
+        rates = shape_rates(arm, wrist, cell)
+        if not np.isfinite(rates.shoulder_first[0]):
+            continue
+        largest = np.zeros(6)
+        for phi in np.linspace(-half, half, 5):
+            r = np.linalg.norm(turned(wrist, np.array([phi]))[0] - arm.geometry.shoulder)
+            if not least + 1e-3 < r < most - 1e-3:
+                continue
+            for psi in np.linspace(-np.pi, np.pi, 8, endpoint=False):
+                three = [link_frames(arm, wrist, 0.0, phi + d, psi) for d in (-h, 0.0, h)]
+                row = []
+                for k in (0, 1):
+                    before, here, ahead = (one[k] for one in three)
+                    row.append(np.linalg.norm(pin.log3(before.T @ ahead)) / (2.0 * h))
+                    row.append(np.linalg.norm((ahead - 2.0 * here + before) / h**2, 2))
+                largest = np.maximum(largest, [*row, *three[1][2:]])
+        bound = np.array(
+            [
+                rates.shoulder_first[0],
+                rates.shoulder_second[0],
+                rates.wrist_first[0],
+                rates.wrist_second[0],
+                rates.sin_upper[0],
+                rates.sin_fore[0],
+            ]
+        )
+        assert (largest <= bound * (1.0 + 1e-5) + 1e-5).all()
+        if half < 0.002 and largest[4] > 0.2 and largest[5] > 0.2:
+            tight.append(largest / np.maximum(bound, 1e-12))
+    share = np.median(np.array(tight), axis=0)
+    # First rates are sums of sizes of vectors that may point elsewhere; sines are exact.
+    assert share[0] > 0.6
+    assert share[4:] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("width", "parts"), [(0.4, 9), (0.1, 18), (0.02, 72)])
+def test_every_joint_lies_in_its_enclosure(arm, width, parts):
+    """Cell by cell, with arm angles counted from the plane that is carried along by the smallest rotation."""
+    random = np.random.default_rng(22)
+    narrow, told = [], 0
+    for _ in range(6):
+        q = random.uniform(np.maximum(arm.lower, -2.8), np.minimum(arm.upper, 2.8))
+        R, p = arm.forward(q)
+        wrist = arm.wrist_center(R, p)
+        every = reachable_cells(arm, wrist, np.linspace(-0.5, 0.5, int(1.0 / width) + 1))
+        found = enclosures(arm, R, p, every, shape_rates(arm, wrist, every), parts)
+        cell = random.integers(0, len(every.index), 400)
+        share = random.choice([0.0, 0.5, 1.0], 400) + random.uniform(-1e-3, 1e-3, 400)
+        share = np.where(random.random(400) < 0.5, np.clip(share, 0.0, 1.0), random.random(400))
+        phi = every.low[cell] + share * (every.high - every.low)[cell]
+        psi = random.uniform(-np.pi, np.pi, 400)
+        turn = rotation_z(-phi)
+        solved = arm.solve(turn @ R, turn @ p, psi)
+        for k in np.flatnonzero(solved.reachable):
+            c = int(cell[k])
+            middle = float(every.middle[c])
+            then, now = (_plane(arm, R, p, angle) for angle in (middle, float(phi[k])))
+            carried = smallest_rotation(then[0], now[0]) @ then[1]
+            shift = np.arctan2(carried @ now[2], carried @ now[1])
+            part = int(np.floor((psi[k] - shift + np.pi) / (2.0 * np.pi) * parts)) % parts
+            for joint in range(7):
+                flip = flips(joint, np.arange(8)).astype(int)
+                last = 0 if joint == 3 else part
+                low = found.low[joint, flip, c, last]
+                high = found.high[joint, flip, c, last]
+                known = high - low < 2.0 * np.pi
+                beyond = np.mod((solved.q[k, :, joint] - low + 1e-6)[known], 2.0 * np.pi)
+                assert (beyond <= (high - low + 2e-6)[known]).all(), (joint, c, part)
+                told += int(known.sum())
+        narrow.append(
+            np.isfinite(found.low) & (found.high - found.low < 2.5 * (width + 6.3 / parts))
+        )
+    assert told > 5000
+    if width < 0.05:
+        # Away from poles a joint turns about as far as platform and arm angle do together.
+        assert np.concatenate([x.ravel() for x in narrow]).mean() > 0.8
+
+
+def _plane(arm: SrsArm, R: np.ndarray, p: np.ndarray, angle: float) -> list[np.ndarray]:
+    """u, r and t of the arm plane in the world, (3,) each."""
+    back = rotation_z(np.array([-angle]))[0]
+    plane = arm.curves(back @ R, back @ p).plane
+    return [back.T @ arm.canonical.B @ v for v in (plane.u, plane.r, plane.t)]
+
+
+def test_enclosures_shrink_to_the_corners_with_the_square_of_their_cells(arm):
+    """What is beyond the corners' own range is a quarter in cells of half the size; at least nearly."""
+    random = np.random.default_rng(23)
+    beyond = []
+    for _ in range(8):
+        q = random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0))
+        R, p = arm.forward(q)
+        wrist = arm.wrist_center(R, p)
+        row = []
+        for half, parts in ((0.01, 160), (0.005, 320)):
+            cell = one_cell(-half, half)
+            rates = shape_rates(arm, wrist, cell)
+            found = enclosures(arm, R, p, cell, rates, parts)
+            corners = bound_enclosures._corners(arm, R, p, cell, parts)[:, [0, 2, 4, 6], 0]
+            step = np.abs(np.mod(np.diff(corners, axis=0) + np.pi, 2.0 * np.pi) - np.pi)
+            own = np.maximum(step[0] + step[1], step.max(axis=0))
+            widths = (found.high - found.low)[[0, 2, 4, 6], 0, 0]
+            row.append(np.median(np.maximum(widths - own, 0.0)))
+        beyond.append(row)
+    coarse, fine = np.median(np.array(beyond), axis=0)
+    assert fine < 0.35 * coarse
+    assert coarse < 0.02
+
+
+def exact_line(work: ArmWork, R: np.ndarray, a: np.ndarray, b: np.ndarray, phi: float) -> float:
+    """The bound of a line at one platform angle, term by term from its description, everything by samples."""
+    geometry = work.kinematics.geometry
+    back = rotation_z(np.array([-phi]))[0]
+    v, w = back @ a - geometry.shoulder, back @ b - geometry.shoulder
+    way = v + np.linspace(0.0, 1.0, 4001)[:, None] * (w - v)
+    r = np.linalg.norm(way, axis=1)
+    beta = np.arccos(np.clip(v @ w / np.linalg.norm(v) / np.linalg.norm(w), -1.0, 1.0))
+    axis = np.cross(v, w) / np.linalg.norm(np.cross(v, w))
+    passes = 2.0 if 0 < r.argmin() < 4000 else 1.0
+    r = np.linspace(r.min(), r.max(), 4001)
+
+    def duration(asked: Callable[[np.ndarray], float]) -> float:
+        def lacks(time: float) -> float:
+            return asked(work.law.reachable_distance(np.array([time])))
+
+        return 0.0 if lacks(1e-6) >= 0.0 else brentq(lacks, 1e-6, 60.0, xtol=1e-6)
+
+    times = []
+    for one, other, outer, joints in (
+        (geometry.upper, geometry.fore, geometry.axes[0], [0, 1, 2]),
+        (
+            geometry.fore,
+            geometry.upper,
+            back @ R @ geometry.R_flange.T @ geometry.axes[6],
+            [6, 5, 4],
+        ),
+    ):
+        angle = np.arccos(np.clip((r * r + one**2 - other**2) / (2.0 * one * r), -1.0, 1.0))
+        turns = 2.0 if 0 < angle.argmax() < 4000 else 1.0
+        varies = passes * turns * (angle.max() - angle.min())
+        first = abs(axis @ outer)
+        shares = np.array([first, np.sqrt(1.0 - first**2), np.sin(angle).max()])
+        times.append(duration(lambda d, s=shares, j=joints, x=beta - varies: s @ d.ravel()[j] - x))
+    bends = [
+        np.arccos(
+            (x @ x - geometry.upper**2 - geometry.fore**2) / (2 * geometry.upper * geometry.fore)
+        )
+        for x in (v, w)
+    ]
+    times.append(duration(lambda d: d.ravel()[3] - abs(bends[0] - bends[1])))
+    return max(times)
+
+
+def test_a_line_at_one_angle_takes_what_its_description_says(random_problem: Problems) -> None:
+    """Radial and tangential lines, some past the foot of the shoulder's height: by samples and a root finder."""
+    work = random_problem(0, (1, 1)).arms[0]
+    arm, random = work.kinematics, np.random.default_rng(24)
+    upper, fore = arm.geometry.upper, arm.geometry.fore
+    limits, passed = np.array(arm.reach), 0
+    for trial in range(80):
+        R, phi = pin.SE3.Random().rotation, random.uniform(-2.0, 2.0)
+        turn = rotation_z(np.array([phi]))[0]
+        out, side = random.normal(size=(2, 3))
+        out /= np.linalg.norm(out)
+        side = np.cross(out, side)
+        side /= np.linalg.norm(side)
+        distance = random.uniform(max(limits[0], 0.3 * (upper + fore)), 0.93 * limits[1])
+        length = random.uniform(0.02, 0.3) * distance
+        start = distance * out
+        end = start + length * (
+            side if trial % 3 else random.choice([-1.0, 1.0]) * (out + 0.05 * side)
+        )
+        if trial % 3:
+            # Before the foot of the shoulder's height, or behind it.
+            shift = (0.05, -random.uniform(0.2, 0.6))[trial % 3 - 1]
+            start = start + shift * length * side
+        reach = [np.linalg.norm(x) for x in (start, end)]
+        if max(reach) > 0.97 * limits[1] or min(reach) < limits[0] + 0.02:
+            continue
+        ends = [turn @ (arm.geometry.shoulder + x) for x in (start, end)]
+        bound = float(line_bounds(work, R, *ends, one_cell(phi, phi))[0])
+        assert bound == pytest.approx(exact_line(work, R, *ends, phi), rel=3e-3, abs=2e-3)
+        near = line_bounds(work, R, *ends, one_cell(phi - 1e-4, phi + 1e-4))[0]
+        assert 0.9 * bound - 0.005 <= near <= bound + 1e-3
+        passed += 1
+    assert passed > 40
+
+
+def test_cells_of_the_platform_are_as_many_as_their_width_asks_for(
+    random_problem: Problems,
+) -> None:
+    """No wider than asked, none more than needed: 5.934 rad by 1 rad are six."""
+    problem = random_problem(0, (1, 1))
+    low, high = problem.platform_range
+    for step in (0.1, 0.3, 1.0, (high - low) / 4.0, 2.0 * (high - low)):
+        edges = platform_edges(problem, step)
+        assert (edges[0], edges[-1]) == pytest.approx((low, high))
+        assert np.diff(edges).max() <= step * (1.0 + 1e-9)
+        assert (len(edges) - 2) * step < high - low
+
+
+def test_out_of_reach_there_is_no_cell(arm):
+    """Above the platform's axis, far out, and where nothing turns."""
+    edges = np.linspace(-1.0, 1.0, 5)
+    for wrist, grid in (
+        (np.array([0.0, 0.0, 9.0]), edges),
+        (np.array([9.0, 0.0, 0.5]), edges),
+        (np.array([9.0, 0.0, 0.5]), np.zeros(2)),
+    ):
+        cells = reachable_cells(arm, wrist, grid)
+        assert [len(x) for x in (cells.index, cells.low, cells.high)] == [0, 0, 0]
+
+
+def test_cells_are_merged_where_turns_and_branch_are_the_same():
+    """Of one part of the circle: 0.1 and 0.2 rad are one cell, 3 and -3 rad are two turns; branches stay apart."""
+    joint = np.array([0.1, 0.2, 3.0, -3.0, 0.1])
+    kind = np.array([0, 0, 1, 1, 2])
+    low = np.column_stack([joint - 0.05, *np.zeros((7, 5))])
+    high = np.column_stack([joint + 0.05, *np.zeros((7, 5))])
+    cells = Cells(np.zeros(5, dtype=np.int64), kind, low, high, np.array([2.0, 1.0, 3.0, 4.0, 5.0]))
+    found = _merged(cells, np.zeros(5, dtype=np.int64))
+    rows = sorted(zip(found.kind, found.low[:, 0], found.high[:, 0], found.line, strict=True))
+    assert np.array(rows) == pytest.approx(
+        np.array(
+            [
+                [0, 0.05, 0.25, 1.0],
+                [1, -3.05, -2.95, 4.0],
+                [1, 2.95, 3.05, 3.0],
+                [2, 0.05, 0.15, 5.0],
+            ]
+        )
+    )
