@@ -18,8 +18,14 @@ from dualarm_cli.minimum_time import bound_enclosures
 from dualarm_cli.minimum_time.bound import platform_edges
 from dualarm_cli.minimum_time.bound_cells import Cells, _merged
 from dualarm_cli.minimum_time.bound_enclosures import enclosures
-from dualarm_cli.minimum_time.bound_lines import line_bounds
-from dualarm_cli.minimum_time.bound_reach import AngleCells, reachable_cells, shape_rates, turned
+from dualarm_cli.minimum_time.bound_lines import _variation, line_bounds
+from dualarm_cli.minimum_time.bound_reach import (
+    AngleCells,
+    _bend_rates,
+    reachable_cells,
+    shape_rates,
+    turned,
+)
 from dualarm_cli.minimum_time.problem import ArmWork, SequenceProblem
 
 Problems = Callable[..., SequenceProblem]
@@ -122,6 +128,67 @@ def test_rates_of_the_arm_s_shape_are_those_of_differences(arm):
     # First rates are sums of sizes of vectors that may point elsewhere; sines are exact.
     assert share[0] > 0.6
     assert share[4:] == pytest.approx(1.0, abs=0.02)
+
+
+def test_second_rates_hold_for_the_worst_course_of_the_shoulder_wrist_line(arm):
+    """Direction u at the interval's end, u' and u'' as long as may be, turned so that all terms add up.
+
+    The line's frame turns with (u_c + u) x u' / (1 + u_c.u); seen from the platform it also turns with that, by 1.
+    """
+    R0 = float(np.hypot(*arm.geometry.shoulder[:2]))
+    upper, fore = arm.geometry.upper, arm.geometry.fore
+    wrist = arm.geometry.shoulder + np.array([0.0, 0.0, -0.6 * (upper + fore)])
+    for half in (0.01, 0.1, 0.3):
+        rates = shape_rates(arm, wrist, one_cell(-half, half))
+        low, high = rates.distance_low, rates.distance_high
+        r_2 = R0 + R0**2 / low
+        upper_1, upper_2, _ = _bend_rates(upper, fore, low, high, R0, r_2)
+        fore_1, fore_2, _ = _bend_rates(fore, upper, low, high, R0, r_2)
+        spin = rates.wrist_first - fore_1
+        spin_2 = rates.wrist_second - fore_2 - fore_1 * spin - rates.wrist_first**2
+        a = R0 / float(low[0])
+        a_2, theta = 2.0 * a + 3.0 * a**2, a * half
+        u_c, u = np.array([0.0, 0.0, 1.0]), np.array([np.sin(theta), 0.0, np.cos(theta)])
+        across = np.array([np.cos(theta), 0.0, -np.sin(theta)])
+        both, scale = u_c + u, 1.0 + u_c @ u
+        worst = [
+            np.cross(both, a * np.array([0.0, 1.0, 0.0])) / scale,
+            np.cross(both, a_2 * np.cross([0.0, 1.0, 0.0], both) / np.linalg.norm(both)) / scale,
+            (u_c @ (a * across)) * np.cross(both, a * across) / scale**2,
+        ]
+        first, second, third = (float(np.linalg.norm(x)) for x in worst)
+        assert spin[0] == pytest.approx(first)
+        assert second + third <= spin_2[0] * (1.0 + 1e-9)
+        assert spin_2[0] <= second + third / np.cos(0.5 * theta) + 1e-9
+        carried = rates.shoulder_first - upper_1
+        assert carried[0] == pytest.approx(first + 1.0)
+        carried_2 = rates.shoulder_second - upper_2 - upper_1 * carried - rates.shoulder_first**2
+        assert carried_2[0] == pytest.approx(float(spin_2[0]) + first)
+
+
+@pytest.mark.parametrize("own", [0.2, 0.3, 0.45])
+def test_a_link_s_angle_to_the_line_is_bounded_by_the_law_of_cosines(own):
+    """Links of different lengths, so that the angle may pass a right one, and turn: by samples and differences."""
+    other, random = 0.3, np.random.default_rng(25)
+    for _ in range(60):
+        near, far = np.sort(random.uniform(abs(own - other) + 0.01, own + other - 0.01, 2))
+        r = np.linspace(near, far, 4001)
+        angle = np.arccos((r * r + own**2 - other**2) / (2.0 * own * r))
+        slope = np.gradient(angle, r, edge_order=2)
+        bend = np.gradient(slope, r, edge_order=2)
+        one, two, sine = _bend_rates(own, other, *np.array([[near], [far]]), 0.2, np.array([0.7]))
+        assert sine[0] == pytest.approx(np.sin(angle).max(), abs=1e-5)
+        assert 0.2 * np.abs(slope).max() <= one[0] * (1.0 + 1e-3)
+        assert (0.04 * np.abs(bend) + 0.7 * np.abs(slope)).max() <= two[0] * (1.0 + 1e-2)
+        for passes in (False, True):
+            varies, most = _variation(
+                own, other, np.array([near]), np.array([far]), np.array([passes])
+            )
+            swept = np.abs(np.diff(angle)).sum() * (1 + passes)
+            turns = 0 < angle.argmax() < 4000
+            assert most[0] == pytest.approx(np.sin(angle).max(), abs=1e-5)
+            assert swept <= varies[0] + 1e-6
+            assert varies[0] <= np.ptp(angle) * (1 + passes) * (1 + turns) + 1e-6
 
 
 @pytest.mark.parametrize(("width", "parts"), [(0.4, 9), (0.1, 18), (0.02, 72)])
@@ -303,21 +370,26 @@ def test_out_of_reach_there_is_no_cell(arm):
 
 
 def test_cells_are_merged_where_turns_and_branch_are_the_same():
-    """Of one part of the circle: 0.1 and 0.2 rad are one cell, 3 and -3 rad are two turns; branches stay apart."""
-    joint = np.array([0.1, 0.2, 3.0, -3.0, 0.1])
-    kind = np.array([0, 0, 1, 1, 2])
-    low = np.column_stack([joint - 0.05, *np.zeros((7, 5))])
-    high = np.column_stack([joint + 0.05, *np.zeros((7, 5))])
-    cells = Cells(np.zeros(5, dtype=np.int64), kind, low, high, np.array([2.0, 1.0, 3.0, 4.0, 5.0]))
-    found = _merged(cells, np.zeros(5, dtype=np.int64))
-    rows = sorted(zip(found.kind, found.low[:, 0], found.high[:, 0], found.line, strict=True))
-    assert np.array(rows) == pytest.approx(
-        np.array(
-            [
-                [0, 0.05, 0.25, 1.0],
-                [1, -3.05, -2.95, 4.0],
-                [1, 2.95, 3.05, 3.0],
-                [2, 0.05, 0.15, 5.0],
-            ]
-        )
+    """Of one part of the circle: what is within 2 rad is one cell, what is farther off another turn."""
+    joint = np.array([0.1, 0.2, 3.0, -3.0, 0.1, 3.0, 0.0, 1.2, 0.6])
+    kind = np.array([0, 0, 1, 1, 2, 3, 3, 4, 4])
+    rest = np.zeros((9, 7))
+    cells = Cells(
+        np.zeros(9, dtype=np.int64),
+        kind,
+        np.column_stack([joint - 0.05, rest]),
+        np.column_stack([joint + 0.05, rest]),
+        np.array([2.0, 1.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]),
     )
+    found = _merged(cells, np.zeros(9, dtype=np.int64))
+    rows = sorted(zip(found.kind, found.low[:, 0], found.high[:, 0], found.line, strict=True))
+    expected = [
+        [0, 0.05, 0.25, 1.0],
+        [1, -3.05, -2.95, 4.0],
+        [1, 2.95, 3.05, 3.0],
+        [2, 0.05, 0.15, 5.0],
+        [3, -0.05, 0.05, 7.0],
+        [3, 2.95, 3.05, 6.0],
+        [4, 0.55, 1.25, 8.0],
+    ]
+    assert np.array(rows) == pytest.approx(np.array(expected))
