@@ -101,3 +101,11 @@ def test_it_passes_just_where_levels_hold_at_all_instants(made, rows, capacity, 
         )
         good = good and there >= 0 and room <= capacity
     assert (check_buffers(schedule, job).verdict == "passed") == good
+
+
+def test_a_buffer_that_nobody_uses_excuses_no_other_one(made):
+    """A pick from an empty tray beside a spare one."""
+    schedule, job = made([(1.0, 0.2, TAKE, "left")], 1, 0)
+    spare = dataclasses.replace(job, buffers={"spare": Buffer(1, 0), **job.buffers})
+    for asked in (job, spare):
+        assert check_buffers(schedule, asked).verdict == "failed"

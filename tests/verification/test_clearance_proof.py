@@ -17,7 +17,7 @@ from dualarm_cli.collision.solids import (
 )
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.clearance_proof import ClearanceProof
+from dualarm_cli.verification.clearance_proof import ClearanceProof, levers
 
 BALL = 0.1
 """Radius of the ball at the end of the arm [m]."""
@@ -160,3 +160,51 @@ def test_certified_clearances_of_random_moves_are_true_and_tight(tasks_folder):
 def test_certified_clearances_of_a_thousand_random_moves_are_true_and_tight(tasks_folder):
     """The same against scans of 10,000 instants."""
     check_random_moves(tasks_folder, range(1000, 2000), 10_000)
+
+
+def test_no_joint_moves_a_solid_farther_than_its_lever():
+    """Chains of a turn, a slide and two turns, with random placements: distances of balls, 4000 random steps.
+
+    A slide has a lever of exactly one, and it makes those of the turns before it longer by as far as it goes.
+    """
+    rng = np.random.default_rng(4)
+    for _ in range(8):
+        model, solids = pin.Model(), []
+        parent = 0
+        for k, joint in enumerate("RPRR"):
+            made = pin.JointModelPX() if joint == "P" else pin.JointModelRZ()
+            placement = pin.SE3.Random()
+            placement.translation = rng.uniform(-0.4, 0.4, 3)
+            far = np.array([0.6 if joint == "P" else 3.0])
+            parent = model.addJoint(parent, made, placement, f"j{k}", far, far, -far, far)
+            offset = rng.uniform(-0.3, 0.3, 3)
+            extent = float(np.linalg.norm(offset)) + 0.05
+            solids.append(Solid(f"b{k}", parent, at(*offset), coal.Sphere(0.05), extent))
+        solids.append(Solid("world", WORLD, at(*rng.uniform(-1, 1, 3)), coal.Sphere(0.05), 0.0))
+        pairs = [Pair(i, j, 0.0) for i in range(5) for j in range(i + 1, 5)]
+        table = levers(model, solids, pairs)
+        data = model.createData()
+
+        def distances(q, model=model, data=data, solids=solids, pairs=pairs):
+            pin.forwardKinematics(model, data, q)
+            centres = [data.oMi[s.joint].act(s.pose.translation) for s in solids]
+            return np.array([np.linalg.norm(centres[p.first] - centres[p.second]) for p in pairs])
+
+        assert set(table[:, 1]) <= {0.0, 1.0}
+        for _ in range(500):
+            q = rng.uniform(model.lowerPositionLimit, model.upperPositionLimit)
+            step, joint = np.zeros(4), rng.integers(4)
+            step[joint] = rng.uniform(-0.3, 0.3)
+            step[1] = np.clip(q[1] + step[1], -0.6, 0.6) - q[1]
+            change = np.abs(distances(q + step) - distances(q))
+            assert (change <= table @ np.abs(step) + 1e-12).all()
+
+
+def test_a_lever_is_no_longer_than_it_must_be(pointer):
+    """The tip's farthest point is 1.1 m from the one joint; of two tips of one joint neither moves."""
+    model, tip = pointer
+    still = Solid("still", WORLD, at(2.0, 0.0), coal.Sphere(BALL), 2.0 + BALL)
+    assert levers(model, [tip, still, tip], [Pair(0, 1, 0.0), Pair(0, 2, 0.0)]).tolist() == [
+        [1.0 + BALL],
+        [0.0],
+    ]

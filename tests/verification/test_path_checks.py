@@ -13,7 +13,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.path_checks import NAMES, check_paths
+from dualarm_cli.verification.path_checks import NAMES, _double_s, check_paths
 from dualarm_cli.verification.tool_model import ToolModel
 
 CELL = """\
@@ -314,3 +314,20 @@ def test_a_path_that_is_listed_twice_is_found(planned):
     twice = dataclasses.replace(left, end=left.start + 0.1)
     schedule = dataclasses.replace(planned.schedule, segments=(*segments, twice))
     assert "path_progress" in failed(paths(schedule, planned.job))
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_the_least_time_of_a_distance_is_that_of_its_peak_speed(seed):
+    """Ramps to a peak speed w take w/a + a/j, or 2 sqrt(w/j) below a^2/j; the peak by bisection, at most the limit."""
+    rng = np.random.default_rng(seed)
+    d, v, a, j = 10.0 ** rng.uniform([-4, -2, -1, 0], [1, 0.5, 1.5, 3])
+
+    def ramp(w):
+        return w / a + a / j if w * j >= a * a else 2.0 * np.sqrt(w / j)
+
+    low, high = 0.0, v
+    for _ in range(200):
+        w = 0.5 * (low + high)
+        low, high = (w, high) if w * ramp(w) <= d else (low, w)
+    expected = 2.0 * ramp(low) + (d - low * ramp(low)) / low
+    assert _double_s(d, v, a, j) == pytest.approx(expected, rel=1e-9)
