@@ -297,3 +297,24 @@ def test_without_windows_or_without_the_task_nothing_is_measured(clean, by_clock
     assert check_windows(clean.schedule, clean.job).verdict == "not checked"
     nothing = dataclasses.replace(by_clocks.schedule, events=())
     assert check_windows(nothing, by_clocks.job).verdict == "not checked"
+
+
+def test_what_both_arms_do_together_is_done_by_both(clean):
+    """A path of both arms in an open order: as asked for; then only one arm follows it, then neither."""
+    blank = clean.schedule.events[0]
+    tasks, events = [], []
+    for task in clean.job.tasks:
+        stop = dataclasses.replace(task.stops[0], action="path")
+        tasks.append(dataclasses.replace(task, id="both", stops=(stop,), path=object()))
+        events.append(dataclasses.replace(blank, arm=task.arm, task="both", action="path"))
+    job = dataclasses.replace(clean.job, tasks=tuple(tasks), order="optimise")
+
+    def found(*some):
+        return check_order(dataclasses.replace(clean.schedule, events=some), job)
+
+    assert found(*events).verdict == "passed"
+    alone = found(events[0])
+    assert (alone.verdict, alone.measured) == ("failed", 2)
+    assert alone.detail == "both path is done 1 times"
+    nobody = found()
+    assert (nobody.detail, nobody.measured) == ("both path is not done", 1)

@@ -41,8 +41,8 @@ tasks:
       redundancy: arm_angle
       speed: 100 mm/s
       through:
-        - {xyz: [0.45, 0.25, 0.90], rpy: [180 deg, 0, 0]}
-        - {xyz: [0.50, 0.25, 0.90]}
+        - {xyz: [0.52, 0.36, 0.98], rpy: [180 deg, 0, 0]}
+        - {xyz: [0.57, 0.36, 0.98]}
 """
 SEAM = """\
 dualarm: tasks/1
@@ -454,7 +454,7 @@ def relabelled(schedule):
         within = schedule.trajectory.select(joints).at(np.linspace(segment.start, segment.end, 50))[
             0
         ]
-        stands = np.abs(within - within[0]).max() < 1e-9
+        stands = np.abs(within - within[0]).max() < 1e-6
         for kind in KINDS:
             if kind != segment.kind and not (
                 stands and {kind, segment.kind} == {"wait", "transfer"}
