@@ -16,6 +16,9 @@ from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.schedule import Event, Provenance, Schedule, ScheduleRobot, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.line_spans import line_spans
+from dualarm_cli.verification.stage_checks import _at_rest
+from dualarm_cli.verification.tool_model import ToolModel
 
 JOINTS = ("gx", "gy", "gz")
 BELT, LINE, PASSES, MET = 0.2, 0.06, 1.0, 2.0
@@ -265,3 +268,14 @@ def test_a_tool_that_turns_at_the_part_is_found(clean):
     turned = dataclasses.replace(clean, events=(dataclasses.replace(event, pose=pose),))
     found = _failed(turned, _job())
     assert {"tool_angle_at_events", "conveyor_dwells_steady", "conveyor_lines_steady"} <= found
+
+
+def test_an_arm_is_at_rest_once_it_has_left_the_belt(clean):
+    """The line ends with the retract, RAMP before the motion does; a stop that stands still is over with its line."""
+    [span] = line_spans(clean, _job(), ToolModel(clean))
+    end = clean.duration - RAMP
+    assert span.end == pytest.approx(end, abs=1e-3)
+    assert span.start == pytest.approx(MET - STRAIGHT, abs=1e-3)
+    assert _at_rest(clean, span) == pytest.approx(clean.duration, abs=1e-9)
+    stands = dataclasses.replace(span, stop=dataclasses.replace(span.stop, belt=None))
+    assert _at_rest(clean, stands) == span.end

@@ -13,7 +13,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.path_checks import NAMES, _double_s, check_paths
+from dualarm_cli.verification.path_checks import NAMES, _dawdling, _double_s, check_paths
 from dualarm_cli.verification.tool_model import ToolModel
 
 CELL = """\
@@ -331,3 +331,31 @@ def test_the_least_time_of_a_distance_is_that_of_its_peak_speed(seed):
         low, high = (w, high) if w * ramp(w) <= d else (low, w)
     expected = 2.0 * ramp(low) + (d - low * ramp(low)) / low
     assert _double_s(d, v, a, j) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.5])
+@pytest.mark.parametrize("given", [(0.5, 5.0), (None, None)])
+@pytest.mark.parametrize("cap", [None, 0.04])
+def test_how_late_a_path_is_follows_from_its_stretches(speed, given, cap):
+    """A metre with a corner after 250 mm at 100 mm/s: d/v + v/a + a/j for each stretch, half a second more is late.
+
+    What is not given: 0.8 s to the speed and 0.4 s to the acceleration at full speed. Speeds may be 0.5 % lower.
+    """
+    v = min(0.1 * speed, cap or 1.0)
+    to_speed, to_acceleration = 0.8 / speed, 0.4 / speed
+    a = v / to_speed if given[0] is None else given[0] * speed**2
+    j = a / to_acceleration if given[1] is None else given[1] * speed**3
+    v *= 0.995
+    # A ramp that never comes to its acceleration takes twice the root of v/j.
+    ramp = v / a + a / j if v * j >= a * a else 2.0 * np.sqrt(v / j)
+    asked = sum(d / v + ramp for d in (0.25, 0.75))
+    work = SimpleNamespace(
+        speed=0.1, acceleration=given[0], jerk=given[1], length=1.0, corners=lambda: (0.25,)
+    )
+    job = SimpleNamespace(speed=speed, tool_speed=cap)
+    for more, late in ((0.5, 0.5), (0.0, 0.0), (-0.5, 0.0)):
+        segment = SimpleNamespace(start=3.0, end=3.0 + asked + more)
+        assert _dawdling(job, work, segment) == pytest.approx(late, abs=1e-9)
+    twice = SimpleNamespace(**{**vars(work), "length": 2.0})
+    segment = SimpleNamespace(start=0.0, end=asked + 1.0 / v)
+    assert _dawdling(job, twice, segment) == pytest.approx(0.0, abs=1e-9)

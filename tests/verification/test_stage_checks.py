@@ -207,3 +207,47 @@ def test_an_open_job_needs_stages(clean, failing):
     assert found == {
         "pairing": "left-part (pick) at 1.200 s is within none of the left arm's stages that name it"
     }
+
+
+def side_by_side(by_clocks, measured_lines, late):
+    """The check of two tasks side by side of which the right arm's begins late [s], and says so nowhere.
+
+    Left: picks until 2.0 s and goes on at once. What it does until the right arm has picked is called its transfer to
+    the pick, so that by the list both start the second stage together.
+    """
+    tasks = {task.id: dataclasses.replace(task, after=()) for task in by_clocks.job.tasks}
+    own = (dataclasses.replace(tasks["fill"], arm="left"), tasks["fit"])
+    job = dataclasses.replace(by_clocks.job, tasks=own, mode="paired", order="given", sequences=())
+    waits = [(late, "partner")] if late else []
+    schedule = by_clocks.play(left=["fill"], right=[*waits, "fit"])
+    border = 2.0 + late
+    segments = []
+    for s in schedule.segments:
+        if (s.arm, s.kind, s.action) == ("left", "transfer", "place") and late:
+            segments.append(dataclasses.replace(s, action="pick", end=border))
+            s = dataclasses.replace(s, start=border)
+        if (s.kind, s.reason) == ("wait", "partner"):
+            s = dataclasses.replace(s, task="fit", action="pick")
+        segments.append(s)
+    first = schedule.stages[0]
+    names = (("fill", "fit"), ("fill", "fit"), ())
+    edges = (0.0, border, border + 2.0, schedule.duration)
+    stages = tuple(
+        dataclasses.replace(first, start=start, end=end, tasks=tasks, arm="")
+        for start, end, tasks in zip(edges, edges[1:], names, strict=False)
+    )
+    schedule = dataclasses.replace(schedule, segments=tuple(segments), stages=stages)
+    return check_pairing(schedule, job, measured_lines(schedule, job)), verify(schedule, job)
+
+
+def test_an_arm_that_goes_on_before_the_other_one_is_done_is_seen_in_the_motion(
+    by_clocks, measured_lines
+):
+    """By 0.3 s; both arms' knots are 0.1 s apart, joints are looked at four times between them: 0.275 s are seen."""
+    check, whole = side_by_side(by_clocks, measured_lines, 0.0)
+    assert (check.verdict, whole.passed) == ("passed", True)
+    check, whole = side_by_side(by_clocks, measured_lines, 0.3)
+    assert check.verdict == "failed"
+    assert check.measured == pytest.approx(0.275, abs=1e-9)
+    assert check.detail == "the left arm leaves stage 1 before the other one is done"
+    assert {"pairing", "segment_kinds"} <= {c.name for c in whole.failures}
