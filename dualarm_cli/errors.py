@@ -101,7 +101,13 @@ class InfeasibleError(DualArmError):
 class BlockedError(InfeasibleError):
     """Stages that do not keep clear, whatever is done about them."""
 
-    def __init__(self, message: str, stages: tuple[int, ...]) -> None:
-        """Stores the numbers of the stages, from 0; that of the return is the number of all others."""
-        self.stages = stages
+    def __init__(self, message: str, stages: tuple[int, ...], *, alone: bool = False) -> None:
+        """Stores the numbers of the stages, from 0; that of the return is the number of all others.
+
+        Args:
+            message: what is wrong.
+            stages: the numbers.
+            alone: whether in one of them an arm does not keep clear even by itself, whatever the other one does.
+        """
+        self.stages, self.alone = stages, alone
         super().__init__(message)

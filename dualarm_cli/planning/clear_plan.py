@@ -95,7 +95,7 @@ def quickest_clear(
     reference = timed[0][1].trajectory.duration
     if holding is None:
         return Found(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
-    clearing = Clearing(model, job, holding, timing, problem.seed, known)
+    clearing = Clearing(model, job, holding, timing, problem.seed, known, problem.paths)
     best = None
     for plans, motion in timed:
         if best is not None and best.is_done_within(motion.trajectory.duration):
@@ -155,7 +155,8 @@ def quickest_clear(
         return found
     blocked = () if found is None else found.cleared.blocked
     words = why_blocked(clearing, None if found is None else found.cleared)
-    raise failure or BlockedError(words, blocked)
+    alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
+    raise failure or BlockedError(words, blocked, alone=alone)
 
 
 def _is_dear(found: Found) -> bool:

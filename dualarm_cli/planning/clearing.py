@@ -11,6 +11,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.detours import quickest_curve
 from dualarm_cli.planning.holding import Holding
+from dualarm_cli.planning.method import PathBudget
 from dualarm_cli.planning.motion import Motion, realise
 from dualarm_cli.planning.stage_context import StageContext
 from dualarm_cli.planning.stage_plan import StagePlan
@@ -71,6 +72,8 @@ class Clearing:
     """Of what is tried at random."""
     known: Known = field(default_factory=Known)
     """What is timed already: mended stages keep their lines."""
+    paths: PathBudget | None = None
+    """How many searches for paths may fail; None for as many as there are."""
     seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
     """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
 
@@ -119,6 +122,12 @@ class Clearing:
         if len(blocked) == len(touching):
             return Cleared(found, motion, tuple(blocked))
         return Cleared(found, self.timed(found), tuple(blocked))
+
+    def fails_alone(self, found: Cleared, k: int) -> bool:
+        """Returns whether an arm does not keep clear in a stage of a plan whatever the other one does."""
+        samples = stage_samples(found.motion, k, k, self.holding)
+        cell = self.holding.cell
+        return not all(alone_clear(cell, samples, a) for a in range(len(cell.arms)))
 
     def side_by_side(self, plans: Sequence[StagePlan], touching: Sequence[int]) -> list[int]:
         """Returns the stages of two arms in which these touch where they work, not on their ways only."""
@@ -221,10 +230,16 @@ class Clearing:
 
     def _path(self, plan: StagePlan, k: int) -> StagePlan | None:
         """Returns the stage with all joints along one path found by random trees, None where none was found."""
+        if self.paths is not None and self.paths.left <= 0:
+            return None
         last = len(self.holding.before) - 1
         held = self.holding.before[k] if k <= last else self.holding.after[last]
         path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)
-        return None if path is None else replace(plan, path=path, waits={}, detours={})
+        if path is None:
+            if self.paths is not None:
+                self.paths.left -= 1
+            return None
+        return replace(plan, path=path, waits={}, detours={})
 
 
 def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:

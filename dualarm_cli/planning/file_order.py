@@ -11,7 +11,7 @@ from dualarm_cli.model.job import ANY, Job, StopKey
 from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
 from dualarm_cli.planning.order_model import OrderModel
 
-NEAR = 0.1
+NEAR = 0.06
 """The file's order is planned where the search's estimate of it is above that of the best order by at most this share:
 plans differ by less from their estimates."""
 

@@ -13,6 +13,24 @@ from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.stages import StagePlan
 
 
+@dataclass
+class PathBudget:
+    """How many more searches for a free path of all joints may fail: each takes as long as many plans without one."""
+
+    left: int
+    """So many more."""
+
+    @classmethod
+    def of(cls, job: Job, effort: str) -> PathBudget:
+        """Returns what trying the orders of a job may take in all."""
+        first, share = PATHS[effort]
+        return cls(first + round(share * sum(len(task.stops) for task in job.tasks)))
+
+
+PATHS = {"quick": (1, 0.1), "normal": (3, 0.2), "thorough": (12, 1.0)}
+"""How many searches for a path may fail: so many, and so many more for each stop."""
+
+
 @dataclass(frozen=True)
 class MethodProblem:
     """A job, and how hard to try."""
@@ -40,6 +58,9 @@ class MethodProblem:
     patient: bool = True
     """Whether stages in which arms touch while they work side by side are mended and decided once more; else the order
     will be changed, which is what helps most."""
+
+    paths: PathBudget | None = None
+    """How many searches for paths may fail; None for as many as there are."""
 
     @property
     def turns_for_both(self) -> bool:

@@ -30,6 +30,8 @@ TAKEN_APART = 3
 """So often after that only what touches is taken apart."""
 LONG = 40
 """Of orders with more stages only the most promising one is planned."""
+HOPELESS = {"quick": 2, "normal": 4, "thorough": 12}
+"""No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 OF_THE_FILE = "that of the file, whose plan is quicker than those of the orders found"
@@ -117,7 +119,7 @@ def _searched(
     pairs: set[StagePair] = set()
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
-    tries = 0
+    tries, hopeless = 0, 0
     while True:
         known = len(pairs)
         # There is no other order to hope for where nothing more is searched.
@@ -127,7 +129,9 @@ def _searched(
             promising = _promising(search, orders.found, settings, watch)
             return _quickest(promising, watch, one_by_one, pairs)
         except BlockedError as error:
-            if tries == searches + TAKEN_APART or len(pairs) == known:
+            hopeless += error.alone
+            enough = hopeless >= HOPELESS[settings.effort]
+            if tries == searches + TAKEN_APART or len(pairs) == known or enough:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
             first = orders.found[0].job

@@ -21,7 +21,7 @@ from dualarm_cli.planning.file_order import stage_by_stage
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.job_bound import job_bound
-from dualarm_cli.planning.method import MethodProblem
+from dualarm_cli.planning.method import MethodProblem, PathBudget
 from dualarm_cli.planning.methods import METHODS
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.ordered_plan import plan_in_best_order
@@ -193,8 +193,15 @@ def _planned(
             ),
         )
 
+    paths = PathBudget.of(job, settings.effort)
+
     def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
         own = replace(problem, start=start, patient=patient, job=with_changes(one))
+        if not job.is_decided:
+            # What no order can mend must not take much longer than a plan; the file's order is tried afresh.
+            own = replace(
+                own, paths=PathBudget.of(job, settings.effort) if start is None else paths
+            )
         return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
 
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
