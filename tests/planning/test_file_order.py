@@ -108,6 +108,7 @@ def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(mad
     job = made(tasks, **{"return": True})
     given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
     monkeypatch.setattr(ordered_plan, "_searched", one_by_one)
+    monkeypatch.setattr(ordered_plan, "NEAR", 1.0)
     found = plan_without_bound(job, QUICK)
     assert found.duration <= given.duration
     assert verify(found, job, clearance=True).failures == ()
@@ -128,5 +129,6 @@ def test_by_own_clocks_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     job = made(tasks, mode="free", start="free")
     given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
     monkeypatch.setattr(free_ordered_plan, "free_orders", reversed_orders)
+    monkeypatch.setattr(free_ordered_plan, "NEAR", 1.0)
     found = plan_without_bound(job, QUICK)
     assert found.duration <= given.duration
