@@ -227,7 +227,12 @@ class SeamPlanner:
             ("along the seam", planned.seam.trajectory),
             ("on the retract", planned.retract),
         )
-        return where_it_touches(holding, motions) or planned
+        touched = where_it_touches(holding, motions)
+        return (
+            planned
+            if touched is None
+            else f"{touched}; let the tool lean ('tilt') or give its bodies room"
+        )
 
     def _falls_short(self, planned: PlannedSeam | str, work: SeamWork) -> bool:
         """Returns whether a seam is refused as too fast, or slower than the file asks."""
@@ -244,7 +249,8 @@ class SeamPlanner:
         path = SeamPath.of(problem, motion)
         if path is None:
             return (
-                "the joints that were found for it do not keep tool and part together between them"
+                "the joints that were found for it do not keep tool and part together between them; "
+                "divide the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')"
             )
         cap = np.inf
         if self.job.tool_speed is not None:
@@ -259,11 +265,11 @@ class SeamPlanner:
                 continue
             back = drawn_back(chain, limits, seam.trajectory.position[end], length)
             if isinstance(back, str):
-                return f"{line}: {back}"
+                return f"{line}: {back}; make it shorter"
             way = back[::-1] if end == 0 else back
             found = line_motion(chain, way, length, limits, self.timing, self.job.tool_speed)
             if isinstance(found, str):
-                return f"{line}: {found}"
+                return f"{line}: {found}; make it shorter"
             lines[line] = found
         q, joints = seam.trajectory.position, limits.joints
         return PlannedSeam(

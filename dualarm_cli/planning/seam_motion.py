@@ -28,6 +28,10 @@ TIGHTER = (1.0, 0.97, 0.92, 0.85)
 """Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
 TOO_FAST = "too fast"
 """How reasons begin that less speed would help against."""
+LESS = "ask for less speed, or say 'slower: allowed'"
+"""What helps then."""
+DIVIDE = "ask for less speed, or divide the curve into two tasks"
+"""What helps where the motion between knots strays."""
 AS_ASKED = 1.0 - 1e-9
 CAP_MARGIN = 0.999
 """Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
@@ -71,7 +75,7 @@ def timed_seam(
         cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
-    reason = "no motion along it keeps all limits"
+    reason = f"no motion along it keeps all limits; {DIVIDE}"
     for share in TIGHTER:
         tight = replace(
             limits,
@@ -86,16 +90,16 @@ def timed_seam(
             trajectory = _trajectory(path, profile, limits, spacing, jumps=jumps)
             worst = _largest_share(trajectory, limits)
             if worst > 1.0:
-                reason = f"between its knots a joint exceeds a limit {worst:.4f} times"
+                reason = f"between its knots a joint exceeds a limit {worst:.4f} times; {DIVIDE}"
                 break
             residual, uneven = _deviations(path.chain, profile, trajectory)
             if residual <= OPEN and uneven <= UNEVEN:
                 capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
                 return TimedSeam(trajectory, profile, residual, capped)
             reason = (
-                f"the chain opens by {residual * 1e6:.2f} um (or urad) between its knots"
+                f"the chain opens by {residual * 1e6:.2f} um (or urad) between its knots; {DIVIDE}"
                 if residual > OPEN
-                else f"its speed is uneven by {uneven:.2%} between its knots"
+                else f"its speed is uneven by {uneven:.2%} between its knots; {DIVIDE}"
             )
             # A spline's error falls with the fourth power of its knots' distance.
             if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
@@ -127,7 +131,7 @@ def _profile(
         most, asked = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
     found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
     if found is None:
-        return "no ramps are gentle enough for the joints' limits"
+        return "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed"
     if work.slower:
         return found
     if work.duration is None and found.speed >= most * AS_ASKED:
@@ -136,23 +140,23 @@ def _profile(
             return found
         return (
             f"{TOO_FAST}: coming to {asked} takes {max(found.start.time, found.end.time):.3g} s, more than the "
-            f"{longest:.3g} s that a ramp may take"
+            f"{longest:.3g} s that a ramp may take; {LESS}"
         )
     top = steady_limit(path.rates, limits)
     speed = f"{found.speed * length * 1e3:.4g} mm/s"
     if found.speed >= cap * AS_ASKED:
         return (
             f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); the cap on the tools' speed in "
-            "the world decides"
+            f"the world decides; raise it, {LESS}"
         )
     if top.speed > most:
         return (
             f"{TOO_FAST}: too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
-            f"{found.duration:.3f} s"
+            f"{found.duration:.3f} s; {LESS}"
         )
     return (
         f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
-        f"decides {top.share * length * 1e3:.1f} mm along the seam"
+        f"decides {top.share * length * 1e3:.1f} mm along the seam; {LESS}"
     )
 
 

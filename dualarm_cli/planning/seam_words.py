@@ -55,9 +55,21 @@ def where_it_fails(work: SeamWork, found: NoSeam) -> str:
     """Returns why no joints were found, with the first place that fails."""
     length = work.length * 1e3
     if found.share >= 1.0:
-        return found.reason
+        return f"{found.reason}; {_helps(work)}"
     from_here = f"{found.share * length:.1f} mm along the seam of {length:.1f} mm"
-    return f"fails {from_here}: {found.reason}"
+    return f"fails {from_here}: {found.reason}; {_helps(work)}"
+
+
+def _helps(work: SeamWork) -> str:
+    """Returns what a file may change where no joints are found: each freedom that it does not give yet."""
+    ways = ["shorten the curve or divide it", "move it on the part ('part', 'curve')"]
+    if work.hold.stands or work.hold.given:
+        ways.append("let the part move ('hold: free')")
+    if not work.tool.free_spin:
+        ways.append("let the tool spin ('free: spin')")
+    if work.tool.tilt == 0.0:
+        ways.append("let it lean ('tilt')")
+    return f"{', '.join(ways[:-1])}, or {ways[-1]}"
 
 
 def workers(work: SeamWork) -> str:

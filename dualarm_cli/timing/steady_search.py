@@ -87,7 +87,7 @@ def fastest_profile(
     if most <= top:
         exact = _quickest(rates, limits, np.array([most]), acceleration, trapezoid)
         if exact is not None:
-            return exact
+            return _shortened(exact, rates, limits, acceleration, trapezoid)
     # Two ramps cover the whole path at most.
     highest = min(most, top, 1.0 / RAMPS[0])
     speeds = highest * np.geomspace(1.0, LEAST_SPEED, SPEEDS)
@@ -97,7 +97,9 @@ def fastest_profile(
     k = int(np.argmin(np.abs(speeds - best.speed)))
     near = np.linspace(speeds[max(k - 1, 0)], speeds[min(k + 1, SPEEDS - 1)], NEAR_BEST)
     nearby = _quickest(rates, limits, near, acceleration, trapezoid)
-    return best if nearby is None or nearby.duration >= best.duration else nearby
+    if nearby is not None and nearby.duration < best.duration:
+        best = nearby
+    return _shortened(best, rates, limits, acceleration, trapezoid)
 
 
 def profile_of_duration(
@@ -172,19 +174,44 @@ def _shortest_ramp(
     """Returns the shortest ramp to a speed that keeps every limit, or None."""
     least = 0.0 if acceleration is None else speed / (acceleration * AS_FAST)
     times = RAMPS[(2.0 / speed >= RAMPS) & (least / RATIO < RAMPS)]
-
-    def first(times: FloatArray, shapes: FloatArray) -> Ramp | None:
-        shapes = np.zeros(1) if trapezoid else shapes
-        time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
-        good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
-        return Ramp(float(time[good[0]]), float((time * shape)[good[0]])) if len(good) else None
-
+    coarse, fine = (np.zeros(1) if trapezoid else shares for shares in (JERK_SHARES, FINER_SHARES))
     for k in range(0, len(times), TOGETHER):
-        found = first(times[k : k + TOGETHER], JERK_SHARES)
+        tried = times[k : k + TOGETHER]
+        found = _first(rates, limits, speed, tried, coarse, acceleration)
         if found is not None:
             shorter = np.geomspace(found.time / RATIO**2, found.time, FINER + 1)[:-1]
-            return first(shorter, FINER_SHARES) or found
+            return _first(rates, limits, speed, shorter, fine, acceleration) or found
     return None
+
+
+def _shortened(
+    profile: SteadyProfile,
+    rates: PathRates,
+    limits: JointLimits,
+    acceleration: float | None,
+    trapezoid: bool,
+) -> SteadyProfile:
+    """Returns a profile with its ramps shorter by what the times that were tried leave between them."""
+    ramps = []
+    for end, ramp in ((rates, profile.start), (rates.backwards(), profile.end)):
+        times = np.geomspace(ramp.time / RATIO ** (2.0 / FINER), ramp.time, FINER + 1)[:-1]
+        shapes = np.zeros(1) if trapezoid else FINER_SHARES
+        ramps.append(_first(end, limits, profile.speed, times, shapes, acceleration) or ramp)
+    return SteadyProfile(profile.speed, *ramps)
+
+
+def _first(
+    rates: PathRates,
+    limits: JointLimits,
+    speed: float,
+    times: FloatArray,
+    shapes: FloatArray,
+    acceleration: float | None,
+) -> Ramp | None:
+    """Returns the first ramp that keeps every limit, of times (g,) [s] and for each of shapes (h,), or None."""
+    time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
+    good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
+    return Ramp(float(time[good[0]]), float((time * shape)[good[0]])) if len(good) else None
 
 
 def _keeps(

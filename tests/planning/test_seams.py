@@ -32,6 +32,12 @@ robot:
   right: {robot: iiwa14, base: {xyz: [0.55, 0, 0], rpy: [0, 0, 180 deg]}}
 tools: {left: {tcp: {xyz: [0, 0, 150 mm]}}, right: {tcp: {xyz: [0, 0, 150 mm]}}}
 """
+QIN = """\
+robot:
+  left:  {robot: qin_150}
+  right: {robot: qin_150, base: {xyz: [-2.8, 0, 0]}}
+tools: {left: {tcp: {xyz: [0, 0, 200 mm]}}, right: {tcp: {xyz: [0, 0, 347 mm]}}}
+"""
 SMALL = (
     "robot: %s\ntools: {left: {tcp: {xyz: [0, 0, 80 mm]}}, right: {tcp: {xyz: [0, 0, 80 mm]}}}\n"
 )
@@ -178,6 +184,7 @@ def test_too_fast_is_refused_with_joint_kind_and_place(tmp_path: Path) -> None:
         "too fast: 5000 mm/s",
         "of joint ",
         "mm along the seam",
+        "say 'slower: allowed'",
     ):
         assert word in message, message
     assert any(kind in message for kind in ("velocity", "acceleration", "jerk"))
@@ -384,11 +391,69 @@ def test_many_short_waves_are_followed_as_closely_as_a_straight_line(tmp_path: P
     assert length / 0.02 < end - begin < length / 0.02 + 1.0
 
 
+def _random_curve(rng: np.random.Generator, folder: Path) -> str:
+    """A line, arc, ellipse, saddle, spline through points about an ellipse, or the poses of a wave, 20 mm to 1 m."""
+    kind = rng.choice(["line", "arc", "ellipse", "saddle", "spline", "closed", "wave"])
+    size = float(np.exp(rng.uniform(np.log(0.02), np.log(0.12))))
+    if kind == "line":
+        return f"{{kind: line, start: [{-2.0 * size}, 0, 0], end: [{2.0 * size}, 0, 0]}}"
+    if kind == "arc":
+        return f"{{kind: arc, radius: {size}, begin: 0, finish: {rng.uniform(60, 360)} deg}}"
+    if kind == "ellipse":
+        return f"{{kind: ellipse, semi_axes: [{size}, {0.75 * size}]}}"
+    if kind == "saddle":
+        part = rng.uniform(0.5, 0.9) * size
+        return f"{{kind: saddle, main_radius: {size}, branch_radius: {part}, finish: 180 deg}}"
+    if kind in ("spline", "closed"):
+        angle = np.arange(12) * (2.0 * np.pi / 12.0)
+        out = size * rng.uniform(0.95, 1.05, 12)
+        points = np.stack([out * np.cos(angle), 0.75 * out * np.sin(angle), 0.0 * angle], axis=1)
+        rows = points.round(5).tolist()
+        rows += rows[:1] if kind == "closed" else []
+        return f"{{kind: spline, points: {rows}, closed: {str(kind == 'closed').lower()}}}"
+    count, waves, length = int(rng.integers(200, 3000)), rng.uniform(1.0, 15.0), 4.0 * size
+    t, height = np.linspace(0.0, 1.0, count), rng.uniform(0.05, 0.15) * length / waves
+    phase = 2.0 * np.pi * waves * t
+    half = np.arctan2(height * 2.0 * np.pi * waves * np.cos(phase), length) / 2.0
+    zero = np.zeros((3, count))
+    columns = [length * (t - 0.5), height * np.sin(phase), *zero, np.sin(half), np.cos(half)]
+    names = "x,y,z,qx,qy,qz,qw"
+    rows = np.stack(columns, axis=1).round(int(rng.choice([6, 9, 15])))
+    np.savetxt(folder / "wave.csv", rows, "%.15g", ",", header=names, comments="")
+    return "{kind: poses, file: wave.csv}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", [SDA10F, PAIR, QIN], ids=["sda10f", "iiwa14", "qin_150"])
+@pytest.mark.parametrize("seed", range(20))
+def test_random_seams_are_planned_or_refused_with_what_helps(
+    tmp_path: Path, cell: str, seed: int
+) -> None:
+    """Plans pass the verifier; a refusal is a limit, a reach or a collision, with what the file may change."""
+    rng = np.random.default_rng(seed)
+    curve = _random_curve(rng, tmp_path)
+    text = seam(
+        f"speed: {float(np.exp(rng.uniform(np.log(5.0), np.log(1000.0))))} mm/s",
+        *rng.choice(["slower: allowed", "hold: still", "acceleration: 2 m/s²"], 1),
+        curve=curve,
+        tool=str(rng.choice(["{}", "{free: spin}", "{free: spin, tilt: 10 deg}"])),
+    )
+    try:
+        planned(job_of(tmp_path, cell, text))
+    except InfeasibleError as refused:
+        message = str(refused)
+        helps = ("ask for less speed", "shorten the curve", "make it shorter", "let the tool lean")
+        assert any(word in message for word in helps), message
+        assert "the chain opens" not in message
+        assert "between its knots" not in message
+
+
 def test_seams_that_cannot_be_are_refused_at_their_place(tmp_path: Path) -> None:
     """Four metres long; a method that there is not; a micrometre a second."""
     long = "{kind: line, start: [-2, 0, 0], end: [2, 0, 0]}"
     with pytest.raises(
-        InfeasibleError, match=r"tasks\.yaml:7:7: .* mm along the seam of 4000.0 mm"
+        InfeasibleError,
+        match=r"tasks\.yaml:7:7: .* mm along the seam of 4000.0 mm.*; shorten the curve or divide it, ",
     ):
         planned(job_of(tmp_path, SDA10F, seam("speed: 100 mm/s", "method: still", curve=long)))
     with pytest.raises(InputError, match="no method 'stil' works seams"):
