@@ -33,6 +33,8 @@ LESS = "ask for less speed, or say 'slower: allowed'"
 DIVIDE = "ask for less speed, or divide the curve into two tasks"
 """What helps where the motion between knots strays."""
 AS_ASKED = 1.0 - 1e-9
+ACCELERATION_MARGIN = 0.99
+"""Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
 CAP_MARGIN = 0.999
 """Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
 
@@ -118,7 +120,9 @@ def _profile(
 ) -> SteadyProfile | str:
     """Returns how fast a seam is worked, at a steady speed of cap [1/s] at most, or why not as asked."""
     length = work.length
-    acceleration = None if work.acceleration is None else work.acceleration * pace**2 / length
+    acceleration = None
+    if work.acceleration is not None:
+        acceleration = ACCELERATION_MARGIN * work.acceleration * pace**2 / length
     if work.duration is not None:
         found = profile_of_duration(
             path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
