@@ -241,6 +241,101 @@ def _plane(arm: SrsArm, R: np.ndarray, p: np.ndarray, angle: float) -> list[np.n
     return [back.T @ arm.canonical.B @ v for v in (plane.u, plane.r, plane.t)]
 
 
+def test_the_arm_plane_is_carried_along_by_the_smallest_rotation(arm):
+    """Against that rotation itself, over platform angles up to 0.8 rad to either side."""
+    random = np.random.default_rng(26)
+    for _ in range(40):
+        R, p = arm.forward(random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
+        middle, turn = random.uniform(-0.2, 0.2), random.uniform(-0.8, 0.8, 1)
+        then, now = (_plane(arm, R, p, x) for x in (middle, middle + float(turn[0])))
+        if then[0] @ now[0] < -0.9:
+            continue
+        carried = smallest_rotation(then[0], now[0]) @ then[1]
+        found = bound_enclosures._carried_along(
+            *(
+                bound_enclosures._directions(arm, R, p, x + np.zeros(1))
+                for x in (middle, middle + turn)
+            ),
+            turn,
+        )
+        expected = np.arctan2(carried @ now[2], carried @ now[1])
+        assert np.mod(found[0] - expected + 1.0, 2.0 * np.pi) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_azimuths_and_sines_within_a_cap_are_those_of_its_rim():
+    """Rims of caps about the corner nearest to a pole, point by point; over a pole nothing is known."""
+    random = np.random.default_rng(27)
+    theta, away = random.uniform(0.05, np.pi - 0.05, (4, 60, 1)), random.uniform(0.01, 1.2, (60, 1))
+    cap = bound_enclosures._cap(theta, away)
+    sine = bound_enclosures._least_sine(theta, away)
+    round_it = np.linspace(0.0, 2.0 * np.pi, 3601)
+    for k in range(60):
+        pole = np.minimum(theta[:, k, 0], np.pi - theta[:, k, 0]).min()
+        radius = away[k, 0]
+        if radius >= pole:
+            assert (cap[k, 0], sine[k, 0]) == (np.inf, 0.0)
+            continue
+        c, s = np.cos(pole), np.sin(pole)
+        x = np.sin(radius) * np.cos(round_it) * c + np.cos(radius) * s
+        y = np.sin(radius) * np.sin(round_it)
+        assert cap[k, 0] == pytest.approx(np.arctan2(y, x).max(), abs=1e-5)
+        polar = [theta[:, k, 0].min() - radius, theta[:, k, 0].max() + radius]
+        assert sine[k, 0] == pytest.approx(np.sin(np.linspace(*polar, 500)).min())
+
+
+@pytest.mark.parametrize("parts", [24, 90])
+def test_at_one_platform_angle_the_elbow_s_circle_alone_widens_enclosures(arm, parts):
+    """A vector on a circle of radius b has a first rate of b and a second one of b, its frame one of 1 and 1.
+
+    With the half-width h, the least sine s and the nearest corner's polar angle theta, a polar angle is within
+    min(b h, (b + b²) h² / 2s) of its corners', an azimuth within that of r h / s, asin(sin r h / sin theta)
+    and (r / s + 2 r² / s²) h² / 2, where r is b or 1.
+    """
+    random = np.random.default_rng(28)
+    h, told = np.pi / parts, 0
+    for _ in range(6):
+        R, p = arm.forward(random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
+        cell = one_cell(0.0, 0.0)
+        rates = shape_rates(arm, arm.wrist_center(R, p), cell)
+        found = enclosures(arm, R, p, cell, rates, parts)
+        curves = arm.curves(R, p)
+        edges = np.linspace(-np.pi, np.pi, parts + 1)
+        corners = np.abs(np.array(curves.angles(np.sin(edges), np.cos(edges)))[[1, 5]])
+        for (outer, middle, along), theta, b in (
+            ((0, 1, 2), corners[0], float(rates.sin_upper[0])),
+            ((6, 5, 4), corners[1], float(rates.sin_fore[0])),
+        ):
+            for k in range(parts):
+                ends = theta[k : k + 2]
+                pole = min(ends.min(), np.pi - ends.max())
+                s = np.sin([max(ends.min() - b * h, 0.0), min(ends.max() + b * h, np.pi)]).min()
+                for joint, rate in ((outer, b), (along, 1.0)):
+                    if rate * h >= pole or s < 0.1:
+                        continue
+                    width = float((found.high - found.low)[joint, 0, 0, k])
+                    q = [curves.angles(np.sin(x), np.cos(x))[joint] for x in edges[k : k + 2]]
+                    own = abs(np.mod(float(q[1] - q[0]) + np.pi, 2.0 * np.pi) - np.pi)
+                    slack = [
+                        rate * h / s,
+                        np.arcsin(min(np.sin(rate * h) / np.sin(pole), 1.0)),
+                        (rate / s + 2.0 * rate**2 / s**2) * h**2 / 2.0,
+                    ]
+                    if min(slack[:2]) < 0.5 * np.pi:
+                        assert width == pytest.approx(own + 2.0 * min(slack), abs=1e-7)
+                        told += 1
+                if b * h < pole and s > 0.1:
+                    slack = [b * h, (b + b**2) * h**2 / (2.0 * s)]
+                    low, high = (
+                        max(ends.min() - min(slack), 0.0),
+                        min(ends.max() + min(slack), np.pi),
+                    )
+                    for flip, expected in enumerate(([low, high], [-high, -low])):
+                        own = [found.low[middle, flip, 0, k], found.high[middle, flip, 0, k]]
+                        offset = arm.canonical.offset[middle]
+                        assert own == pytest.approx(np.array(expected) - offset, abs=1e-7)
+    assert told > 100
+
+
 def test_enclosures_shrink_to_the_corners_with_the_square_of_their_cells(arm):
     """What is beyond the corners' own range is a quarter in cells of half the size; at least nearly."""
     random = np.random.default_rng(23)
