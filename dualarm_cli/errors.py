@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import resource
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 
 
 def did_you_mean(word: str, known: list[str]) -> str:
     """Returns ", did you mean 'x'?" for the closest known word, or an empty string."""
     match = get_close_matches(word, known, n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
+
+
+def millimetres(length: float) -> str:
+    """Returns a length [m] in millimetres with one decimal; what would be 0.0 is less than 0.1."""
+    shown = f"{abs(length) * 1e3:.1f}"
+    return "less than 0.1 mm" if shown == "0.0" else f"{shown} mm"
 
 
 @dataclass(frozen=True)
@@ -111,3 +120,32 @@ class BlockedError(InfeasibleError):
         """
         self.stages, self.alone = stages, alone
         super().__init__(message)
+
+
+_OUT_OF_MEMORY = (
+    "bad_alloc",
+    "Cannot allocate memory",
+    "can't start new thread",
+    "failed to map segment",
+)
+"""What libraries say that have too little memory, whatever they raise."""
+_NEARLY_ALL = 0.75
+"""What share of the memory that is allowed is nearly all: a library that does not fit any more is not counted."""
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Returns whether an error comes of too little memory, as far as it can be told.
+
+    Libraries that cannot be loaded for it say that they are missing; hence the process's limit counts as well.
+    """
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    if any(words in str(error) for words in _OUT_OF_MEMORY):
+        return True
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        peak = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmPeak:"))
+    except (OSError, StopIteration):
+        return False
+    return allowed != resource.RLIM_INFINITY and peak > _NEARLY_ALL * allowed

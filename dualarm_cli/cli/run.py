@@ -14,7 +14,7 @@ from typing import Any
 
 import typer
 
-from dualarm_cli.errors import DualArmError, InputError
+from dualarm_cli.errors import DualArmError, InputError, lacks_memory
 
 # typer carries click within itself since 0.25 and stood on it before: its errors' common ancestor is
 # found from either.
@@ -62,22 +62,34 @@ def run(arguments: list[str]) -> int:
     except _COMMAND_LINE_ERROR as error:
         context = getattr(error, "ctx", None)
         hint = f" Try '{context.command_path} --help'." if context is not None else ""
-        return _report(f"{error.format_message().rstrip('.')}.{hint}", 2, arguments)
+        text = error.format_message().rstrip(".")
+        return _report(f"{text}{'' if text.endswith('?') else '.'}{hint}", 2, arguments)
     except InputError as error:
         from dualarm_cli.loading.diagnostics import render
 
         return _report(render(error.diagnostics), error.exit_code, arguments)
     except DualArmError as error:
         return _report(f"error: {error}", error.exit_code, arguments)
-    except OSError as error:
+    except Exception as error:
+        return _unexpected(error, arguments)
+
+
+def _unexpected(error: Exception, arguments: list[str]) -> int:
+    """Returns the exit code of an error that nobody raised on purpose, after saying what it is."""
+    if lacks_memory(error):
+        text = (
+            f"error: there is too little memory ({type(error).__name__}); close other programs, allow this one more "
+            "(ulimit -v), or plan fewer tasks at once"
+        )
+        return _report(text, INTERNAL_EXIT, arguments)
+    if isinstance(error, OSError):
         return _report(
             f"error: {error.strerror}: {error.filename or 'standard output'}", 2, arguments
         )
-    except Exception as error:
-        if os.environ.get("DUALARM_DEBUG"):
-            raise
-        text = f"internal error: {type(error).__name__}: {error}\nThis is a bug; "
-        return _report(f"{text}DUALARM_DEBUG=1 shows where.", INTERNAL_EXIT, arguments)
+    if os.environ.get("DUALARM_DEBUG"):
+        raise error
+    text = f"internal error: {type(error).__name__}: {error}\nThis is a bug; "
+    return _report(f"{text}DUALARM_DEBUG=1 shows where.", INTERNAL_EXIT, arguments)
 
 
 def _open_closed_streams() -> None:

@@ -58,16 +58,15 @@ class Cluster:
             from distributed import Client
         except ImportError:
             raise MissingDependencyError("distributed", "cluster") from None
+        _ask(address)
         self._address, self._timeout = address, timeout
         # What it logs are tracebacks of its own; what they come to is said of the cases.
         for logger in ("distributed", "distributed.client"):
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=CONNECTING, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            raise UsageError(
-                f"--scheduler {address}: no scheduler answers there ({error}); start one by `dask scheduler`"
-            ) from None
+        except Exception as error:
+            raise _no_scheduler(address, error) from None
         try:
             self._check(address)
         except BaseException:
@@ -119,7 +118,7 @@ class Cluster:
             requests: any number; their files are read by the workers, at the same paths.
 
         Raises:
-            UsageError: all workers have gone.
+            UsageError: all workers have gone, or the scheduler has.
         """
         from distributed import as_completed
 
@@ -134,10 +133,19 @@ class Cluster:
         try:
             done = as_completed(list(places), loop=self._client.loop)
             seen = looked = time.monotonic()
+            answered = 0
             while done.count():
                 for future in done.next_batch(block=False):
                     index = places[future]
-                    yield index, _answer(future, requests[index], known)
+                    answer = _answer(future, requests[index], known)
+                    if answer is None:
+                        raise UsageError(
+                            f"--scheduler {self._address}: it has ended or cannot be reached any more, with {answered} "
+                            f"of {len(requests)} plans done; those are in the cache (unless --no-cache): start it "
+                            "again, and run the same command again"
+                        )
+                    yield index, answer
+                    answered += 1
                     seen = looked = time.monotonic()
                 time.sleep(POLL)
                 if time.monotonic() > looked + LOOK:
@@ -162,6 +170,36 @@ class Cluster:
                 f"--scheduler {self._address}: it has had no workers for {DESERTED:g} s; start some by "
                 f"`dask worker {self._address}` and run the same command again"
             )
+
+
+def _ask(address: str) -> None:
+    """Makes sure that a scheduler answers at an address, before a client of its own kind waits for it.
+
+    Raises:
+        UsageError: nobody answers, or something else than a scheduler.
+    """
+    from distributed import Security
+    from distributed.core import rpc
+
+    async def ask() -> Any:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, timeout=CONNECTING, connection_args=arguments) as there:
+            return await there.identity()
+
+    try:
+        found = asyncio.run(asyncio.wait_for(ask(), CONNECTING))
+    except Exception as error:
+        raise _no_scheduler(address, error) from None
+    if not isinstance(found, dict) or found.get("type") != "Scheduler":
+        raise _no_scheduler(address, "something else does")
+
+
+def _no_scheduler(address: str, why: object) -> UsageError:
+    said = str(why) or type(why).__name__
+    said = " ".join("".join(c if c.isprintable() else " " for c in said).split())[:200]
+    return UsageError(
+        f"--scheduler {address}: no scheduler answers there ({said}); start one by `dask scheduler`"
+    )
 
 
 def _programs_there() -> dict[str, str]:
@@ -194,8 +232,8 @@ def evaluate_there(
     return found[0][1].as_document()
 
 
-def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation:
-    """Returns what a request came to, or why the cluster has no answer that counts here.
+def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation | None:
+    """Returns what a request came to, or why the cluster has no answer that counts here; None if it has gone.
 
     Args:
         future: of its evaluation, done in one way or the other.
@@ -208,8 +246,12 @@ def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation:
             if document is None:
                 return _refused(request, OTHER_PROGRAMS)
             return _seen_alike(Evaluation.of_document(document), request, known)
-        why = future.exception() or "it has lost it, or its scheduler has ended"
-    except (Exception, asyncio.CancelledError) as error:
+        if future.status in ("cancelled", "lost"):
+            return None  # nobody here cancels: the client does so when the scheduler ends
+        why = future.exception()
+    except asyncio.CancelledError:
+        return None
+    except Exception as error:
         why = error
     finding = Finding(f"the cluster gave it up: {why}", request.case)
     return Evaluation(request.case, "crashed", findings=(finding,))

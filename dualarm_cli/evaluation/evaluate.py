@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from dualarm_cli.errors import DualArmError, InfeasibleError, InputError
+from dualarm_cli.errors import DualArmError, InfeasibleError, InputError, lacks_memory
 from dualarm_cli.evaluation.inputs import names_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.loading.tasks import load_job
@@ -53,6 +53,8 @@ def evaluate(request: Request) -> Evaluation:
             status = "bad_input" if error.exit_code == 2 else "internal_error"
             found = _failed(request, status, [Finding(str(error), request.case)])
         except Exception as error:
+            if lacks_memory(error):
+                raise MemoryError(str(error)) from None
             text = f"internal error: {type(error).__name__}: {error}; this is a bug"
             found = _failed(request, "internal_error", [Finding(text, request.case)])
     return replace(found, inputs=names_of(record, request.folder))

@@ -29,6 +29,8 @@ DEFAULT_FOLDER = ".dualarm-cache"
 """Where answers are kept, in the working directory."""
 ABANDONED = 3600.0
 """Files in the making that are older than this were left by a process that was killed [s]."""
+ROUNDING = 1e-9
+"""Share by which figures of one plan may disagree."""
 MOST_BYTES = 50_000_000
 """Largest entry that is read [bytes]."""
 
@@ -56,7 +58,7 @@ class Store:
         except ValueError:
             return None
         same = found.case == request.case and dict(found.inputs) == inputs
-        return found if same and found.status in REPEATABLE else None
+        return found if same and found.status in REPEATABLE and _adds_up(found) else None
 
     def keep(self, request: Request, answer: Evaluation) -> None:
         """Keeps an answer, if the same input always comes to it and the files still hold what it was made from.
@@ -121,13 +123,29 @@ class Store:
         making = self.folder / "making"
         making.mkdir(parents=True, exist_ok=True)
         place.parent.mkdir(parents=True, exist_ok=True)
-        made = write_new(making, "", "", [data])
+        made = write_new(making, [data])
         try:
             made.replace(place)
         except BaseException:
             with contextlib.suppress(OSError):
                 made.unlink()
             raise
+
+
+def _adds_up(found: Evaluation) -> bool:
+    """Returns whether an answer's figures can belong to one plan; its checksum says only that it was not cut off."""
+    time, bound, gap = found.cycle_time, found.lower_bound, found.gap
+    if found.status == "infeasible":
+        return time is None
+    if time is None or time < 0.0:
+        return False
+    if bound is None or time == 0.0:
+        return gap is None
+    return (
+        bound <= time * (1.0 + ROUNDING)
+        and gap is not None
+        and abs(gap - (time - bound) / time) <= ROUNDING
+    )
 
 
 def _checksum(content: Any) -> str:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import stat
 import tempfile
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 from dualarm_cli.errors import OutputError
+
+_PART = ".part"
+_FRESH = 1.0
+"""How long a file that is being written may have no lock yet [s]."""
 
 
 def write_file(path: Path, content: bytes, force: bool) -> None:
@@ -30,53 +38,92 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
 
 
 def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
-    """Writes all files, each from its parts, beside their places first, then moves each into it, in order."""
-    written: list[tuple[Path, Path]] = []
-    try:
-        for name, content in files.items():
-            written.append((_write_beside(folder, name, content), folder / name))
-        for temporary, place in written:
-            temporary.replace(place)
-        _sync_folder(folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
-    finally:
-        for temporary, _ in written:
+    """Writes all files, each from its parts, beside their places first, then moves each into it, in order.
+
+    A symbolic link stays one: what it leads to is replaced. A file that is there already keeps its permissions.
+    """
+    with contextlib.ExitStack() as written:
+        try:
+            moves = []
+            for name, content in files.items():
+                place = Path(os.path.realpath(folder / name))
+                _remove_abandoned(place)
+                moves.append((written.enter_context(_written_beside(place, content)), place))
+            for temporary, place in moves:
+                temporary.replace(place)
+            for parent in dict.fromkeys(place.parent for _, place in moves):
+                _sync_folder(parent)
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def _written_beside(place: Path, content: Iterable[bytes]) -> Iterator[Path]:
+    """Yields a new hidden file beside a place, with its content on the disk; it is locked, and gone in the end."""
+    handle, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=_PART, dir=place.parent)
+    with os.fdopen(handle, "wb") as file:
+        try:
+            with contextlib.suppress(OSError):  # not every file system has locks
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _fill(file, content, _mode_of(place))
+            yield Path(name)
+        finally:
             with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+                Path(name).unlink(missing_ok=True)
 
 
-def _write_beside(folder: Path, name: str, content: Iterable[bytes]) -> Path:
-    """Writes content to a new hidden file of the folder and onto the disk."""
-    return write_new(folder, f".{name}.", ".part", content)
+def _remove_abandoned(place: Path) -> None:
+    """Removes what killed processes have left beside a place: files that nobody has locked any more."""
+    beginning = f".{place.name}."
+    for path in place.parent.iterdir():
+        if not (path.name.startswith(beginning) and path.name.endswith(_PART)):
+            continue
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # One that was made just now may not be locked yet.
+            if time.time() - os.fstat(file.fileno()).st_mtime > _FRESH:
+                path.unlink()
 
 
-def write_new(folder: Path, prefix: str, suffix: str, content: Iterable[bytes]) -> Path:
+def write_new(folder: Path, content: Iterable[bytes]) -> Path:
     """Writes content to a new file whose name nothing else has, and onto the disk.
 
     Args:
         folder: where it is made.
-        prefix: what its name begins with.
-        suffix: what its name ends with.
         content: parts of what it holds; whoever may read other new files of this process may read it.
 
     Raises:
         OSError: it cannot be written; nothing is left of it.
     """
-    handle, path = tempfile.mkstemp(prefix=prefix, suffix=suffix, dir=folder)
+    handle, path = tempfile.mkstemp(prefix="", dir=folder)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.writelines(content)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(path).chmod(0o666 & ~umask)
+            _fill(file, content, _new_mode())
     except BaseException:
         with contextlib.suppress(OSError):
             Path(path).unlink()
         raise
     return Path(path)
+
+
+def _fill(file: BinaryIO, content: Iterable[bytes], mode: int) -> None:
+    file.writelines(content)
+    file.flush()
+    os.fchmod(file.fileno(), mode)
+    os.fsync(file.fileno())
+
+
+def _mode_of(place: Path) -> int:
+    """Returns the permissions of a file, or those of a new one."""
+    with contextlib.suppress(FileNotFoundError):
+        return stat.S_IMODE(place.stat().st_mode)
+    return _new_mode()
+
+
+def _new_mode() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return 0o666 & ~umask
 
 
 def _sync_folder(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.collision.gripping import too_near
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import InfeasibleError, millimetres
 from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.method import MethodProblem
@@ -25,7 +25,7 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
     one, other, margin = cell.nearest(position, held)
     if margin < 0.0:
         raise InfeasibleError(
-            f"start: in posture '{job.start}' {one} and {other} lack {-margin * 1e3:.1f} mm of "
+            f"start: in posture '{job.start}' {one} and {other} lack {millimetres(margin)} of "
             f"clearance; start in another posture (`start: free` leaves it open), move what is in the way, or allow "
             "the pair less"
         )
@@ -46,7 +46,7 @@ def check_parts(problem: MethodProblem, holding: Holding) -> None:
         what = f"tool '{task.tool}'" if task.is_change else f"part '{task.part}'"
         lines.append(
             f"{stop.place}: task '{task.id}': where {arm} has to {stop.action.split('_')[0]} it or on the line there, "
-            f"{what} reaches {depth * 1e3:.1f} mm into '{into}', at best"
+            f"{what} reaches {millimetres(depth)} into '{into}', at best"
         )
     if lines:
         raise InfeasibleError(
@@ -74,7 +74,7 @@ def check_grips(problem: MethodProblem) -> None:
         for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
             lines.append(
                 f"{work.place}: task '{task.id}': {one.where} {' and '.join(one.bodies)} lack "
-                f"{-one.margin * 1e3:.1f} mm of clearance"
+                f"{millimetres(one.margin)} of clearance"
             )
     if lines:
         raise InfeasibleError(

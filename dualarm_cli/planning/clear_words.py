@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.errors import BlockedError
+from dualarm_cli.errors import BlockedError, millimetres
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.clearing import Cleared, Clearing
 from dualarm_cli.planning.motion import Motion
@@ -58,7 +58,7 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> str:
             f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
         )
         lines.append(
-            f"{places or 'return'}: {one} and {other} lack {max(0.1, -margin * 1e3):.1f} mm of clearance "
+            f"{places or 'return'}: {one} and {other} lack {millimetres(min(0.0, margin))} of clearance "
             f"{when:.2f} s into stage {k + 1}"
         )
     return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}{_standing(clearing.job, found)}"

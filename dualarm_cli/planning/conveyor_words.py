@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import InfeasibleError, millimetres
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.planning.stage_plan import ArmStop
 
@@ -22,7 +22,7 @@ def too_late(arm_stop: ArmStop, time: float, late: float) -> str:
     why = f" ({late:.3f} s of it to keep clear)" if late > 0.0 else ""
     return (
         f"{stop.place}: task '{arm_stop.task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
-        f"{time:.3f} s{why}, when it is {gone * 1e3:.0f} mm beyond what 'within' allows: {_window(belt)}; what helps: "
+        f"{time:.3f} s{why}, when it is {millimetres(gone)} beyond what 'within' allows: {_window(belt)}; what helps: "
         "a later 'passes', a longer 'within', a slower conveyor, another arm or order (arm: any, order: optimise), or "
         "less before it"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.planning.holding import Holding
 from dualarm_cli.planning.path_motion import Followed, Refused
@@ -33,7 +34,7 @@ def touching_path(holding: Holding, found: Followed) -> Refused | None:
     one, other, missing = holding.cell.nearest(position[k], held[k])
     share = float(found.clock.at(time[k : k + 1])[0][0])
     return Refused(
-        f"after {time[k]:.3f} s {one} and {other} lack {max(1e-4, -missing) * 1e3:.1f} mm of clearance",
+        f"after {time[k]:.3f} s {one} and {other} lack {millimetres(min(0.0, missing))} of clearance",
         share,
         "clear",
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -101,15 +102,17 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             where = "with the platform where it is" if model.platform.joints else "from its base"
         if isinstance(stop.arm, GeneralArm):
             advice = "move the target" + ("" if stop.free_yaw else " or free its yaw")
+            if not np.isfinite(miss):
+                return f"no posture within limits was found that is turned as {point.name} asks ({where}); {advice}"
             return (
                 f"no posture within limits brings the flange nearer to {point.name} than "
-                f"{miss * 1000:.1f} mm, turned as asked ({where}); {advice}"
+                f"{millimetres(miss)}, turned as asked ({where}); {advice}"
             )
         if miss > 0:
-            return f"{point.name} is {miss * 1000:.1f} mm beyond the arm's reach ({where})"
+            return f"{point.name} is {millimetres(miss)} beyond the arm's reach ({where})"
         if miss < 0:
             return (
-                f"{point.name} is {-miss * 1000:.1f} mm too near the shoulder for the elbow "
+                f"{point.name} is {millimetres(miss)} too near the shoulder for the elbow "
                 f"joint's limits ({where})"
             )
         return f"{point.name}: no arm angle and branch keeps all joints within their limits"

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
+from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
@@ -44,7 +45,7 @@ def nearest_words(holding: Holding) -> Callable[[FloatArray], str]:
     def words(position: FloatArray) -> str:
         held = np.zeros(len(holding.cell.arms), dtype=np.int64)
         one, other, missing = holding.cell.nearest(position, held)
-        return f"{one} and {other} lack {max(1e-4, -missing) * 1e3:.1f} mm of clearance"
+        return f"{one} and {other} lack {millimetres(min(0.0, missing))} of clearance"
 
     return words
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -82,7 +83,7 @@ def explain_touching(
             where = f", with the platform at {np.degrees(best.angle) + 0.0:.0f} deg"
         return (
             f"{NAMES[place]} every posture is too near to something: at best {one} and {other} lack "
-            f"{max(0.0, -margin_there) * 1e3:.1f} mm of clearance{where}"
+            f"{millimetres(min(0.0, margin_there))} of clearance{where}"
         )
     return None
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.cli import plan as cli_plan
+from dualarm_cli.cli import run as run_module
 from dualarm_cli.cli.run import run
 from dualarm_cli.planning import planner
 
@@ -289,3 +291,45 @@ def test_a_latin_stdout_gets_text_and_not_a_crash():
     for command in (["platform"], ["platform", "--json"], ["robot", "list"]):
         result = dualarm(*command, env=environment)
         assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("std::bad_alloc"),
+        RuntimeError("can't start new thread"),
+        OSError(12, "Cannot allocate memory"),
+        ImportError("libgfortran.so.5: failed to map segment from shared object"),
+    ],
+)
+def test_too_little_memory_is_no_bug(error, monkeypatch, capsys):
+    """Whatever the library raises that has too little of it."""
+    monkeypatch.delenv("DUALARM_DEBUG", raising=False)
+
+    def fail(_arguments):
+        raise error
+
+    monkeypatch.setattr(run_module, "_run_command", fail)
+    assert run_module.run(["plan"]) == 4
+    said = capsys.readouterr().err
+    assert "there is too little memory" in said
+    assert "bug" not in said
+
+
+def test_a_plan_within_too_little_memory_says_so(tmp_path, tasks_folder):
+    """350 MB of addresses: some library does not fit, and says so in words of its own."""
+    ended = dualarm(
+        *("plan", tasks_folder / "02_two_trays/tasks.yaml", "--out", tmp_path / "out"),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (350_000_000, 350_000_000)),
+    )
+    assert ended.returncode == 4
+    assert "there is too little memory" in ended.stderr
+    assert "bug" not in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_suggestion_ends_with_one_mark(capsys):
+    """The command line's own words end with a question mark where they guess."""
+    assert run_module.run(["verfy"]) == 2
+    assert "'verify'? Try 'dualarm --help'." in capsys.readouterr().err

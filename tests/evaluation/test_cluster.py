@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
+import socket
+import subprocess
+import sys
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,6 +99,7 @@ class Done:
 def answered(monkeypatch):
     """Returns what a cluster's answers come to, by tasks that have ended in given ways."""
     monkeypatch.setattr(distributed, "Client", Client)
+    monkeypatch.setattr(module, "_ask", lambda _: None)
     monkeypatch.setattr(distributed, "as_completed", Done)
 
     def call(requests, *futures):
@@ -142,23 +150,63 @@ def test_a_task_file_that_is_only_here_is_told_and_one_that_is_nowhere_as_withou
     assert answered([request], Future("finished", unread.as_document())) == [unread]
 
 
-def test_what_the_cluster_loses_is_crashed_and_says_why(request_and_answer, answered):
-    """An error of the task, a result that cannot be fetched, and one that was cancelled since the scheduler ended."""
+def test_what_the_cluster_gives_up_is_crashed_and_says_why(request_and_answer, answered):
+    """An error of the task, and a result that cannot be fetched."""
     request, answer = request_and_answer
     ends = (
         Future("error", error=RuntimeError("worker killed")),
         Future("finished", OSError("no route")),
-        Future("cancelled"),
         Future("finished", answer.as_document()),
     )
-    found = answered([request] * 4, *ends)
-    assert [one.status for one in found] == ["crashed"] * 3 + ["planned"]
-    texts = [one.findings[0].message for one in found[:3]]
+    found = answered([request] * 3, *ends)
+    assert [one.status for one in found] == ["crashed"] * 2 + ["planned"]
+    texts = [one.findings[0].message for one in found[:2]]
     assert "worker killed" in texts[0]
     assert "no route" in texts[1]
-    assert "its scheduler has ended" in texts[2]
     for logger in ("distributed.client", "distributed.worker"):
         assert not logging.getLogger(logger).isEnabledFor(logging.ERROR)
+
+
+@pytest.mark.parametrize(
+    "end", [Future("cancelled"), Future("lost"), Future("finished", asyncio.CancelledError())]
+)
+def test_a_scheduler_that_ends_is_told_in_a_sentence(request_and_answer, answered, end):
+    """With how much is done; nothing counts as crashed, so that the same command goes on."""
+    request, answer = request_and_answer
+    words = r"it has ended or cannot be reached any more, with 1 of 3 plans done; those are in the cache"
+    with pytest.raises(UsageError, match=words):
+        answered([request] * 3, Future("finished", answer.as_document()), end, Future("cancelled"))
+
+
+@pytest.mark.parametrize(
+    "said", [b"HTTP/1.1 400 Bad Request\r\n\r\n", bytes(4000), b"\x93\x01" * 900, b""]
+)
+def test_what_is_no_scheduler_is_refused_in_a_sentence(said):
+    """Something else listens there, or closes at once; no traceback when the process ends."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def speak():
+            with contextlib.suppress(OSError):
+                while True:
+                    caller, _ = server.accept()
+                    with caller:
+                        caller.sendall(said)
+                        time.sleep(0.1)
+
+        threading.Thread(target=speak, daemon=True).start()
+        program = (
+            "import dualarm_cli.evaluation.cluster as c\nc.CONNECTING = 3.0\n"
+            f"try:\n    c.Cluster('tcp://127.0.0.1:{port}')\n"
+            "except c.UsageError as error:\n    print(error)"
+        )
+        ended = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+        )
+    assert f"--scheduler tcp://127.0.0.1:{port}: no scheduler answers there" in ended.stdout
+    assert len(ended.stdout.splitlines()) == 1
+    assert ended.stderr == ""
+    assert ended.returncode == 0
 
 
 def test_a_worker_that_came_later_with_other_programs_plans_nothing(

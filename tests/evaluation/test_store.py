@@ -247,3 +247,25 @@ def test_three_processes_on_one_store_never_see_half_an_entry(asked, tmp_path):
         assert writer.returncode == 0, err
     assert not list((tmp_path / "c" / "making").iterdir())
     assert len(list((tmp_path / "c" / "answers").rglob("*.json"))) == 4
+
+
+@pytest.mark.parametrize(
+    "figures",
+    [
+        {"lower_bound": 0.31, "gap": (0.3 - 0.31) / 0.3},
+        {"lower_bound": 0.27, "gap": 0.5},
+        {"lower_bound": 0.27, "gap": None},
+        {"lower_bound": None, "gap": 0.1},
+        {"cycle_time": None},
+        {"cycle_time": -1.0},
+        {"status": "infeasible"},
+    ],
+)
+def test_an_answer_whose_figures_contradict_each_other_is_not_believed(asked, tmp_path, figures):
+    """A cycle time below its own lower bound, with a checksum that is right; the same without that is found."""
+    request, answer = asked
+    answer = replace(answer, cycle_time=0.3, lower_bound=0.27, gap=0.1)
+    Store(tmp_path / "good").keep(request, answer)
+    assert Store(tmp_path / "good").find(request) == answer
+    Store(tmp_path / "bad").keep(request, replace(answer, **figures))
+    assert Store(tmp_path / "bad").find(request) is None

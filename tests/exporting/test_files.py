@@ -16,7 +16,7 @@ import pytest
 from dualarm_cli.errors import OutputError
 from dualarm_cli.exporting.files import check_writable, write_schedule_set
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
-from dualarm_cli.exporting.whole_files import write_file
+from dualarm_cli.exporting.whole_files import replace_all, write_file
 
 NAMES = ["report.json", "robot.urdf", "schedule.csv", "schedule.json"]
 
@@ -243,3 +243,66 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
         write_file(pipe, b"x", True)
     assert pipe.is_fifo()
     assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_link_stays_a_link_and_a_file_keeps_its_permissions(tmp_path):
+    """A baseline may be a link into another folder, and private."""
+    (tmp_path / "shared").mkdir()
+    target, link = tmp_path / "shared" / "baseline.json", tmp_path / "baseline.json"
+    target.write_bytes(b"old")
+    target.chmod(0o600)
+    link.symlink_to(Path("shared") / "baseline.json")
+    write_file(link, b"new", True)
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+    assert target.stat().st_mode & 0o777 == 0o600
+    assert sorted(p.name for p in tmp_path.rglob("*")) == [
+        "baseline.json",
+        "baseline.json",
+        "shared",
+    ]
+    ahead = tmp_path / "ahead.json"
+    ahead.symlink_to(Path("shared") / "new.json")
+    write_file(ahead, b"first", False)
+    assert ahead.is_symlink()
+    assert (tmp_path / "shared" / "new.json").read_bytes() == b"first"
+
+
+HALF = """
+import sys, time
+from pathlib import Path
+from dualarm_cli.exporting.whole_files import replace_all
+
+def parts():
+    yield b"half"
+    print("writing", flush=True)
+    time.sleep(60)
+
+replace_all(Path(sys.argv[1]), {"schedule.json": parts()})
+"""
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_one_and_what_is_being_written_stays(tmp_path):
+    """Two processes write; one is killed; a third writer removes only what that one left."""
+    children = [
+        subprocess.Popen([sys.executable, "-c", HALF, str(tmp_path)], stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    try:
+        for child in children:
+            assert child.stdout.readline() == b"writing\n"
+        (tmp_path / ".other.abc.part").write_bytes(b"somebody's")
+        children[0].kill()
+        children[0].communicate()
+        long_ago = time.time() - 10.0
+        for path in tmp_path.iterdir():
+            os.utime(path, (long_ago, long_ago))
+        assert len(list(tmp_path.glob(".schedule.json.*.part"))) == 2
+        replace_all(tmp_path, {"schedule.json": [b"whole"]})
+        assert len(list(tmp_path.glob(".schedule.json.*.part"))) == 1
+        assert (tmp_path / "schedule.json").read_bytes() == b"whole"
+        assert (tmp_path / ".other.abc.part").exists()
+    finally:
+        for child in children:
+            child.kill()
+            child.communicate()
