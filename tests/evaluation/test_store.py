@@ -130,7 +130,9 @@ def test_what_may_come_out_otherwise_is_not_kept(asked, tmp_path, status):
 def test_infeasible_ones_are_kept_with_their_findings(asked, tmp_path):
     """Proving that there is no plan takes as long as finding one."""
     request, answer = asked
-    failed = replace(answer, status="infeasible", findings=(Finding("too far", "a", 1, 2),))
+    failed = replace(
+        answer, status="infeasible", cycle_time=None, findings=(Finding("too far", "a", 1, 2),)
+    )
     Store(tmp_path / "c").keep(request, failed)
     assert Store(tmp_path / "c").find(request) == failed
 

@@ -293,7 +293,7 @@ def test_what_a_killed_writer_left_goes_with_the_next_one_and_what_is_being_writ
             assert child.stdout.readline() == b"writing\n"
         (tmp_path / ".other.abc.part").write_bytes(b"somebody's")
         children[0].kill()
-        children[0].communicate()
+        children[0].wait()
         long_ago = time.time() - 10.0
         for path in tmp_path.iterdir():
             os.utime(path, (long_ago, long_ago))
