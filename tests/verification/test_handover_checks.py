@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import permutations
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +15,8 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.clearance_checks import _handed
+from dualarm_cli.verification.handover_checks import handover_spans
 
 NAMES = ("handover_order", "handover_grip", "handover_still")
 
@@ -229,3 +233,18 @@ def test_a_share_belongs_to_one_arm(flip, schedule):
     found = verify(schedule, dataclasses.replace(job, tasks=fixed))
     checks = {check.name: check.detail for check in found.failures}
     assert checks["order"] == "flip-1: pick and give are the right arm's, the left arm does them"
+
+
+def test_only_tools_and_the_part_itself_may_touch_what_changes_hands(
+    flip, schedule, measured_lines
+):
+    """Of every pair of things there are: the giver's part and the taker's tool, the reverse, and both parts."""
+    [span] = handover_spans(flip, measured_lines(schedule, flip))
+    mine, yours = ("left", "bracket"), ("right", "bracket@flip-1")
+    things = [mine, yours, *(("", name) for name in ("left_tool", "right_tool", "table"))]
+    things += [("", "right_link_b"), ("right", "bracket"), ("left", "bracket@flip-1")]
+    allowed = [{mine, ("", "right_tool")}, {yours, ("", "left_tool")}, {mine, yours}]
+    for one, other in permutations(things, 2):
+        solids = [SimpleNamespace(carrier=carrier, body=body) for carrier, body in (one, other)]
+        expected = [(span.start, span.end)] if {one, other} in allowed else []
+        assert _handed([span], *solids) == expected
