@@ -103,9 +103,12 @@ def test_it_passes_just_where_levels_hold_at_all_instants(made, rows, capacity, 
     assert (check_buffers(schedule, job).verdict == "passed") == good
 
 
-def test_a_buffer_that_nobody_uses_excuses_no_other_one(made):
-    """A pick from an empty tray beside a spare one."""
+def test_what_uses_no_buffer_excuses_nothing(made):
+    """A pick from an empty tray beside a spare one, and beside a task without a buffer."""
     schedule, job = made([(1.0, 0.2, TAKE, "left")], 1, 0)
     spare = dataclasses.replace(job, buffers={"spare": Buffer(1, 0), **job.buffers})
-    for asked in (job, spare):
+    plain = dataclasses.replace(job.tasks[0].stops[0], buffer="")
+    other = dataclasses.replace(job.tasks[0], id="other", stops=(plain,))
+    more = dataclasses.replace(job, tasks=(other, *job.tasks))
+    for asked in (job, spare, more):
         assert check_buffers(schedule, asked).verdict == "failed"
