@@ -13,7 +13,13 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.path_checks import NAMES, _dawdling, _double_s, check_paths
+from dualarm_cli.verification.path_checks import (
+    NAMES,
+    _dawdling,
+    _double_s,
+    along_path,
+    check_paths,
+)
 from dualarm_cli.verification.tool_model import ToolModel
 
 CELL = """\
@@ -359,3 +365,29 @@ def test_how_late_a_path_is_follows_from_its_stretches(speed, given, cap):
     twice = SimpleNamespace(**{**vars(work), "length": 2.0})
     segment = SimpleNamespace(start=0.0, end=asked + 1.0 / v)
     assert _dawdling(job, twice, segment) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_path_that_ends_where_it_begins_is_followed_from_its_start():
+    """Once round a circle of 0.1 m at a steady pace, 0.02 mm outside it: places by angle."""
+    length = 0.2 * np.pi
+
+    def at(s):
+        angle = np.asarray(s) / 0.1
+        places = 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+        return np.tile(np.eye(3), (len(places), 1, 1)), places
+
+    time = np.linspace(0.0, 2.0, 41)
+    zero = np.zeros((41, 1))
+    motion = Trajectory(("share",), time, time[:, None] / 2.0, zero + 0.5, zero)
+
+    def poses(arm, q):
+        R, p = at(q[:, 0] * length)
+        return R, 1.0002 * p
+
+    circle = SimpleNamespace(at=at, length=length, corners=())
+    segment = SimpleNamespace(arm="left", start=0.0, end=2.0)
+    schedule, model = SimpleNamespace(trajectory=motion), SimpleNamespace(poses=poses)
+    found = along_path(schedule, model, segment, circle)
+    assert found.length == pytest.approx(found.time / 2.0 * length, abs=1e-9)
+    assert found.distance == pytest.approx(np.full(len(found.time), 2e-5), abs=1e-9)
+    assert found.angle == pytest.approx(np.zeros(len(found.time)), abs=1e-12)
