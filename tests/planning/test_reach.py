@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dualarm_cli.errors import InfeasibleError, UnsupportedError
+from dualarm_cli.errors import InfeasibleError, UnsupportedError, millimetres
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.planner import plan
@@ -109,3 +109,17 @@ def test_a_stage_that_no_solver_angle_serves_is_noted(tmp_path):
     )
     schedule = plan(load_job(tmp_path / "tasks.yaml"), PlanSettings(platform="fixed"))
     assert any("in stages 1 no angle of the solver" in note for note in schedule.notes)
+
+
+@pytest.mark.parametrize(
+    ("length", "text"),
+    [
+        (0.0, "less than 0.1 mm"),
+        (-4e-5, "less than 0.1 mm"),
+        (6e-5, "0.1 mm"),
+        (-0.0123, "12.3 mm"),
+    ],
+)
+def test_no_length_that_is_missing_is_told_as_nothing(length, text):
+    """Half a tenth of a millimetre is where rounding begins."""
+    assert millimetres(length) == text
