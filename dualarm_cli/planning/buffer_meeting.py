@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, IntArray
 from dualarm_cli.model.job import Job
 from dualarm_cli.planning.buffer_numbers import used_buffers
+from dualarm_cli.planning.clock_steps import ClockSteps, Since
+from dualarm_cli.planning.leaving_times import NotBefore
 from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.waiting import SAME_TIME
 
@@ -18,8 +20,10 @@ from dualarm_cli.planning.waiting import SAME_TIME
 class _Use:
     """One stop of an arm at a buffer, in steps of its timeline."""
 
-    rest: int
-    """Where the arm may wait last before it."""
+    begins: Since
+    """When its tool is there, counted from where the arm may wait last before that."""
+    ends: Since
+    """When its dwell is over, counted likewise."""
     event: int
     """From where on it counts as at its target."""
     over: int
@@ -50,41 +54,37 @@ def first_missed(
 
 
 class MeetingBuffers:
-    """A job's buffers in the plane of two timelines of equal steps.
+    """A job's buffers in the plane of two timelines.
 
     What needs something counts from the step before its event, what gives something from the step after its dwell, and
     not before the arm has gone on from where it may wait: so instants between steps are no matter.
     """
 
-    def __init__(
-        self, job: Job, clocks: Sequence[OwnClock], steps: tuple[int, int], step: float
-    ) -> None:
+    def __init__(self, job: Job, clocks: Sequence[OwnClock], steps: Sequence[ClockSteps]) -> None:
         """Counts parts along both timelines.
 
         Args:
             job: decided.
             clocks: both arms' ways.
             steps: of each timeline.
-            step: their length [s].
         """
         stops = job.stops_by_key()
         self._names, self._job = used_buffers(job), job
-        self._steps = steps
+        self._steps = tuple(own.count for own in steps)
         self._uses: list[dict[str, list[_Use]]] = []
-        for clock, count in zip(clocks, steps, strict=True):
+        for clock, grid in zip(clocks, steps, strict=True):
             own: dict[str, list[_Use]] = {}
-            rests = clock.rests()
             for event in clock.events:
                 stop = stops.get((clock.arm, event.task, event.action))
                 if stop is None or not stop.buffer:
                     continue
-                over = event.time + event.dwell
-                begin = max((r for r in rests if r <= event.time + SAME_TIME), default=0.0)
-                rest = min(round(begin / step), count)
+                over, begins = event.time + event.dwell, grid.left(event.time)
+                waits = grid.places[begins.rest] if begins.rest >= 0 else -1
                 use = _Use(
-                    rest,
-                    min(int(np.floor(event.time / step + SAME_TIME)), count),
-                    min(max(int(np.ceil(over / step - SAME_TIME)), rest + 1), count),
+                    begins,
+                    Since(begins.rest, begins.after + event.dwell),
+                    max(int(np.floor(event.time / grid.step + SAME_TIME)), waits + 1),
+                    min(max(int(np.ceil(over / grid.step - SAME_TIME)), waits + 1), grid.count),
                     stop.stored,
                 )
                 own.setdefault(stop.buffer, []).append(use)
@@ -98,6 +98,28 @@ class MeetingBuffers:
         found: BoolArray = np.zeros((n + 1, 2 * band + 1), dtype=np.bool_)
         for name in self._names:
             found |= self._wrong(name, i, j)
+        return found
+
+    def rules(self, place: Callable[[int, int], int]) -> list[NotBefore]:
+        """Returns what each arm waits for so that buffers are used in the order in which they are on a way.
+
+        Args:
+            place: the step of the other arm on that way when an arm, by its number, comes to one of its steps.
+        """
+        found = []
+        for a, own in enumerate(self._uses):
+            for name, uses in own.items():
+                for use in uses:
+                    there = place(a, use.event)
+                    gives = [
+                        other
+                        for other in self._uses[1 - a].get(name, ())
+                        if other.change != use.change and other.over <= there
+                    ]
+                    if gives and use.begins.rest >= 0:
+                        lead = -use.begins.after
+                        rest = use.begins.rest
+                        found.append(NotBefore(a, rest, "buffer", lead, gives[-1].ends))
         return found
 
     def _wrong(self, name: str, i: IntArray, j: IntArray) -> BoolArray:

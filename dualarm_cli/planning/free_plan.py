@@ -81,12 +81,11 @@ class FreePlanner:
         cell = None
         if self.clear:
             cell = CellClearance.of(job.cell, job.carried())
-        if len(clocks) == 1:
-            return self._joined(model, work, (clocks[0],), (turn, back), ((),), apart=False)
-        self.tell("making the arms wait for each other")
+        if len(clocks) > 1:
+            self.tell("making the arms wait for each other")
         for apart in (False, True) if turn.duration > 0.0 else (False,):
             leave = turn.duration if apart else 0.0
-            meeting = Meeting(model, job, work, cell, (clocks[0], clocks[1]), turn.duration, leave)
+            meeting = Meeting(model, job, work, cell, tuple(clocks), turn.duration, leave)
             for spread in SPREADS:
                 waits = meeting.waits(spread)
                 if waits is None:

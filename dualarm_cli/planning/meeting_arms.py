@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,10 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WaitReason
 from dualarm_cli.planning.buffer_meeting import MeetingBuffers, first_missed
+from dualarm_cli.planning.clock_steps import ClockSteps
+from dualarm_cli.planning.leaving_times import NotBefore, due, leaving_times, waits_at
 from dualarm_cli.planning.own_clock import OwnClock, Wait
+from dualarm_cli.planning.waiting import SAME_TIME
 from dualarm_cli.sequencing.coordination import Diagram, quickest_together
 
 STEP = 0.02
@@ -45,67 +48,114 @@ class Meeting:
     """All joints while the platform stands where both work [rad], shape (n,)."""
     cell: CellClearance | None
     """What has to keep clear; None where nothing has to."""
-    clocks: tuple[OwnClock, OwnClock]
-    """Both arms' ways."""
+    clocks: tuple[OwnClock, ...]
+    """The ways of both arms, or of the only one."""
     ready: float
     """When the platform is where both work [s]: before that no line begins."""
     leave: float
     """When arms may leave at the earliest [s]."""
 
-    def waits(self, spread: int) -> tuple[list[Wait], list[Wait]] | None:
+    def waits(self, spread: int) -> tuple[list[Wait], ...] | None:
         """Returns each arm's waits for the quickest way of both together, None where none was found.
 
         Args:
             spread: by how many steps what is blocked is made larger, for what is between them.
         """
+        if len(self.clocks) == 1:
+            (clock,) = self.clocks
+            own = ClockSteps.of(clock.rests(), clock.duration, STEP)
+            return self._exact((own,), self._opens((own,)), lambda a, rest: False)
         for ahead in AHEAD:
             found = self._waits(spread, ahead)
             if found is not None:
                 return found
         return None
 
-    def _waits(self, spread: int, ahead: float) -> tuple[list[Wait], list[Wait]] | None:
-        durations = [clock.duration for clock in self.clocks]
-        step = self._step(durations, ahead)
-        steps = tuple(int(np.ceil(duration / step - 1e-9)) for duration in durations)
-        band = abs(steps[0] - steps[1]) + max(1, round(ahead / step))
-        band = min(band, max(steps))
-        rests = tuple(
-            {_nearest(time, step, n): time for time in clock.rests()}
-            for clock, n in zip(self.clocks, steps, strict=True)
-        )
-        blocked = self._blocked((steps[0], steps[1]), step, band, spread)
-        reasons: tuple[dict[int, WaitReason], ...] = ({}, {})
-        self._precedence(blocked, (steps[0], steps[1]), step, reasons)
-        buffers = MeetingBuffers(self.job, self.clocks, (steps[0], steps[1]), step).blocked(band)
+    def _waits(self, spread: int, ahead: float) -> tuple[list[Wait], ...] | None:
+        step = self._step([clock.duration for clock in self.clocks], ahead)
+        steps = tuple(ClockSteps.of(c.rests(), c.duration, step) for c in self.clocks)
+        counts = (steps[0].count, steps[1].count)
+        band = abs(counts[0] - counts[1]) + max(1, round(ahead / step))
+        band = min(band, max(counts))
+        blocked = self._blocked(steps, band, spread)
+        uses = MeetingBuffers(self.job, self.clocks, steps)
+        buffers = uses.blocked(band)
         blocked |= buffers
-        opens = self._opens((steps[0], steps[1]), step, reasons)
+        opens, after, needs = self._opens(steps), *self._after(steps)
         found = quickest_together(
             Diagram(
-                (steps[0], steps[1]),
-                (tuple(sorted(rests[0])), tuple(sorted(rests[1]))),
+                counts,
+                (steps[0].places, steps[1].places),
                 blocked,
-                opens,
+                (_in_steps(steps, opens, 0), _in_steps(steps, opens, 1)),
+                needs,
             )
         )
         if found is None:
             return None
 
-        def missed(a: int, place: int) -> bool:
-            now = place + sum(wait for at, wait in found.waits[a] if at < place)
-            there = found.place(1 - a, now)
-            at = (place, there) if a == 0 else (there, place)
-            return first_missed(blocked, buffers, (steps[0], steps[1]), at)
+        def missed(a: int, rest: int) -> bool:
+            place = steps[a].places[rest]
+            there = found.place(1 - a, found.comes(a, place))
+            return first_missed(
+                blocked, buffers, counts, (place, there) if a == 0 else (there, place)
+            )
 
-        one, other = (
-            [
-                Wait(own[place], wait * step, "buffer" if missed(a, place) else _reason(place, why))
-                for place, wait in found.waits[a]
-                if place in own
-            ]
-            for a, (own, why) in enumerate(zip(rests, reasons, strict=True))
+        together = [
+            NotBefore(
+                a,
+                own.places.index(place),
+                "",
+                0.0,
+                steps[1 - a].reached(
+                    min(found.place(1 - a, found.leaves(a, place)), counts[1 - a])
+                ),
+            )
+            for a, own in enumerate(steps)
+            for place, _ in found.waits[a]
+        ]
+        served = uses.rules(lambda a, place: found.place(1 - a, found.comes(a, place)))
+        rules = sorted(
+            [*opens, *after, *together, *served],
+            key=lambda rule: found.leaves(rule.arm, steps[rule.arm].places[rule.rest]),
         )
-        return one, other
+        return self._exact(steps, rules, missed)
+
+    def _exact(
+        self,
+        steps: Sequence[ClockSteps],
+        rules: Sequence[NotBefore],
+        missed: Callable[[int, int], bool],
+    ) -> tuple[list[Wait], ...] | None:
+        """Returns each arm's waits to the exact instants at which rules let it go, None where arms wait for ever.
+
+        Args:
+            steps: both timelines.
+            rules: what is waited for.
+            missed: whether an arm, by its number, waits for a buffer at a rest, by its number.
+        """
+        leaving = leaving_times(steps, rules)
+        if leaving is None:
+            return None
+        waits = []
+        for a, own in enumerate(steps):
+            why: dict[int, tuple[float, WaitReason]] = {}
+            for rule in rules:
+                if rule.arm == a and rule.reason and rule.reason != "buffer":
+                    place = own.places[rule.rest]
+                    why[place] = max(
+                        why.get(place, (0.0, rule.reason)), (due(rule, leaving), rule.reason)
+                    )
+            waits.append(
+                [
+                    Wait(time, length, "buffer" if missed(a, k) else _reason(own.places[k], why))
+                    for k, (time, length) in enumerate(
+                        zip(own.rests, waits_at(own, leaving[a]), strict=True)
+                    )
+                    if length > SAME_TIME
+                ]
+            )
+        return tuple(waits)
 
     def _step(self, durations: Sequence[float], ahead: float) -> float:
         """Returns the time between instants [s], so that there are not too many pairs."""
@@ -117,16 +167,16 @@ class Meeting:
                 return step
             step *= 1.25
 
-    def _blocked(self, steps: tuple[int, int], step: float, band: int, spread: int) -> BoolArray:
+    def _blocked(self, steps: Sequence[ClockSteps], band: int, spread: int) -> BoolArray:
         """Returns where the arms touch, and what is right beside that, shape (steps + 1, 2 band + 1)."""
-        n, m = steps
+        n, m = (own.count for own in steps)
         shape = (n + 1, 2 * band + 1)
         blocked = np.zeros(shape, dtype=np.bool_)
         if self.cell is None:
             return blocked
         joints, held = [], []
-        for clock, count in zip(self.clocks, steps, strict=True):
-            time = np.minimum(step * np.arange(count + 1), clock.duration)
+        for clock, own in zip(self.clocks, steps, strict=True):
+            time = own.times()
             joints.append(clock.trajectory.at(time)[0])
             held.append(clock.held(time, self.cell, self.job))
         near = np.zeros(shape, dtype=np.bool_)
@@ -166,69 +216,70 @@ class Meeting:
             found[some] = self.cell.cross_margins(position, both)
         return found
 
-    def _precedence(
-        self,
-        blocked: BoolArray,
-        steps: tuple[int, int],
-        step: float,
-        reasons: tuple[dict[int, WaitReason], ...],
-    ) -> None:
-        """Blocks places at which one arm has begun a task that comes after one of the other arm's not yet over."""
+    def _after(
+        self, steps: Sequence[ClockSteps]
+    ) -> tuple[list[NotBefore], tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]]:
+        """Returns which rests an arm leaves only once a task of the other one is over, exactly and in steps."""
+        rules: list[NotBefore] = []
+        needs: list[list[tuple[int, int]]] = [[], []]
         begins = [clock.line_begins() for clock in self.clocks]
         ends = [clock.task_ends() for clock in self.clocks]
-        band = (blocked.shape[1] - 1) // 2
-        i = np.arange(steps[0] + 1)[:, None]
-        j = i + np.arange(2 * band + 1)[None, :] - band
         for task in self.job.tasks:
             for a in (0, 1):
                 if task.id not in begins[a]:
                     continue
-                begin = _nearest(begins[a][task.id], step, steps[a])
+                rest = steps[a].rest_at(begins[a][task.id])
+                assert rest is not None  # tasks begin where arms rest
                 for name in task.after:
                     if name not in ends[1 - a]:
                         continue
-                    over = int(np.ceil(ends[1 - a][name] / step)) + 1
-                    over = min(over, steps[1 - a])
-                    own, other = (i, j) if a == 0 else (j, i)
-                    blocked |= (own > begin) & (other < over)
-                    reasons[a][begin] = "after"
+                    over, other = ends[1 - a][name], steps[1 - a]
+                    # What takes no time is over when the arm goes on from where it begins.
+                    at_once = over <= begins[1 - a][name] + SAME_TIME
+                    here = other.rest_at(over)
+                    place = other.count if here is None else other.places[here] + at_once
+                    needs[a].append((steps[a].places[rest], place))
+                    since = other.left(over) if at_once else other.arrived(over)
+                    rules.append(NotBefore(a, rest, "after", 0.0, since))
+        return rules, (tuple(needs[0]), tuple(needs[1]))
 
-    def _opens(
-        self,
-        steps: tuple[int, int],
-        step: float,
-        reasons: tuple[dict[int, WaitReason], ...],
-    ) -> tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]]:
-        """Returns by arm where it must not go on before an instant: the platform's turn, and windows."""
-        found: list[list[tuple[int, int]]] = [[], []]
+    def _opens(self, steps: Sequence[ClockSteps]) -> list[NotBefore]:
+        """Returns which rests an arm does not leave before an instant: for the platform's turn, and for windows."""
+        found: list[NotBefore] = []
         windows = {task.id: task.not_before for task in self.job.tasks}
-        for a, clock in enumerate(self.clocks):
+        for a, (clock, own) in enumerate(zip(self.clocks, steps, strict=True)):
             begins = clock.line_begins()
             firsts = {event.task: event.time for event in reversed(clock.events)}
-            if self.leave > 0.0:
-                found[a].append((0, int(np.ceil(self.leave / step))))
-                reasons[a][0] = "platform"
+            if self.leave > 0.0 and own.rests:
+                found.append(NotBefore(a, 0, "platform", self.leave))
             if begins and self.ready > 0.0:
-                place = _nearest(min(begins.values()), step, steps[a])
-                found[a].append((place, int(np.ceil(self.ready / step))))
-                reasons[a][place] = "platform"
+                rest = own.rest_at(min(begins.values()))
+                assert rest is not None  # tasks begin where arms rest
+                found.append(NotBefore(a, rest, "platform", self.ready))
             for name, begin in begins.items():
                 opens = windows[name] - (firsts[name] - begin)
-                if windows[name] > 0.0 and opens > 0.0:
-                    place = _nearest(begin, step, steps[a])
-                    found[a].append((place, int(np.ceil(opens / step)) + 1))
-                    reasons[a][place] = "window"
-        return tuple(found[0]), tuple(found[1])
+                rest = own.rest_at(begin)
+                if windows[name] > 0.0 and opens > 0.0 and rest is not None:
+                    found.append(NotBefore(a, rest, "window", opens))
+        return found
 
 
-def _reason(place: int, why: Mapping[int, WaitReason]) -> WaitReason:
+def _in_steps(
+    steps: Sequence[ClockSteps], opens: Sequence[NotBefore], arm: int
+) -> tuple[tuple[int, int], ...]:
+    """Returns which rests an arm does not leave before an instant, as steps of its way and of time."""
+    own = steps[arm]
+    return tuple(
+        (own.places[rule.rest], int(np.ceil(rule.time / own.step)))
+        for rule in opens
+        if rule.arm == arm
+    )
+
+
+def _reason(place: int, why: Mapping[int, tuple[float, WaitReason]]) -> WaitReason:
     """Returns what an arm waits for at a place: what holds there, or right after, at the next place with a reason."""
     later = [other for other in sorted(why) if place <= other <= place + SOON]
-    return why[later[0]] if later else "shared_zone"
-
-
-def _nearest(time: float, step: float, steps: int) -> int:
-    return min(round(time / step), steps)
+    return why[later[0]][1] if later else "shared_zone"
 
 
 def _grown(blocked: BoolArray) -> BoolArray:

@@ -68,15 +68,22 @@ class OwnClock:
         return self.trajectory.duration
 
     def rests(self) -> list[float]:
-        """Returns when it may wait, by its own clock [s]: before it leaves, and before a line begins."""
-        found = []
+        """Returns when it may wait, by its own clock [s], increasing.
+
+        That is before it leaves, before a line begins, and where a task begins that takes no time.
+        """
+        found = list(self.line_begins().values())
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
         for part in self.segments:
             to_line = before in BEFORE_MOVING and part.kind not in BEFORE_MOVING
             if part.kind in BEFORE_MOVING or to_line:
                 found.append(part.start)
             before = part.kind
-        return found
+        rests: list[float] = []
+        for time in sorted(found):
+            if not rests or time > rests[-1] + SAME_TIME:
+                rests.append(time)
+        return rests
 
     def line_begins(self) -> dict[str, float]:
         """Returns when each task's first line begins, by its own clock [s]: there the arm can wait.

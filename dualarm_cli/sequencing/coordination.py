@@ -31,6 +31,8 @@ class Diagram:
     second arm."""
     opens: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]] = ((), ())
     """By arm, pairs of a place to rest and the number of steps of time before which it must not leave it."""
+    needs: tuple[tuple[tuple[int, int], ...], tuple[tuple[int, int], ...]] = ((), ())
+    """By arm, pairs of a place to rest and the place that the other arm has to have reached before it leaves it."""
 
     @property
     def band(self) -> int:
@@ -58,13 +60,22 @@ class Together:
             gone += wait
         return time - gone
 
+    def comes(self, a: int, place: int) -> int:
+        """Returns after how many steps of time an arm comes to a place of its way."""
+        return place + sum(wait for at, wait in self.waits[a] if at < place)
+
+    def leaves(self, a: int, place: int) -> int:
+        """Returns after how many steps of time an arm goes on from a place of its way."""
+        return place + sum(wait for at, wait in self.waits[a] if at <= place)
+
 
 def quickest_together(diagram: Diagram) -> Together | None:
     """Returns the quickest way through the plane, None where there is none within the band."""
     n, m = diagram.steps
     band = diagram.band
     may_wait = [_marks(k, r) for k, r in zip(diagram.steps, diagram.rests, strict=True)]
-    opens = [_opens(k, r) for k, r in zip(diagram.steps, diagram.opens, strict=True)]
+    opens = [_largest(k, r) for k, r in zip(diagram.steps, diagram.opens, strict=True)]
+    needs = [_largest(k, r) for k, r in zip(diagram.steps, diagram.needs, strict=True)]
     # time[i, c] for the second arm at j = i + c - band.
     time = np.full((n + 1, 2 * band + 1), np.inf)
     columns = np.arange(2 * band + 1)
@@ -79,23 +90,25 @@ def quickest_together(diagram: Diagram) -> Together | None:
             row[band] = 0.0
         else:
             # Both go on; or the first goes on while the second waits (one column to the right, as i grows).
-            both = _leaving(time[i - 1], may_wait, opens, i - 1, j - 1, (True, True))
+            both = _leaving(time[i - 1], may_wait, opens, needs, i - 1, j - 1, (True, True))
             row = both + 1.0
             ahead = np.append(time[i - 1][1:], np.inf)
-            wait = _leaving(ahead, may_wait, opens, i - 1, j, (True, False)) + 1.0
+            wait = _leaving(ahead, may_wait, opens, needs, i - 1, j, (True, False)) + 1.0
             row = np.minimum(row, np.where(waits_b[jj], wait, np.inf))
         row = np.where(inside & ~diagram.blocked[i], row, np.inf)
         if may_wait[0][i]:
             free = inside & ~diagram.blocked[i]
-            row = _along(row, free, waits_b[jj], opens[1][jj])
+            row = _along(row, free, waits_b[jj], opens[1][jj], needs[1][jj] > i)
         time[i] = row
     end = band + m - n
     if not 0 <= end <= 2 * band or not np.isfinite(time[n, end]):
         return None
-    return _traced(diagram, time, may_wait, opens)
+    return _traced(diagram, time, may_wait, opens, needs)
 
 
-def _along(row: FloatArray, free: BoolArray, may_wait: BoolArray, opens: FloatArray) -> FloatArray:
+def _along(
+    row: FloatArray, free: BoolArray, may_wait: BoolArray, opens: FloatArray, held: BoolArray
+) -> FloatArray:
     """Returns a row of times in which the first arm waits while the second goes on.
 
     Args:
@@ -103,17 +116,20 @@ def _along(row: FloatArray, free: BoolArray, may_wait: BoolArray, opens: FloatAr
         free: which states are not blocked, shape (c,).
         may_wait: where the second arm may wait, shape (c,).
         opens: the time before which it must not go on, shape (c,).
+        held: where it must not go on as the first arm has not got far enough, shape (c,).
     """
     if not opens.any():
         # The least of what is reached before in the same run of free states, and a step for each state since.
-        columns, run = np.arange(len(row)), np.cumsum(~free)
+        ends = ~free
+        ends[1:] |= held[:-1]
+        columns, run = np.arange(len(row)), np.cumsum(ends)
         lowered = np.where(free, row - columns, np.inf) - FAR_DOWN * run
         found: FloatArray = np.minimum.accumulate(lowered) + FAR_DOWN * run + columns
         return np.where(free & (found < 0.5 * FAR_DOWN), np.minimum(row, found), row)
     row = row.copy()
     for c in range(1, len(row)):
         before = row[c - 1]
-        if not free[c] or not np.isfinite(before):
+        if not free[c] or held[c - 1] or not np.isfinite(before):
             continue
         if before < opens[c - 1]:
             if not may_wait[c - 1]:
@@ -127,16 +143,20 @@ def _leaving(
     time: FloatArray,
     may_wait: Sequence[BoolArray],
     opens: Sequence[FloatArray],
+    needs: Sequence[FloatArray],
     i: int,
     j: IntArray,
     moves: tuple[bool, bool],
 ) -> FloatArray:
     """Returns when states are left at the earliest [steps]: arms wait until they may move on, if both can wait.
 
+    Infinite where the other arm has to get farther first.
+
     Args:
         time: when the states are reached, shape (c,).
         may_wait: by arm where it may wait.
         opens: by arm the time before which it must not go on.
+        needs: by arm the place that the other one has to have reached before it goes on.
         i: place of the first arm.
         j: places of the second arm, shape (c,).
         moves: which arms move on.
@@ -147,8 +167,10 @@ def _leaving(
         until = np.maximum(until, opens[0][i])
     if moves[1]:
         until = np.maximum(until, opens[1][jj])
+    held = (moves[0] & (j < needs[0][i])) | (moves[1] & (i < needs[1][jj]))
     both_wait = may_wait[0][i] & may_wait[1][jj]
-    return np.where(time >= until, time, np.where(both_wait, np.maximum(time, until), np.inf))
+    found = np.where(time >= until, time, np.where(both_wait, np.maximum(time, until), np.inf))
+    return np.where(held, np.inf, found)
 
 
 def _marks(steps: int, rests: Sequence[int]) -> BoolArray:
@@ -158,10 +180,11 @@ def _marks(steps: int, rests: Sequence[int]) -> BoolArray:
     return found
 
 
-def _opens(steps: int, opens: Sequence[tuple[int, int]]) -> FloatArray:
+def _largest(steps: int, rows: Sequence[tuple[int, int]]) -> FloatArray:
+    """Returns the largest number that pairs of a place and a number have for each place, 0 for none."""
     found = np.zeros(steps + 1)
-    for place, time in opens:
-        found[place] = max(found[place], time)
+    for place, number in rows:
+        found[place] = max(found[place], number)
     return found
 
 
@@ -170,6 +193,7 @@ def _traced(
     time: FloatArray,
     may_wait: Sequence[BoolArray],
     opens: Sequence[FloatArray],
+    needs: Sequence[FloatArray],
 ) -> Together:
     """Returns the way that leads to the end, backwards step by step."""
     (n, m), band = diagram.steps, diagram.band
@@ -183,17 +207,17 @@ def _traced(
 
     def left(i: int, j: int, moves: tuple[bool, bool]) -> float:
         own = np.array([at(i, j)])
-        return float(_leaving(own, may_wait, opens, i, np.array([j]), moves)[0]) + 1.0
+        return float(_leaving(own, may_wait, opens, needs, i, np.array([j]), moves)[0]) + 1.0
 
     while i or j:
         now = at(i, j)
         tries = []
-        if i and j and np.isfinite(at(i - 1, j - 1)):
-            tries.append((left(i - 1, j - 1, (True, True)), i - 1, j - 1))
-        if i and may_wait[1][j] and np.isfinite(at(i - 1, j)):
-            tries.append((left(i - 1, j, (True, False)), i - 1, j))
-        if j and may_wait[0][i] and np.isfinite(at(i, j - 1)):
-            tries.append((left(i, j - 1, (False, True)), i, j - 1))
+        # Of ways that are as quick the one on which an arm waits at its end, where it is in nobody's way.
+        ends = [(1, 0)] * (j == m) + [(0, 1)] * (i == n)
+        for di, dj in (*ends, (1, 1), (1, 0), (0, 1)):
+            may = (di or may_wait[0][i]) and (dj or may_wait[1][j])
+            if may and np.isfinite(at(i - di, j - dj)):
+                tries.append((left(i - di, j - dj, (bool(di), bool(dj))), i - di, j - dj))
         _, before_i, before_j = min(tries, key=lambda one: abs(one[0] - now))
         length = round(now - at(before_i, before_j))
         for a, (place, before) in enumerate(((i, before_i), (j, before_j))):

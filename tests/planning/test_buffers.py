@@ -19,6 +19,7 @@ from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_meeting import MeetingBuffers, first_missed
 from dualarm_cli.planning.buffer_numbers import begun, check_stage_levels, keeps_borders
+from dualarm_cli.planning.clock_steps import ClockSteps
 from dualarm_cli.planning.file_order import stage_by_stage
 from dualarm_cli.planning.own_clock import OwnClock
 from dualarm_cli.planning.planner import plan_without_bound
@@ -198,9 +199,10 @@ def test_where_nothing_is_blocked_levels_hold(one, other, capacity, initial, ste
     job = SimpleNamespace(
         stops_by_key=lambda: keys, buffers={"tray": Buffer(capacity, initial)}, tasks=[task]
     )
-    steps = tuple(int(np.ceil(length / step)) for _, length in made)
+    grids = [ClockSteps.of(clock.rests(), length, step) for clock, length in made]
+    steps = tuple(grid.count for grid in grids)
     band = max(steps)
-    blocked = MeetingBuffers(job, [c for c, _ in made], steps, step).blocked(band)
+    blocked = MeetingBuffers(job, [c for c, _ in made], grids).blocked(band)
 
     def holds(times, slack):
         there = room = initial

@@ -24,6 +24,10 @@ def naive(diagram):
     for a in (0, 1):
         for place, time in diagram.opens[a]:
             opens[a][place] = max(opens[a].get(place, 0), time)
+    needs = [{}, {}]
+    for a in (0, 1):
+        for place, other in diagram.needs[a]:
+            needs[a][place] = max(needs[a].get(place, 0), other)
     now = {(0, 0)} if free(diagram, 0, 0) else set()
     longest = n + m + max([time for own in opens for time in own.values()], default=0) + 1
     for time in range(longest + 1):
@@ -38,6 +42,8 @@ def naive(diagram):
                     if (not di and i not in may_wait[0]) or (not dj and j not in may_wait[1]):
                         continue
                     if (di and time < opens[0].get(i, 0)) or (dj and time < opens[1].get(j, 0)):
+                        continue
+                    if (di and j < needs[0].get(i, 0)) or (dj and i < needs[1].get(j, 0)):
                         continue
                     if free(diagram, i + di, j + dj):
                         then.add((i + di, j + dj))
@@ -64,10 +70,13 @@ def gone(diagram, found):
         own += [own[-1]] * (length + 1 - len(own))
     for i, j in zip(*places, strict=True):
         assert free(diagram, i, j), (i, j)
+    for a, own in enumerate(places):
+        for here, there, other in zip(own, own[1:], places[1 - a], strict=False):
+            assert here == there or all(o <= other for p, o in diagram.needs[a] if p == here)
     return length
 
 
-def some_diagram(rng, share, *, opens=False):
+def some_diagram(rng, share, *, opens=False, needs=False):
     """Returns a random plane; its corners are free."""
     steps = tuple(rng.integers(2, 9, 2).tolist())
     band = int(rng.integers(max(1, abs(steps[0] - steps[1])), max(steps) + 1))
@@ -82,16 +91,23 @@ def some_diagram(rng, share, *, opens=False):
             tuple((int(rng.choice(own)), int(rng.integers(1, 12))) for _ in range(2))
             for own in rests
         )
-    return Diagram(steps, rests, blocked, times)
+    after = ((), ())
+    if needs:
+        after = tuple(
+            tuple((int(rng.choice(own)), int(rng.integers(0, n + 1))) for _ in range(2))
+            for own, n in zip(rests, steps[::-1], strict=True)
+        )
+    return Diagram(steps, rests, blocked, times, after)
 
 
+@pytest.mark.parametrize("needs", [False, True])
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.4])
-def test_it_is_the_quickest_of_all_ways(share):
-    """300 planes each; what it says of waits is a way of just that length."""
+def test_it_is_the_quickest_of_all_ways(share, needs):
+    """300 planes each; what it says of waits is a way of just that length, also where arms need each other ahead."""
     rng = np.random.default_rng(int(10 * share))
     none = 0
     for k in range(300):
-        diagram = some_diagram(rng, share)
+        diagram = some_diagram(rng, share, needs=needs)
         least, found = naive(diagram), quickest_together(diagram)
         assert (found is None) == (least is None), k
         if found is None:
@@ -100,7 +116,7 @@ def test_it_is_the_quickest_of_all_ways(share):
         assert found.length == least, k
         assert gone(diagram, found) == least
     assert none < 300
-    assert (none > 0) == (share > 0.0)
+    assert (none > 0) == (share > 0.0 or needs)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.15, 0.3])
