@@ -81,7 +81,6 @@ def load_job(
         check_settings(document, model, findings)
     loaded = _load_cell(project, document, Path(path), findings)
     tasks: tuple[Task, ...] = ()
-    order_notes: list[str] = []
     if loaded is not None:
         check_start(document, loaded[0], findings)
         if model is not None:
@@ -89,8 +88,6 @@ def load_job(
         defaults = model.defaults if model is not None else DefaultsSection()
         paths = PathReader(project, Path(path), document, loaded[0], findings)
         tasks = _TaskReader(document, defaults, loaded[0], findings, paths).tasks(sections)
-        if not findings.diagnostics and model is not None and model.order == "given":
-            order_notes = check_order(document, tasks, findings, model.mode)
     if loaded is not None:
         findings.extend(project.overrides.unused())
     findings.raise_if_any()
@@ -99,7 +96,7 @@ def load_job(
     cell, notes = cell_with_taken_parts(loaded[0], tasks), loaded[1]
     buffers, buffer_notes = read_buffers(document, model)
     caps = [c for c in (cell.tool_speed, model.limits.tool_speed) if c is not None]
-    return Job(
+    job = Job(
         cell,
         tasks,
         model.start,
@@ -107,13 +104,17 @@ def load_job(
         model.speed,
         min(caps, default=None),
         dict(project.inputs),
-        (*notes, *permission_notes(model), *order_notes, *buffer_notes),
+        (*notes, *permission_notes(model), *buffer_notes),
         model.mode,
         model.order,
         tuple(tuple(names) for names in model.sequences),
         buffers=buffers,
         budget=read_budget(document, model.budget),
     )
+    if job.order == "given":
+        check_order(document, job, findings)
+        findings.raise_if_any()
+    return job
 
 
 def _good_tasks(document: Document, model: TasksFile | None) -> dict[int, TaskSection]:

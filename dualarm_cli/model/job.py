@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.cell import Cell, Held
@@ -49,7 +50,7 @@ class Task:
     stops: tuple[Stop, ...]
     """Its targets in their order."""
     after: tuple[str, ...] = ()
-    """Tasks that must be done before it begins, where the planner chooses the order."""
+    """Tasks that are over, with their last dwell and retract, before it begins with its first line."""
     part: str = ""
     """Name of the part that is carried from pick to place; empty where it has no shape."""
     path: PathWork | None = None
@@ -218,26 +219,80 @@ class Job:
         return found
 
     def stages(self) -> list[dict[str, tuple[Task, Stop]]]:
-        """Returns the paired stages: within each section the k-th target of each arm, by arm name.
+        """Returns the paired stages: within each section the next target of each arm, by arm name.
 
-        An arm that has run out of targets is missing from the later stages of the section. Hand-overs are where the
-        arms meet: what is before one, and what is after it, is paired by itself, and it is a stage of both. Where the
-        job says itself what is paired with what, these are its stages.
+        A target is made as soon as the tasks are over that its task comes after, in an earlier stage; without any the
+        k-th targets of both arms are a stage. A task is over when its last stage is, with its last dwell and retract.
+        An arm that has run out of targets, or that waits, is missing from a stage. Hand-overs are where the arms meet:
+        each is a stage of both. Where the job says itself what is paired with what, these are its stages.
+
+        Raises:
+            InfeasibleError: tasks wait for one another for ever.
         """
         if self.pairing is not None:
             stops: dict[StopKey, tuple[Task, Stop]] = {
                 (t.arm, t.id, s.action): (t, s) for t in self.tasks for s in t.stops
             }
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
-        arms = [arm.name for arm in self.cell.robot.arms]
-        found = []
-        for section in self.sections():
-            rows = {
-                name: [(task, stop) for task in section if task.arm == name for stop in task.stops]
-                for name in arms
-            }
-            found += side_by_side(rows, lambda one: one[1].action in ("give", "take"))
+        found, waiting = self._side_by_side()
+        if waiting:
+            raise InfeasibleError(f"{waiting[0].place}: {waiting_for_ever(waiting)}")
         return found
+
+    def stuck(self) -> list[Task]:
+        """Returns the tasks that each arm gets no farther than, as they wait for one another; none where all is done.
+
+        The job is decided.
+        """
+        return self._side_by_side()[1]
+
+    def _side_by_side(self) -> tuple[list[dict[str, tuple[Task, Stop]]], list[Task]]:
+        arms = [arm.name for arm in self.cell.robot.arms]
+        found: list[dict[str, tuple[Task, Stop]]] = []
+        for section in self.sections():
+            stages, left = _section_stages(section, arms)
+            found += stages
+            if left:
+                return found, [task for task, _ in left]
+        return found, []
+
+
+def _section_stages(
+    section: Sequence[Task], arms: Sequence[str]
+) -> tuple[list[dict[str, tuple[Task, Stop]]], list[tuple[Task, Stop]]]:
+    """Returns the paired stages of one section, and the targets that wait for one another for ever."""
+    ids = {task.id for task in section}
+    rows = {
+        name: [(task, stop) for task in section if task.arm == name for stop in task.stops]
+        for name in arms
+    }
+
+    def needs(one: tuple[Task, Stop]) -> Sequence[str]:
+        # What is in another section is over before this one begins, or comes after all of it.
+        task, stop = one
+        return [name for name in task.after if name in ids] if stop is task.stops[0] else ()
+
+    def ends(one: tuple[Task, Stop]) -> str:
+        # What is handed over is over when it is placed.
+        task, stop = one
+        return task.id if stop is task.stops[-1] and stop.action != "give" else ""
+
+    return side_by_side(
+        {name: row for name, row in rows.items() if row},
+        lambda one: one[1].action in ("give", "take"),
+        needs,
+        ends,
+    )
+
+
+def waiting_for_ever(tasks: Sequence[Task]) -> str:
+    """Returns what is said of tasks that wait for one another in the order that is given."""
+    names = " and ".join(f"'{name}'" for name in dict.fromkeys(task.id for task in tasks))
+    verb = "wait" if len(tasks) > 1 else "waits"
+    return (
+        f"in the order that is given {names} {verb} for ever for tasks that come later; "
+        "change the order in the file, or say order: optimise"
+    )
 
 
 __all__ = [

@@ -1,39 +1,43 @@
-"""What paired arms do side by side, and where they meet."""
+"""What paired arms do side by side, where they meet, and what they wait for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
 
 
-def side_by_side(rows: Mapping[str, Sequence[T]], meets: Callable[[T], bool]) -> list[dict[str, T]]:
-    """Returns stages: the k-th thing of each arm between two meetings, and each meeting as a stage of its own.
+def side_by_side(
+    rows: Mapping[str, Sequence[T]],
+    meets: Callable[[T], bool],
+    needs: Callable[[T], Collection[str]],
+    ends: Callable[[T], str],
+) -> tuple[list[dict[str, T]], list[T]]:
+    """Returns stages, and what is left as arms wait for one another for ever.
 
-    An arm that has run out of things until the next meeting is missing from the stages before it.
+    In every stage each arm does its next thing as soon as what that needs has ended in an earlier stage: without needs
+    the k-th things of all arms between two meetings. Each meeting is a stage of its own. An arm that has run out of
+    things, waits, or is early at a meeting is missing from a stage.
 
     Args:
         rows: what each arm does, in its order; every arm that meets others does so as often.
         meets: whether a thing is done by all arms at once.
+        needs: what has to have ended before a thing, by name.
+        ends: the name of what ends with a thing; empty for nothing.
     """
-    runs = {name: _runs(row, meets) for name, row in rows.items()}
-    found = []
-    for number in range(max((len(own) for own in runs.values()), default=0)):
-        now = {name: own[number] for name, own in runs.items() if number < len(own)}
-        found += [
-            {name: own[k] for name, own in now.items() if k < len(own)}
-            for k in range(max(len(own) for own in now.values()))
-        ]
-    return found
-
-
-def _runs(row: Sequence[T], meets: Callable[[T], bool]) -> list[list[T]]:
-    """Returns one arm's things between its meetings, and each of these by itself."""
-    found: list[list[T]] = [[]]
-    for one in row:
-        if meets(one):
-            found += [[one], []]
+    place, over = dict.fromkeys(rows, 0), set[str]()
+    stages: list[dict[str, T]] = []
+    while True:
+        heads = {name: row[place[name]] for name, row in rows.items() if place[name] < len(row)}
+        if not all(meets(one) for one in heads.values()) or len(heads) < len(rows):
+            now = {name: one for name, one in heads.items() if not meets(one)}
         else:
-            found[-1].append(one)
-    return found
+            now = heads
+        now = {name: one for name, one in now.items() if over.issuperset(needs(one))}
+        if not now:
+            return stages, list(heads.values())
+        stages.append(now)
+        over.update(ends(one) for one in now.values())
+        for name in now:
+            place[name] += 1

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.model.job import ANY, Job, StopKey
+from dualarm_cli.model.job import ANY, Job
 from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
 from dualarm_cli.planning.order_model import OrderModel
 
@@ -65,38 +65,10 @@ def stage_by_stage(job: Job) -> Job:
     """
     if job.is_decided and used_buffers(job):
         return replace(job, mode="paired", pairing=served_pairing(job))
-    if not job.is_decided or not any(task.after for task in job.tasks):
-        return replace(job, mode="paired")
-    queues = [
-        [(task, stop) for task in job.tasks if task.arm == arm.name for stop in task.stops]
-        for arm in job.cell.robot.arms
-    ]
-    over: set[str] = set()
-    pairing: list[tuple[StopKey, ...]] = []
-    while waiting := [queue for queue in queues if queue]:
-        ready = [
-            queue
-            for queue in waiting
-            if queue[0][1] is not queue[0][0].stops[0] or over.issuperset(queue[0][0].after)
-        ]
-        # Arms meet for a hand-over: the early one waits.
-        meeting = [queue for queue in ready if queue[0][1].action in ("give", "take")]
-        if len({queue[0][0].id for queue in meeting}) != 1 or len(meeting) < 2:
-            ready = [queue for queue in ready if queue not in meeting]
-        if not ready:
-            tasks = [queue[0][0] for queue in waiting]
-            names = " and ".join(f"'{task.id}'" for task in tasks)
-            raise InfeasibleError(
-                f"{tasks[0].place}: in the order that is given {names} wait for tasks that come later for ever; "
-                "change the order in the file, or say order: optimise"
-            )
-        stage = [queue.pop(0) for queue in ready]
-        pairing.append(tuple((task.arm, task.id, stop.action) for task, stop in stage))
-        # What is handed over is over when it is placed.
-        over |= {
-            task.id for task, stop in stage if stop is task.stops[-1] and stop.action != "give"
-        }
-    return replace(job, mode="paired", pairing=tuple(pairing))
+    found = replace(job, mode="paired")
+    if found.is_decided:
+        found.stages()  # raises where there are none
+    return found
 
 
 def _in_a_row(job: Job, row: tuple[str, ...]) -> bool:

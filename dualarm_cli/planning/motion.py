@@ -9,13 +9,13 @@ from itertools import groupby
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.planning.bent_transfers import path_pieces
 from dualarm_cli.planning.motion_words import at_knot, stage_of
 from dualarm_cli.planning.stage_moves import moves_to_lines
-from dualarm_cli.planning.stage_plan import StagePlan, giver_and_taker
-from dualarm_cli.planning.stage_waits import StageWaits, stage_waits
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.planning.stage_waits import StageWaits, stage_waits, waiting_for_tasks
 from dualarm_cli.planning.stop_motion import (
     Key,
     Known,
@@ -78,7 +78,7 @@ def realise(
         {name: [] for name in model.arms},
         Known() if known is None else known,
     )
-    for plan in plans:
+    for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):
         key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
         if key not in record.known.transfers:
             record.known.transfers[key] = transfers_within_tool_speed(
@@ -91,12 +91,12 @@ def realise(
             held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
         ) -> dict[str, float]:
             alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
-            _add_stage(alone, model, job, plan, transfers, columns, limits, timing, held)
+            _add_stage(alone, model, job, plan, transfers, columns, limits, timing, held, {})
             return {event.arm: event.time for event in alone.events}
 
         waits = stage_waits(plan, arrivals, list(model.arms), clock + begin if windows else None)
         _wait(record, plan, waits, columns, limits.joints)
-        _add_stage(record, model, job, plan, transfers, columns, limits, timing, waits.held)
+        _add_stage(record, model, job, plan, transfers, columns, limits, timing, waits.held, after)
         record.stages[-1] = replace(record.stages[-1], start=begin)
     for name, index in columns.items():
         if not record.pieces[name]:
@@ -142,8 +142,12 @@ def _add_stage(
     limits: JointLimits,
     timing: TimingSolver,
     held: Mapping[str, float],
+    after: Mapping[str, ArmStop],
 ) -> None:
-    """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others."""
+    """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others.
+
+    `after` has the next stops of arms that wait for a task to be over.
+    """
     begin, ends = record.clock, dict.fromkeys(columns, 0.0)
     together = {}
     if plan.path is not None:
@@ -188,7 +192,8 @@ def _add_stage(
             record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
             if name != PLATFORM:
                 span = begin + ends[name], begin + length
-                add_segment(record, name, "wait", None, *span, "partner")
+                why: WaitReason = "after" if name in after else "partner"
+                add_segment(record, name, "wait", after.get(name), *span, why)
     record.clock = begin + length
     # In a hand-over the one that comes last decides, not the one that leaves last.
     last = ends if pair is None else arrived

@@ -1,4 +1,4 @@
-"""What a stage waits for before it begins: windows of tasks to open, and parts on conveyors to come."""
+"""What arms wait for: windows of tasks to open, parts on conveyors to come, and tasks that theirs come after."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dualarm_cli.model.schedule import WaitReason
-from dualarm_cli.planning.stage_plan import StagePlan
+from dualarm_cli.planning.stage_plan import ArmStop, StagePlan
 
 ROUNDS = 3
 """So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
@@ -25,6 +25,29 @@ class StageWaits:
     """Why, by arm."""
     held: Mapping[str, float] = field(default_factory=dict)
     """How long one arm waits in the stage before it leaves, so that both meet their parts [s], by arm."""
+
+
+def waiting_for_tasks(plans: Sequence[StagePlan]) -> list[dict[str, ArmStop]]:
+    """Returns by stage the arms without a stop in it whose next task comes after one not yet over, with its first stop.
+
+    Args:
+        plans: all stages in order.
+    """
+    last = {one.task.id: k for k, plan in enumerate(plans) for one in plan.stops.values()}
+    following: dict[str, ArmStop] = {}
+    found: list[dict[str, ArmStop]] = []
+    for k, plan in reversed(list(enumerate(plans))):
+        found.append(
+            {
+                name: one
+                for name, one in following.items()
+                if name not in plan.stops
+                and one.stop.action == one.task.stops[0].action
+                and any(last.get(other, -1) >= k for other in one.task.after)
+            }
+        )
+        following |= plan.stops
+    return found[::-1]
 
 
 def stage_waits(

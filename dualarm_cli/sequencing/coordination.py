@@ -213,8 +213,8 @@ def _traced(
         now = at(i, j)
         tries = []
         # Of ways that are as quick the one on which an arm waits at its end, where it is in nobody's way.
-        ends = [(1, 0)] * (j == m) + [(0, 1)] * (i == n)
-        for di, dj in (*ends, (1, 1), (1, 0), (0, 1)):
+        at_end = [(1, 0)] * (j == m) + [(0, 1)] * (i == n)
+        for di, dj in (*at_end, (1, 1), (1, 0), (0, 1)):
             may = (di or may_wait[0][i]) and (dj or may_wait[1][j])
             if may and np.isfinite(at(i - di, j - dj)):
                 tries.append((left(i - di, j - dj, (bool(di), bool(dj))), i - di, j - dj))

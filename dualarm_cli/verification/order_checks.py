@@ -195,9 +195,6 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         job: as its file leaves it.
         spans: of the job's stops.
     """
-    if job.is_decided and job.mode == "paired":
-        why = "order: given is the file's order; arms side by side do not wait for one another"
-        return not_checked("precedence", why)
     if not any(task.after for task in job.tasks):
         return not_checked("precedence", "no task is to come after another")
     begin: dict[str, float] = {}

@@ -153,17 +153,37 @@ def test_in_the_given_order_a_task_of_any_arm_cannot_wait_for_a_later_one(
     assert load_job("tasks.yaml").notes == ()
 
 
-def test_only_paired_arms_in_the_given_order_do_not_wait_for_each_other(
-    opened: Callable[..., str],
-) -> None:
-    """Paired, `after` across arms is noted as not used; by clocks of their own, arms wait, and nothing is noted."""
+@pytest.mark.parametrize("mode", ["paired", "free"])
+def test_arms_wait_for_each_other_in_the_given_order(opened: Callable[..., str], mode: str) -> None:
+    """The same in both modes: 'third' is made after 'first', which is over by then; nothing needs to be noted."""
     alone = ("  - id: second\n    arm: any\n    move: {xyz: [0.4, 0.2, 0.9]}\n", "")
-    opened(*GIVEN, *alone, "mode: free", "mode: paired")
-    assert load_job("tasks.yaml").notes == (
-        "after: with order: given task 'third' does not wait for 'first', as their arms do their tasks side by side",
+    opened(*GIVEN, *alone, "mode: free", f"mode: {mode}")
+    job = load_job("tasks.yaml")
+    assert job.notes == ()
+    made = [[task.id for task, _ in stage.values()] for stage in job.stages()]
+    assert made.index(["third"]) > max(k for k, names in enumerate(made) if "first" in names)
+
+
+@pytest.mark.parametrize("mode", ["paired", "free"])
+def test_arms_that_wait_for_each_other_for_ever_are_refused(
+    project: Path, messages: Messages, mode: str
+) -> None:
+    """By hand: a waits for d behind c, c for b behind a; no two tasks of `after` and arm alone contradict each other."""
+    move = "move: {xyz: [0.4, 0.1, 0.9]}"
+    rows = [("a", "left", "d"), ("b", "left", ""), ("c", "right", "b"), ("d", "right", "")]
+    (project / "tasks.yaml").write_text(
+        f"dualarm: tasks/1\ncell: cell.yaml\nmode: {mode}\nstart: bent\ntasks:\n"
+        + "".join(f"  - {{id: {n}, arm: {arm}, after: [{o}], {move}}}\n" for n, arm, o in rows)
     )
-    opened(*GIVEN, *alone)
-    assert load_job("tasks.yaml").notes == ()
+    [message] = messages(lambda: load_job("tasks.yaml"))
+    assert message.endswith(
+        "in the order that is given 'a' and 'c' wait for ever for tasks that come later; "
+        "change the order in the file, or say order: optimise"
+    )
+    assert message.startswith("tasks.yaml:6:")
+    text = (project / "tasks.yaml").read_text()
+    (project / "tasks.yaml").write_text(text.replace("tasks:\n", "order: optimise\ntasks:\n", 1))
+    assert len(load_job("tasks.yaml").tasks) == 4
 
 
 def test_orders_may_be_open_beside_paths_but_windows_and_sequences_of_paths_not(

@@ -188,14 +188,15 @@ def test_an_order_that_the_file_itself_breaks_is_refused(
     assert "task 'x' is to come after 'z', but order: given does it first" in message
 
 
-def test_arms_side_by_side_do_not_wait_for_each_other_and_the_reader_is_told(
-    project: Path, change: Change
-) -> None:
-    """The first tasks of both arms share a stage."""
+def test_arms_wait_for_each_others_tasks(project: Path, change: Change) -> None:
+    """Without `after` the first tasks of both arms share a stage; with it none has both."""
+    assert {"left", "right"} in [set(stage) for stage in load_job("tasks.yaml").stages()]
     change("tasks.yaml", "id: b", "id: b\n    after: [a]")
-    assert load_job("tasks.yaml").notes == (
-        "after: with order: given task 'b' does not wait for 'a', as their arms do their tasks side by side",
-    )
+    job = load_job("tasks.yaml")
+    made = [{task.id for task, _ in stage.values()} for stage in job.stages()]
+    assert job.notes == ()
+    assert not any({"a", "b"} <= names for names in made)
+    assert max(k for k, n in enumerate(made) if "a" in n) < made.index({"b"})
 
 
 def test_all_errors_of_all_files_come_at_once(

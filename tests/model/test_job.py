@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.path_work import PathWork
@@ -117,6 +119,54 @@ def test_a_path_of_one_arm_is_a_stage_of_that_arm_alone():
     """The other arm's tasks before and behind stay where they are."""
     one = job(move("a", "right"), *follow("p", right=polyline(0, 1)), move("b", "left"))
     assert stages(one.stages()) == [{"right": "a move"}, {"right": "p path"}, {"left": "b move"}]
+
+
+def test_a_task_is_made_in_a_stage_after_those_that_it_comes_after():
+    """By hand: b waits for both stops of a; c, which waits for nothing, is beside its first stop all the same."""
+    b = replace(carry("b", "right"), after=("a",))
+    one = job(carry("a", "left"), b, move("c", "left"), replace(move("d", "left"), after=("b",)))
+    assert stages(one.stages()) == [
+        {"left": "a pick"},
+        {"left": "a place"},
+        {"left": "c move", "right": "b pick"},
+        {"right": "b place"},
+        {"left": "d move"},
+    ]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_stages_are_as_early_as_after_lets_them_be(seed):
+    """Each stop is right behind its arm's stop before, or behind the end of a task that it waits for; none before."""
+    rng = np.random.default_rng(seed)
+    tasks = []
+    for k in range(12):
+        arm = str(rng.choice(["left", "right"]))
+        make = carry if rng.random() < 0.6 else move
+        after = tuple(f"t{j}" for j in range(k) if rng.random() < 0.15)
+        tasks.append(replace(make(f"t{k}", arm), after=after))
+    found = job(*tasks).stages()
+    at = {
+        (task.id, stop.action): k for k, stage in enumerate(found) for task, stop in stage.values()
+    }
+    assert sum(map(len, found)) == len(at) == sum(len(task.stops) for task in tasks)
+    over = {task.id: max(at[task.id, stop.action] for stop in task.stops) for task in tasks}
+    for arm in ("left", "right"):
+        last = -1
+        for task in (task for task in tasks if task.arm == arm):
+            for number, stop in enumerate(task.stops):
+                waits = [over[name] for name in task.after] if number == 0 else []
+                assert at[task.id, stop.action] == 1 + max(last, *waits, -1)
+                last = at[task.id, stop.action]
+
+
+def test_tasks_that_wait_for_ever_are_no_stages():
+    """By hand: a waits for d behind c, c for b behind a."""
+    a, c = replace(move("a", "left"), after=("d",)), replace(move("c", "right"), after=("b",))
+    one = job(a, move("b", "left"), c, move("d", "right"))
+    assert [task.id for task in one.stuck()] == ["a", "c"]
+    with pytest.raises(InfeasibleError, match="'a' and 'c' wait for ever"):
+        one.stages()
+    assert job(move("a", "left"), c, move("b", "left")).stuck() == []
 
 
 def test_stops_are_found_by_arm_task_and_action():

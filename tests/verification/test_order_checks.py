@@ -229,12 +229,12 @@ def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks, preceden
         ({"mode": "paired", "order": "optimise"}, "failed", "look begins at"),
         ({"mode": "free", "order": "given"}, "failed", "look begins at"),
         ({"mode": "paired", "order": "given", "any": True}, "failed", "look begins at"),
-        ({"mode": "paired", "order": "given"}, "not checked", "order: given is the file's order;"),
+        ({"mode": "paired", "order": "given"}, "failed", "look begins at"),
         ({"mode": "free", "order": "given", "after": ()}, "not checked", "no task is to come"),
     ],
 )
 def test_precedence_is_asked_of_what_waits(by_clocks, precedence, changes, verdict, detail):
-    """Look is at 4.8 s and is to come after fit; only paired arms in the file's order do not wait."""
+    """Look is at 4.8 s and is to come after fit: whatever the mode, and whoever chose the order."""
     after = changes.get("after", ("fit",))
     arms = {"left": "any"} if "any" in changes else {"any": "left"}
     tasks = tuple(
