@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dualarm_cli.model.job import Job, Stop, StopKey, Task
-from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, stages_of_arm
@@ -109,10 +109,9 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
     worst, where = 0.0, "both arms start every stage together"
     times = {(e.arm, e.task, e.action): e.time for e in schedule.events}
-    starts: dict[StopKey, float] = {}
+    parts: dict[StopKey, list[Segment]] = {}
     for segment in schedule.segments:
-        key = (segment.arm, segment.task, segment.action)
-        starts[key] = min(segment.start, starts.get(key, np.inf))
+        parts.setdefault((segment.arm, segment.task, segment.action), []).append(segment)
     asked = job.stages()
     for number, work in enumerate(asked, start=1):
         if number > len(schedule.stages):
@@ -124,7 +123,12 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
             outside = max(stage.start - time, time - stage.end)
             if outside > worst:
                 worst, where = outside, f"{key[1]} ({key[2]}) is outside stage {number}"
-        begun = [starts[key] for key in keys if key in starts]
+        # An arm may have waited for other tasks until the stage begins.
+        due = stage.start + tol.SAME_TIME
+        own = [
+            [p.start for p in parts.get(key, ()) if p.kind != "wait" or p.end > due] for key in keys
+        ]
+        begun = [min(times) for times in own if times]
         apart = max(begun, default=0.0) - min(begun, default=0.0)
         if apart > worst:
             worst, where = apart, f"the arms do not start stage {number} together"

@@ -14,8 +14,8 @@ from dualarm_cli.verification import verify
 QUICK = PlanSettings(effort="quick")
 CELLS = {
     "sda10f": "robot: sda10f",
-    "iiwas": "robot:\n  left: {robot: iiwa14, base: {xyz: [-0.55, 0, 0]}}\n"
-    "  right: {robot: iiwa14, base: {xyz: [0.55, 0, 0], rpy: [0, 0, 180 deg]}}",
+    "iiwas": "robot:\n  left: {robot: iiwa14, base: {xyz: [-0.8, 0, 0]}}\n"
+    "  right: {robot: iiwa14, base: {xyz: [0.8, 0, 0], rpy: [0, 0, 180 deg]}}",
 }
 TOOLS = "\ntools:\n  left: {tcp: {xyz: [0, 0, 0.12]}}\n  right: {tcp: {xyz: [0, 0, 0.12]}}\n"
 SAME_TIME = 1e-6
@@ -29,7 +29,7 @@ def pose(rng, robot, arm):
         x, y = rng.uniform(0.25, 0.5), side * rng.uniform(0.3, 0.6)
         z = rng.uniform(0.75, 0.95)
     else:
-        x, y = -side * rng.uniform(0.05, 0.15), rng.uniform(-0.3, 0.3)
+        x, y = -side * rng.uniform(0.2, 0.35), rng.uniform(-0.3, 0.3)
         z = rng.uniform(0.15, 0.35)
     return f"{{xyz: [{x:.3f}, {y:.3f}, {z:.3f}], rpy: [180 deg, 0, 0], free: yaw}}"
 
@@ -118,10 +118,10 @@ def test_tasks_wait_for_those_before_them(tmp_path, robot, mode):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("robot", CELLS)
 @pytest.mark.parametrize("mode", ["free", "paired"])
 def test_random_jobs_keep_after(tmp_path, robot, mode, seed):
-    """240 random jobs; the arms work far apart, so that each of them has a plan."""
+    """120 random jobs; the arms work far apart, so that each of them has a plan."""
     rng = np.random.default_rng([20, seed])
     assert check_job(tmp_path, random_job(rng, robot, mode), robot, clear=True) is not None
