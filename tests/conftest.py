@@ -67,6 +67,12 @@ def wrist_arms() -> ModuleType:
     return _module("wrist_arms")
 
 
+@pytest.fixture(scope="session")
+def random_valid_jobs() -> ModuleType:
+    """Random jobs of every kind of work on five robots, as files: write_random_job."""
+    return _module("random_valid_jobs")
+
+
 @pytest.fixture
 def cells(
     tmp_path: Path, tasks_folder: Path, monkeypatch: pytest.MonkeyPatch
