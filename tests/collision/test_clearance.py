@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.shape import Shape
@@ -20,12 +21,17 @@ SHAPES = {"rod": (0.02, 0.02, 0.5), "plate": (0.3, 0.3, 0.02)}
 
 
 @pytest.fixture(scope="module")
-def clearance(tasks_folder):
-    """Two parts that either arm may carry, over a shelf."""
+def cell(tasks_folder):
+    """Two parts and a shelf."""
     cell = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell
     ahead = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.05]))
     parts = {name: (Shape("box", sides, ahead),) for name, sides in SHAPES.items()}
-    cell = dataclasses.replace(cell, parts=parts, obstacles=(SHELF,), clearance=0.005)
+    return dataclasses.replace(cell, parts=parts, obstacles=(SHELF,), clearance=0.005)
+
+
+@pytest.fixture(scope="module")
+def clearance(cell):
+    """Both parts, carried by either arm."""
     return CellClearance.of(cell, [(arm, part) for arm in ("left", "right") for part in SHAPES])
 
 
@@ -75,3 +81,30 @@ def test_arms_that_need_not_keep_clear_of_one_another_are_looked_at_by_themselve
     own = [clearance.own_margins(a, postures, held[:, a], ground=True) for a in (0, 1)]
     np.testing.assert_array_equal(apart.margins(postures, held), np.minimum(*own))
     assert np.isfinite(clearance.cross_margins(postures, held)).all()
+
+
+@pytest.mark.parametrize("part", ["", "rod", "plate"])
+@pytest.mark.parametrize("on_line", [False, True])
+def test_a_number_stands_for_the_pairs_of_its_part(clearance, postures, part, on_line):
+    """Off lines all pairs of the arm with its part; on lines without what stands, which counts where it is reached."""
+    held = np.full(40, clearance.held(part, on_line))
+    test = clearance.test
+    for a, arm in enumerate(clearance.arms):
+        own = test.margins(test.own(arm, part, on_line), postures)
+        np.testing.assert_array_equal(clearance.own_margins(a, postures, held), own)
+        lying = test.margins(test.ground(arm, part), postures)
+        least = np.where((lying < 0.0) & on_line, np.minimum(own, lying), own)
+        found = clearance.own_margins(a, postures, held, ground=True)
+        np.testing.assert_array_equal(found, least)
+
+
+@pytest.mark.parametrize("parts", [[], ["rod"], ["rod", "plate"]])
+def test_arms_keep_clear_of_what_the_other_one_holds(cell, postures, parts):
+    """Of none, one and two parts: the quick test's pairs for what is held, whether on lines or not."""
+    carried = [("left", part) for part in parts]
+    clearance, test = CellClearance.of(cell, carried), QuickTest(cell, carried)
+    for part in ["", *parts]:
+        for on_line in (False, True):
+            held = np.tile([clearance.held(part, on_line), 0], (40, 1))
+            expected = test.margins(test.cross({"left": part, "right": ""}), postures)
+            np.testing.assert_array_equal(clearance.cross_margins(postures, held), expected)

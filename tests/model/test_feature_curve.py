@@ -406,6 +406,24 @@ def test_a_wave_s_derivatives_do_not_hang_on_how_densely_it_is_described(count, 
     assert np.abs(third).max() < 1.5 * 0.01 * k**3
 
 
+@pytest.mark.parametrize("turns", [0.0, 1.0, 2.0])
+def test_closed_poses_turn_as_fast_where_they_end_as_where_they_begin(turns):
+    """Twelve places round a ring, frames that wobble and go round none, once and twice: after one turn q is -q."""
+    poses = []
+    for share in np.linspace(0.0, 1.0, 13):
+        angle = TURN * (share % 1.0)
+        wobble = pin.utils.rotate("x", 0.3 * np.sin(angle + 0.7))
+        place = 0.1 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        poses.append(pin.SE3(pin.utils.rotate("z", turns * TURN * share) @ wobble, place))
+    curve = PoseCurve.through(poses, HERE)
+    h = 1e-5
+    before, end, begin, after = curve.frames(np.array([1.0 - h, 1.0, 0.0, h]))
+    np.testing.assert_allclose(end, begin, atol=1e-9)
+    np.testing.assert_allclose(
+        pin.log3(before.T @ end) / h, pin.log3(begin.T @ after) / h, atol=5e-3
+    )
+
+
 def test_what_cannot_have_a_frame_is_found():
     """A normal along a line; a spline that turns back; a thin ellipse; normals that change sides. Others are smooth."""
     line = Segment(np.zeros(3), np.array([0.0, 0.0, 0.2]), np.array([0.1, 0.0, 1.0]))

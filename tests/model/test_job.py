@@ -12,6 +12,7 @@ import pytest
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.pairing import side_by_side
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.tool_path import Line, ToolPath
@@ -193,3 +194,21 @@ def test_corners_at_the_same_share_are_one_stop():
     for scale in (0.1, 0.3, 0.7, 1.0 / 3.0, 0.011):
         work = PathWork({"left": polyline(0, 0.1, -0.1), "right": polyline(0, scale, -scale)}, 0.1)
         assert work.corners() == pytest.approx((1.0 / 3.0,)), scale
+
+
+def test_stages_are_side_by_side_between_meetings():
+    """Lower case letters are done alone, capitals by both; who has run out waits for the next meeting."""
+    rows = {"left": "abCd", "right": "eCfg"}
+    assert side_by_side(rows, str.isupper) == [
+        {"left": "a", "right": "e"},
+        {"left": "b"},
+        {"left": "C", "right": "C"},
+        {"left": "d", "right": "f"},
+        {"right": "g"},
+    ]
+    assert side_by_side({"left": "", "right": "ab"}, str.isupper) == [
+        {"right": "a"},
+        {"right": "b"},
+    ]
+    assert side_by_side({"left": "", "right": ""}, str.isupper) == []
+    assert side_by_side({}, str.isupper) == []

@@ -8,7 +8,7 @@ import pytest
 
 from dualarm_cli.model.contours import Segment
 from dualarm_cli.model.feature_curve import FeatureCurve
-from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
+from dualarm_cli.model.seam import Hold, SeamTool, SeamWork, longest_ramp
 from dualarm_cli.model.tool_path import Line, ToolPath
 
 LINE = FeatureCurve(
@@ -89,3 +89,12 @@ def test_seams_can_be_keys_whatever_their_curves_are_made_of():
     one, other = work(), work()
     assert list(dict.fromkeys([one, other, one])) == [one, other]
     assert one != other
+
+
+def test_ramps_last_twice_what_the_file_s_acceleration_takes():
+    """100 mm/s at 20 mm/s²: 5 s, twice that; at half the pace twice as long; never less than 1.2 s."""
+    slow = work(acceleration=0.02)
+    assert longest_ramp(slow, 1.0) == pytest.approx(10.0)
+    assert longest_ramp(slow, 0.5) == pytest.approx(20.0)
+    assert longest_ramp(work(acceleration=5.0), 1.0) == pytest.approx(1.2)
+    assert longest_ramp(work(), 0.5) == pytest.approx(2.4)
