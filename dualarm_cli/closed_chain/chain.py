@@ -184,8 +184,8 @@ class Chain:
         tip = bodies.p_tool + work.tool.standoff * bodies.R_tool[:, :, 2]
         inside = ((tip - bodies.p_part)[:, None] @ bodies.R_part)[:, 0]
         for _ in range(steps):
-            R, p = work.curve.at(share * work.length)
-            along = ((inside - p) * R[:, :, 0]).sum(axis=1)
+            s = share * work.length
+            along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
             share = np.clip(share + along / work.length, 0.0, 1.0)
         return share
 

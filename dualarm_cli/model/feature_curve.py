@@ -59,6 +59,15 @@ class MeasuredCurve(ABC):
         T = self.T_part_curve
         return T.rotation @ self.frames(t), self.contour.point(t) @ T.rotation.T + T.translation
 
+    def directions(self, s: FloatArray) -> FloatArray:
+        """Returns unit vectors (k, 3) along the curve in the part's frame at lengths (k,) [m].
+
+        Frames that a file gives may have x elsewhere.
+        """
+        rate = self.contour.rate(self.arc.at(np.clip(s, 0.0, self.length)))
+        found: FloatArray = rate @ self.T_part_curve.rotation.T
+        return found / np.linalg.norm(found, axis=1)[:, None]
+
     @abstractmethod
     def frames(self, t: FloatArray) -> FloatArray:
         """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""

@@ -77,8 +77,8 @@ def placed(
         guess = gone * (work.length / max(gone[-1], 1e-12))
     s = np.clip(guess, 0.0, work.length)
     for _ in range(ROUNDS):
-        R_seam, p_seam = work.curve.at(s)
-        s = np.clip(s + ((inside - p_seam) * R_seam[:, :, 0]).sum(axis=1), 0.0, work.length)
+        along = ((inside - work.curve.at(s)[1]) * work.curve.directions(s)).sum(axis=1)
+        s = np.clip(s + along, 0.0, work.length)
     R_seam, p_seam = work.curve.at(s)
     E = np.swapaxes(R_part @ R_seam @ work.tool.R_curve_tool, -1, -2) @ R
     distance = np.linalg.norm(inside - p_seam, axis=1)

@@ -391,6 +391,19 @@ def test_many_short_waves_are_followed_as_closely_as_a_straight_line(tmp_path: P
     assert length / 0.02 < end - begin < length / 0.02 + 1.0
 
 
+def test_poses_whose_x_is_not_along_their_curve_are_followed_all_the_same(tmp_path: Path) -> None:
+    """A half circle of 30 mm from pi to 0 whose frames are 120 degrees off its direction all along."""
+    angle = np.linspace(np.pi, 0.0, 61)
+    circle = [0.03 * np.cos(angle), 0.03 * np.sin(angle)]
+    half = (angle - np.pi / 2.0 + np.radians(120.0)) / 2.0
+    rows = np.stack([*circle, *np.zeros((3, 61)), np.sin(half), np.cos(half)], axis=1)
+    names = "x,y,z,qx,qy,qz,qw"
+    np.savetxt(tmp_path / "arc.csv", rows, "%.17g", ",", header=names, comments="")
+    text = seam("speed: 50 mm/s", curve="{kind: poses, file: arc.csv}")
+    [(begin, end)] = spans(planned(job_of(tmp_path, SDA10F, text)))
+    assert 0.03 * np.pi / 0.05 < end - begin < 0.03 * np.pi / 0.05 + 0.5
+
+
 def _random_curve(rng: np.random.Generator, folder: Path) -> str:
     """A line, arc, ellipse, saddle, spline through points about an ellipse, or the poses of a wave, 20 mm to 1 m."""
     kind = rng.choice(["line", "arc", "ellipse", "saddle", "spline", "closed", "wave"])
