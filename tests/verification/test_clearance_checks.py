@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
+from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
 from dualarm_cli.loading.meshes import read_hull
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
@@ -17,6 +18,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
+from dualarm_cli.verification.clearance_checks import _add_plain
 
 
 @pytest.fixture(scope="module")
@@ -318,3 +320,16 @@ def test_motion_between_stages_is_proven_too(schedule, packing):
     assert check.measured == pytest.approx(0.05, abs=1e-3)
     assert found[0].stage == 0
     assert found[0].margin == pytest.approx(-0.05, abs=1e-3)
+
+
+def test_what_a_tool_works_on_counts_at_every_instant():
+    """From the first knot to the last: with its clearance before and after the work, as a contact meanwhile."""
+    time = np.array([0.0, 0.5, 3.0, 5.0])
+    schedule = SimpleNamespace(trajectory=SimpleNamespace(time=time))
+    pairs, windows = [], []
+    _add_plain(pairs, windows, Pair(3, 4, 0.01), [(1.0, 2.0)], schedule)
+    assert pairs == [Pair(3, 4, 0.01), Pair(3, 4, -5e-4)]
+    assert windows == [[(0.0, 1.0), (2.0, 5.0)], [(1.0, 2.0)]]
+    pairs, windows = [], []
+    _add_plain(pairs, windows, Pair(3, 4, 0.01), [], schedule)
+    assert (pairs, windows) == ([Pair(3, 4, 0.01)], [None])
