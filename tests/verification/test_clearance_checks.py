@@ -13,12 +13,12 @@ from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep
 from dualarm_cli.loading.meshes import read_hull
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
-from dualarm_cli.model.job import Dwell
+from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _add_plain
+from dualarm_cli.verification.clearance_checks import _add_plain, _lines, _worked
 
 
 @pytest.fixture(scope="module")
@@ -333,3 +333,35 @@ def test_what_a_tool_works_on_counts_at_every_instant():
     pairs, windows = [], []
     _add_plain(pairs, windows, Pair(3, 4, 0.01), [], schedule)
     assert (pairs, windows) == ([Pair(3, 4, 0.01)], [None])
+
+
+def test_a_tool_may_touch_any_of_what_its_seam_names():
+    """Of two bodies each by itself, from the approach to the end of the retract; nothing else, and no other tool."""
+    work = SimpleNamespace(slave="left", touches=("left_tool", "jig", "right_tool"))
+    job = SimpleNamespace(tasks=[SimpleNamespace(id="weld", arm="left", seam=work)])
+
+    def span(action, start, end):
+        event = SimpleNamespace(arm="left", task="weld", action=action, time=0.5 * (start + end))
+        return SimpleNamespace(event=event, start=start, end=end, over=event.time)
+
+    spans = [span("seam_start", 1.0, 2.0), span("seam_end", 3.0, 4.0)]
+    for body, found in (("jig", [(1.0, 4.0)]), ("right_tool", [(1.0, 4.0)]), ("table", [])):
+        assert _worked(job, ("left_tool", body), spans) == found
+        assert _worked(job, (body, "left_link_t"), spans) == []
+    # Done twice, or the end before the start, it makes no room at all.
+    assert _worked(job, ("left_tool", "jig"), [*spans, spans[0]]) == []
+    assert _worked(job, ("left_tool", "jig"), [span("seam_start", 5, 6), spans[1]]) == []
+
+
+def test_lines_that_follow_on_or_overlap_are_one_span():
+    """Five spans of one part, three at one another; another arm's, another task's and a hand-over's do not count."""
+    job = SimpleNamespace(tasks=[Task("a", "left", (), part="rod"), Task("b", "left", ())])
+    solid = SimpleNamespace(carrier="left", body="rod", tool="", bolted=False)
+
+    def span(start, end, arm="left", task="a", action="pick"):
+        event = SimpleNamespace(arm=arm, task=task, action=action)
+        return SimpleNamespace(event=event, start=start, end=end)
+
+    spans = [span(4, 5), span(0, 1), span(2, 3), span(2.5, 2.8, action="place"), span(3, 3.5)]
+    others = [span(6, 7, arm="right"), span(6, 7, task="b"), span(6, 7, action="give")]
+    assert _lines(job, solid, [*spans, *others]) == [(0, 1), (2, 3.5), (4, 5)]

@@ -19,7 +19,7 @@ from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _worked
 from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.seam_checks import NAMES, check_seams
+from dualarm_cli.verification.seam_checks import NAMES, _part_off, check_seams
 from dualarm_cli.verification.seam_places import _turned_away, on_seam
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -597,3 +597,13 @@ def test_a_seam_that_creeps_to_its_speed_is_found(line):
 
     slow = retimed(line.schedule, bell, 10.0 * T)
     assert "seam_as_asked" in failed(slow, line.job)
+
+
+def test_a_part_is_off_by_its_place_or_by_its_turn():
+    """Either alone, from a given pose and from where it stands at first: the larger of both counts."""
+    turns = np.array([pin.utils.rotate("y", angle) for angle in (0.0, 0.0, 0.3)])
+    places = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    found = SimpleNamespace(R_part=turns, p_part=places, length=np.zeros(3))
+    for hold in (Hold(pose=pin.SE3.Identity()), Hold(still=True)):
+        work = SimpleNamespace(hold=hold, length=1.0)
+        assert _part_off(found, work) == pytest.approx([0.0, 0.2, 0.3], abs=1e-12)

@@ -80,6 +80,18 @@ def test_a_urdf_that_does_not_fit_is_bad_input_and_says_what(clean, change, mess
         ToolModel(schedule)
 
 
+def test_every_moving_joint_has_to_be_there(clean):
+    """Each of them left out in turn."""
+    joints = clean.schedule.trajectory.joints
+    for lost in joints:
+        others = [name for name in joints if name != lost]
+        fewer = dataclasses.replace(
+            clean.schedule, trajectory=clean.schedule.trajectory.select(others)
+        )
+        with pytest.raises(InputError, match=f"moving joint '{lost}' is missing"):
+            ToolModel(fewer)
+
+
 def test_the_universe_is_not_a_joint(clean):
     """The library's name for the fixed world is in no robot's list of joints."""
     trajectory = clean.schedule.trajectory

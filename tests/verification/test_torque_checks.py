@@ -69,7 +69,10 @@ def test_gravity_is_as_it_is_where_the_robot_stands():
 )
 def test_only_paths_that_ask_for_it_are_measured(changes):
     """Another segment, another task, a path without length, and a path that does not ask."""
-    assert judged(1e-3, 0.0, **changes).verdict == "not checked"
+    check = judged(1e-3, 0.0, **changes)
+    assert check.verdict == "not checked"
+    asked = "no path is to keep the joints' torques within limits"
+    assert check.detail == (asked if "asked" in changes else "no segment of kind path")
     assert judged(1e-3, 0.0).verdict == "failed"
 
 
