@@ -107,6 +107,35 @@ def _but_clearance(checks):
     return [check for check in checks if check.name not in ("clearance", "self_collision")]
 
 
+HEAD = """\
+dualarm: tasks/1
+cell: cell.yaml
+mode: free
+SETTINGS
+defaults: {approach: 80 mm, retract: 80 mm, dwell: 0.1}
+tasks:
+"""
+A = "{id: a, arm: left, pick: {xyz: [0.45, 0.35, 0.8], DOWN}, place: {xyz: [0.25, 0.55, 0.8], DOWN}}"
+B = "{id: b, arm: right, after: [a], pick: {xyz: [0.45, -0.35, 0.8], DOWN}, place: {xyz: [0.25, -0.55, 0.8], DOWN}}"
+C = "{id: c, arm: left, after: [b], pick: {xyz: [0.45, 0.3, 0.8], DOWN}, place: {xyz: [0.3, 0.5, 0.8], DOWN}}"
+MOVE = "{id: b, arm: right, after: [a], move: {xyz: [0.45, -0.35, 0.8], DOWN}}"
+
+
+@pytest.mark.parametrize(
+    ("settings", "tasks", "waits"),
+    [
+        ("start: home", [A, B], 1),
+        ("start: home\nreturn: true", [A, B, C], 2),
+        ("start: free", [A, MOVE], 1),
+    ],
+)
+def test_own_clocks_let_tasks_begin_when_the_last_retract_is_over(tmp_path, settings, tasks, waits):
+    """An arm that has nothing to do afterwards; lines beside a turning platform; a bare move that takes no time."""
+    rows = "".join(f"  - {row.replace('DOWN', 'rpy: [180 deg, 0, 0]')}\n" for row in tasks)
+    text = HEAD.replace("SETTINGS", settings) + rows
+    assert check_job(tmp_path, text, "sda10f", clear=True) == waits
+
+
 @pytest.mark.parametrize("robot", CELLS)
 @pytest.mark.parametrize("mode", ["free", "paired"])
 def test_tasks_wait_for_those_before_them(tmp_path, robot, mode):
