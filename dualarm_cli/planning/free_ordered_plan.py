@@ -22,7 +22,7 @@ from dualarm_cli.planning.free_orders import FreeOrder, FreeOrders, free_orders
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.motion import Motion
 from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.order_words import check_reach
+from dualarm_cli.planning.order_words import check_reach, grid_gap
 from dualarm_cli.planning.tool_changes import with_changes
 from dualarm_cli.planning.watch import Watch
 
@@ -87,7 +87,10 @@ def plan_by_own_clocks(
             except InfeasibleError:
                 continue
             if best is None or found.duration < best.duration:
-                best, total = replace(found, order_grid_gap=_free_gap(orders, one.total)), one.total
+                best, total = (
+                    replace(found, order_grid_gap=grid_gap(orders.bound, one.total)),
+                    one.total,
+                )
                 watch.keep(_noted(best, free_notes(orders, total, None)))
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
@@ -178,11 +181,6 @@ def _near(orders: FreeOrders, given: tuple[FreeOrder, ...]) -> list[FreeOrder]:
     """Returns the file's order at those angles at which it may be as quick as the best one."""
     least = min((one.total for one in orders.found), default=np.inf)
     return [one for one in given if one.total <= (1.0 + NEAR) * least]
-
-
-def _free_gap(orders: FreeOrders, total: float) -> float | None:
-    """Returns by what share another order may be quicker than one of a total [s], with the search's own postures."""
-    return None if orders.bound is None else max(0.0, 1.0 - orders.bound / total)
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:

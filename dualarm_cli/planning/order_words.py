@@ -22,6 +22,20 @@ PROOF = 4.0
 """How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
 
 
+def grid_gap(bound: float | None, total: float) -> float | None:
+    """Returns by what share another order may be quicker than one of a total [s], both on the grid of the search.
+
+    None without a bound. An order that takes no time, such as that of a free start alone, has no gap.
+
+    Args:
+        bound: what no order takes less than [s], or None.
+        total: of the order [s].
+    """
+    if bound is None:
+        return None
+    return max(0.0, 1.0 - bound / total) if total > 0.0 else 0.0
+
+
 def check_reach(order: OrderModel) -> None:
     """Raises InfeasibleError where some task is out of every arm's reach, with why for each arm."""
     reached = order.reached().any(axis=2)

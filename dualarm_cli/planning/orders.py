@@ -15,7 +15,13 @@ from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_proofs import is_provable, least_total, proven_orders
-from dualarm_cli.planning.order_words import NOT_FOUND, check_meetings, check_reach, why_impossible
+from dualarm_cli.planning.order_words import (
+    NOT_FOUND,
+    check_meetings,
+    check_reach,
+    grid_gap,
+    why_impossible,
+)
 from dualarm_cli.planning.stage_order_model import StageModel, stage_model, stage_stands
 from dualarm_cli.planning.tool_changes import paired_as, with_changes
 from dualarm_cli.planning.watch import Watch
@@ -82,7 +88,7 @@ class Orders:
 
         None without a bound.
         """
-        return None if self.bound is None else max(0.0, 1.0 - self.bound / total)
+        return grid_gap(self.bound, total)
 
 
 @dataclass(frozen=True)
