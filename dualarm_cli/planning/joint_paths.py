@@ -19,6 +19,8 @@ NARROW, WIDE = 0.2, 1.0
 """How far about the straight way postures are drawn, mostly and sometimes [s]."""
 MOST_EDGES = 2500
 """Edges after which the search gives up."""
+TRAPPED = 8
+"""A tree of no more postures, after a fifth of the edges, does not come out of where it began."""
 POINTS = 65
 """Points of a path that is shortened."""
 SHORT_CUTS = 400
@@ -85,6 +87,8 @@ def _connect(
     trees = [_Tree(start), _Tree(goal)]
     low, high = np.minimum(start, goal), np.maximum(start, goal)
     for k in range(MOST_EDGES):
+        if k == MOST_EDGES // 5 and min(len(tree.points) for tree in trees) <= TRAPPED:
+            break
         # Most of what is tried lies about the straight way: transfers are short.
         wide = NARROW if k % 4 else WIDE
         sample = random.uniform(np.maximum(lower, low - wide), np.minimum(upper, high + wide))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -116,27 +116,26 @@ def _searched(
         watch: is told how it goes, and may end the search.
         planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
     """
-    pairs: set[StagePair] = set()
+    tried = _Tried(HOPELESS[settings.effort])
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
-    tries, hopeless = 0, 0
+    tries = 0
     while True:
-        known = len(pairs)
+        known = len(tried.pairs)
         # There is no other order to hope for where nothing more is searched.
         patient = not long or tries > searches or watch.stop()
         one_by_one = partial(planned, of=orders, patient=patient)
         try:
             promising = _promising(search, orders.found, settings, watch)
-            return _quickest(promising, watch, one_by_one, pairs)
+            return _quickest(promising, watch, one_by_one, tried)
         except BlockedError as error:
-            hopeless += error.alone
-            enough = hopeless >= HOPELESS[settings.effort]
-            if tries == searches + TAKEN_APART or len(pairs) == known or enough:
+            last = tries == searches + TAKEN_APART
+            if last or len(tried.pairs) == known or tried.is_hopeless:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
             first = orders.found[0].job
-            watch.tell(f"keeping {len(pairs)} pairs of stops apart: {error.stages}")
-            search = search.without(pairs, first)
+            watch.tell(f"keeping {len(tried.pairs)} pairs of stops apart: {error.stages}")
+            search = search.without(tried.pairs, first)
             # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
             again = tries < searches and not watch.stop()
             found = search.orders(watch) if again else search.as_it_is()
@@ -148,15 +147,15 @@ def _quickest(
     orders: list[DecidedOrder],
     watch: Watch,
     planned: Callable[[DecidedOrder], Schedule],
-    pairs: set[StagePair],
+    tried: _Tried,
 ) -> Schedule:
-    """Returns the quickest plan of some orders, at least of the first one that has a plan.
+    """Returns the quickest plan of some orders, at least of the first one that has a plan, if there is any hope.
 
     Args:
         orders: those that are worth it.
         watch: is told how it goes.
         planned: plans an order.
-        pairs: what turns out not to keep clear side by side is added.
+        tried: what turns out not to keep clear is added.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
@@ -171,7 +170,9 @@ def _quickest(
         except InfeasibleError as error:
             failure = failure or error
             if isinstance(error, BlockedError):
-                pairs |= _blocked_pairs(one.job, error.stages)
+                tried.add(one.job, error)
+            if best is None and tried.is_hopeless:
+                break
             continue
         longest = max(longest, watch.elapsed() - begin)
         if best is None or schedule.duration < best.duration:
@@ -181,6 +182,28 @@ def _quickest(
         assert failure is not None
         raise failure
     return best
+
+
+@dataclass
+class _Tried:
+    """What orders without a plan teach."""
+
+    most: int
+    """No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
+    alone: int = 0
+    """So many of them there are."""
+    pairs: set[StagePair] = field(default_factory=set)
+    """What does not keep clear side by side."""
+
+    def add(self, job: Job, error: BlockedError) -> None:
+        """Learns from an order whose plan does not keep clear."""
+        self.alone += error.alone
+        self.pairs |= _blocked_pairs(job, error.stages)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether no other order is tried."""
+        return self.alone >= self.most
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:

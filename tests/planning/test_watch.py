@@ -8,7 +8,7 @@ import pytest
 
 import dualarm_cli.planning.watch as watching
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.planning.ordered_plan import _quickest, order_notes
+from dualarm_cli.planning.ordered_plan import _quickest, _Tried, order_notes
 from dualarm_cli.planning.orders import DecidedOrder, Orders
 from dualarm_cli.planning.watch import INTERRUPTED, Watch
 
@@ -108,7 +108,7 @@ def planned(durations, watch, clock=None, takes=1.0):
     watch.begin()
     watch.found(1.0)
     orders = [DecidedOrder(k, 1.0) for k in range(len(durations))]
-    return _quickest(orders, watch, plan, set()), made
+    return _quickest(orders, watch, plan, _Tried(2)), made
 
 
 def test_what_is_said_of_the_planned_order_is_of_its_own_total():
