@@ -6,9 +6,11 @@ Approaches, dwells and retracts are measured with the lines and the dwells.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
@@ -35,8 +37,9 @@ def check_segment_kinds(schedule: Schedule) -> Check:
     if not schedule.segments:
         return not_checked(NAME, "the schedule lists none")
     faults = []
+    last = max((e.time for e in schedule.events), default=-np.inf)
     for arm in schedule.robot.arms:
-        events = in_time([e for e in schedule.events if e.arm == arm])
+        events = _Events.of([e for e in schedule.events if e.arm == arm], last)
         for segment in schedule.segments:
             if segment.arm == arm and (fault := _fault(schedule, segment, events)):
                 of = f" of {segment.task}" if segment.task else ""
@@ -47,14 +50,39 @@ def check_segment_kinds(schedule: Schedule) -> Check:
     return judge(NAME, len(faults), 0, "", where)
 
 
-def _fault(schedule: Schedule, segment: Segment, events: Sequence[Event]) -> str:
-    """Returns what of a segment is not so, by its arm's events in time order, or an empty string."""
+@dataclass(frozen=True)
+class _Events:
+    """One arm's events, to be looked up: there may be as many as segments."""
+
+    ordered: Sequence[Event]
+    """In time order."""
+    times: FloatArray
+    """When each one is [s]."""
+    keys: frozenset[tuple[str, str]]
+    """Their tasks and actions."""
+    last: float
+    """When the last event of any arm is [s]; -inf for none."""
+
+    @classmethod
+    def of(cls, events: Sequence[Event], last: float) -> _Events:
+        ordered = in_time(events)
+        times = np.array([e.time for e in ordered], dtype=np.float64)
+        return cls(ordered, times, frozenset((e.task, e.action) for e in ordered), last)
+
+    def ahead(self, segment: Segment) -> Event | None:
+        """Returns the first event at the end of a segment or later that is not over when it starts."""
+        first = int(np.searchsorted(self.times, segment.end - tol.SAME_TIME))
+        later = (self.ordered[k] for k in range(first, len(self.ordered)))
+        return next((e for e in later if e.time + e.dwell > segment.start + tol.SAME_TIME), None)
+
+
+def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
+    """Returns what of a segment is not so, by its arm's events, or an empty string."""
     if segment.reason and segment.kind != "wait":
         return f"a reason to wait is given ('{segment.reason}')"
     key = (segment.task, segment.action)
-    behind = [e for e in events if e.time + e.dwell <= segment.start + tol.SAME_TIME]
-    ahead = [e for e in events if e.time >= segment.end - tol.SAME_TIME and e not in behind]
-    due = (ahead[0].task, ahead[0].action) if ahead else ("", "")
+    ahead = events.ahead(segment)
+    due = (ahead.task, ahead.action) if ahead else ("", "")
     if segment.kind == "wait":
         if moved := first_move(schedule, segment.arm, segment.start, segment.end):
             return f"the arm moves at {moved:.4f} s"
@@ -68,11 +96,11 @@ def _fault(schedule: Schedule, segment: Segment, events: Sequence[Event]) -> str
     elif segment.kind == "transfer":
         if any(key) and key != due:
             return f"the arm's next event is {' '.join(due).strip() or 'none'}, not {' '.join(key)}"
-        if not any(key) and all(e.time < segment.end - tol.SAME_TIME for e in schedule.events):
+        if not any(key) and events.last < segment.end - tol.SAME_TIME:
             return "nothing follows; a way back is a return"
     elif segment.kind in ENDS:
         due = (segment.task, ENDS[segment.kind])
-        if key != due or all((e.task, e.action) != due for e in events):
+        if key != due or due not in events.keys:
             return f"the arm has no event {' '.join(due)} that it leads to"
     return ""
 

@@ -49,7 +49,8 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
     knots = schedule.trajectory.time
     for event in schedule.events:
         where = f"{event.task} ({event.action}) at {event.time:.6f} s"
-        knot.add(float(np.abs(knots - event.time).min()), where)
+        after = int(np.searchsorted(knots, event.time))
+        knot.add(float(np.abs(knots[max(0, after - 1) : after + 1] - event.time).min()), where)
         # The instant by pinocchio, the dwell by arrays: two ways that must agree.
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
         distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
