@@ -211,19 +211,17 @@ def test_a_lever_is_no_longer_than_it_must_be(pointer):
 
 
 def test_the_greatest_speed_of_an_interval_is_that_of_all_knots_it_touches(pointer):
-    """Two moves one after the other, random intervals: no less than at 400 instants, no more than of their knots."""
+    """Random accelerations at knots, random intervals: no less than at 400 instants, no more than of their knots."""
     model, tip = pointer
-    moves = [rest_to_rest(["turn"], [0.0], [1.0], 1.0), rest_to_rest(["turn"], [1.0], [-2.0], 2.0)]
-    time = np.concatenate([moves[0].time, 1.0 + moves[1].time[1:]])
-    rates = [
-        np.concatenate([getattr(moves[0], name), getattr(moves[1], name)[1:]])
-        for name in ("position", "velocity", "acceleration")
-    ]
-    motion = Trajectory(("turn",), time, *rates)
+    rng = np.random.default_rng(6)
+    time = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 0.5, 30))])
+    a, dt = rng.normal(size=31), np.diff(time)
+    v = np.concatenate([[0.0], np.cumsum(dt * (a[:-1] + a[1:]) / 2.0)])
+    q = np.concatenate([[0.0], np.cumsum(dt * (v[:-1] + dt * (2.0 * a[:-1] + a[1:]) / 6.0))])
+    motion = Trajectory(("turn",), time, q[:, None], v[:, None], a[:, None])
     still = Solid("still", WORLD, at(2.0, 0.0), coal.Sphere(BALL), 2.0 + BALL)
     proof = ClearanceProof(model, [tip, still], [Pair(0, 1, 0.0)], [None], motion)
-    rng = np.random.default_rng(6)
-    begin, end = np.sort(rng.uniform(0.0, 3.0, (2, 300)), axis=0)
+    begin, end = np.sort(rng.uniform(0.0, time[-1], (2, 300)), axis=0)
     for b, e, fastest in zip(begin, end, proof._fastest(begin, end)[:, 0], strict=True):
         inside = np.abs(motion.at(np.linspace(b, e, 400))[1]).max()
         first, last = np.searchsorted(time, [b, e])
