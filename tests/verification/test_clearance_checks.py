@@ -18,7 +18,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _add_plain, _lines, _worked
+from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _worked
 
 
 @pytest.fixture(scope="module")
@@ -365,3 +365,17 @@ def test_lines_that_follow_on_or_overlap_are_one_span():
     spans = [span(4, 5), span(0, 1), span(2, 3), span(2.5, 2.8, action="place"), span(3, 3.5)]
     others = [span(6, 7, arm="right"), span(6, 7, task="b"), span(6, 7, action="give")]
     assert _lines(job, solid, [*spans, *others]) == [(0, 1), (2, 3.5), (4, 5)]
+
+
+def test_what_is_never_put_down_is_carried_to_the_end():
+    """A part that is picked and not placed, and a tool that is on from the start: to the last knot."""
+    cell = SimpleNamespace(start_tool=lambda arm: "claw")
+    task = Task("a", "left", (), part="rod", tool="claw")
+    job = SimpleNamespace(cell=cell, tasks=[task])
+    pick = SimpleNamespace(arm="left", task="a", action="pick", time=1.0, changes_held=1.0)
+    motion = SimpleNamespace(time=np.array([0.0, 2.0, 5.0]))
+    schedule = SimpleNamespace(trajectory=motion, events=(pick,))
+    rod = SimpleNamespace(carrier="left", body="rod", tool="claw", bolted=False)
+    claw = SimpleNamespace(carrier="left", body="left_claw", tool="claw", bolted=True)
+    assert _carried(schedule, job, rod) == [(1.0, 5.0)]
+    assert _carried(schedule, job, claw) == [(0.0, 5.0)]

@@ -227,3 +227,14 @@ def test_the_greatest_speed_of_an_interval_is_that_of_all_knots_it_touches(point
         first, last = np.searchsorted(time, [b, e])
         knots = np.linspace(time[max(first - 1, 0)], time[min(last, len(time) - 1)], 2000)
         assert inside - 1e-12 <= fastest <= np.abs(motion.at(knots)[1]).max() * 1.001 + 1e-12
+
+
+def test_two_knots_have_the_speed_of_the_parabola_between_them(pointer):
+    """From rest to rest with 8 rad/s² at first and -8 at last is 2 rad/s in the middle of a second."""
+    model, tip = pointer
+    rates = [np.array([[0.0], [4.0 / 3.0]]), np.zeros((2, 1)), np.array([[8.0], [-8.0]])]
+    motion = Trajectory(("turn",), np.array([0.0, 1.0]), *rates)
+    still = Solid("still", WORLD, at(2.0, 0.0), coal.Sphere(BALL), 2.0 + BALL)
+    proof = ClearanceProof(model, [tip, still], [Pair(0, 1, 0.0)], [None], motion)
+    found = proof._fastest(np.array([0.0, 0.4]), np.array([1.0, 0.6]))
+    assert found == pytest.approx(np.full((2, 1), 2.0), abs=1e-12)
