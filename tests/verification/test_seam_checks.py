@@ -607,3 +607,19 @@ def test_a_part_is_off_by_its_place_or_by_its_turn():
     for hold in (Hold(pose=pin.SE3.Identity()), Hold(still=True)):
         work = SimpleNamespace(hold=hold, length=1.0)
         assert _part_off(found, work) == pytest.approx([0.0, 0.2, 0.3], abs=1e-12)
+
+
+def test_the_way_to_a_seam_takes_the_time_that_is_asked_for(entry):
+    """From where the slave leaves to where the seam begins; at half speed twice as long."""
+    own = [s for s in entry.schedule.segments if s.arm == entry.job.tasks[0].seam.slave]
+    [begin] = [s.start for s in own if s.kind == "seam"]
+    way = begin - min(s.start for s in own)
+    for asked, found in (
+        (way, set()),
+        (1.1 * way, {"seam_as_asked"}),
+        (0.9 * way, {"seam_as_asked"}),
+    ):
+        assert failed(entry.schedule, with_work(entry.job, entry_duration=asked)) == found
+    # A seam that may not begin before is waited for.
+    late = with_work(entry.job, entry_duration=0.9 * way, not_before=begin)
+    assert failed(entry.schedule, late) == set()
