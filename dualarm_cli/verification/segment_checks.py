@@ -96,7 +96,8 @@ def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
     elif segment.kind == "transfer":
         if any(key) and key != due:
             return f"the arm's next event is {' '.join(due).strip() or 'none'}, not {' '.join(key)}"
-        if not any(key) and events.last < segment.end - tol.SAME_TIME:
+        # An arm that only makes room may be on its way beyond the last event, but it leaves before.
+        if not any(key) and events.last < segment.start + tol.SAME_TIME:
             return "nothing follows; a way back is a return"
     elif segment.kind in ENDS:
         due = (segment.task, ENDS[segment.kind])
