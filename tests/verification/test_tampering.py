@@ -448,17 +448,19 @@ def verdict(schedule, job, *, clearance=True):
 
 
 def relabelled(schedule):
-    """The schedule with each segment called every other thing, one at a time; an arm that stands may well wait."""
+    """The schedule with each segment called every other thing, one at a time.
+
+    An arm that stands may well wait, and while the other one works a way to no task may be a return or a transfer.
+    """
     for k, segment in enumerate(schedule.segments):
         joints = schedule.robot.arms[segment.arm].joints
         within = schedule.trajectory.select(joints).at(np.linspace(segment.start, segment.end, 50))[
             0
         ]
         stands = np.abs(within - within[0]).max() < 1e-6
+        alike = {"wait", "transfer"} if stands else {"return", "transfer"}
         for kind in KINDS:
-            if kind != segment.kind and not (
-                stands and {kind, segment.kind} == {"wait", "transfer"}
-            ):
+            if kind != segment.kind and {kind, segment.kind} != alike:
                 yield replace(schedule, segments=_at(schedule.segments, k, kind=kind))
 
 
