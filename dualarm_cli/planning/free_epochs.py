@@ -125,7 +125,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
     return Motion(
         concatenate(record.pieces),
         tuple(record.stages),
-        with_ends(sorted(record.segments, key=lambda part: part.start)),
+        with_ends(sorted(record.segments, key=lambda part: part.start), record.events),
         tuple(sorted(record.events, key=lambda event: (event.time, event.arm))),
     )
 

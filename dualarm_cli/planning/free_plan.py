@@ -216,7 +216,7 @@ class FreePlanner:
         return Motion(
             trajectory,
             tuple(replace(stage, platform_angle=platform) for stage in stages),
-            with_ends(segments),
+            with_ends(segments, events),
             tuple(sorted(events, key=lambda event: (event.time, event.arm))),
         )
 

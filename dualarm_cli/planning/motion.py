@@ -108,7 +108,7 @@ def realise(
     return Motion(
         trajectory,
         tuple(record.stages),
-        with_ends([segment for name in record.segments for segment in record.segments[name]]),
+        with_ends([part for name in record.segments for part in record.segments[name]], events),
         tuple(sorted(events, key=lambda event: (event.time, event.arm))),
     )
 

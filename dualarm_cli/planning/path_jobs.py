@@ -127,7 +127,8 @@ class SectionPlanner:
             trajectory,
             tuple(record.stages),
             with_ends(
-                sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start))
+                sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start)),
+                record.events,
             ),
             tuple(sorted(record.events, key=lambda e: (e.time, e.arm))),
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from dualarm_cli.model.schedule import Segment, SegmentKind
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind
 
 SAME_TIME = 1e-9
 """Instants nearer than this are one [s]."""
@@ -15,13 +15,16 @@ FOR_THE_OTHER = ("partner", "end")
 """Reasons of waits for the other arm: it finishes a stage, or all that is left."""
 
 
-def with_ends(segments: Sequence[Segment]) -> tuple[Segment, ...]:
+def with_ends(segments: Sequence[Segment], events: Sequence[Event]) -> tuple[Segment, ...]:
     """Returns segments in which waiting for the other arm is called `end` after an arm's last task, `partner` before.
 
     Args:
         segments: all that the arms do.
+        events: their events: a target where the arm stands already has no segment.
     """
     done: dict[str, float] = {}
+    for event in events:
+        done[event.arm] = max(event.time, done.get(event.arm, event.time))
     for part in segments:
         if part.kind != "wait" and part.task:
             done[part.arm] = max(part.end, done.get(part.arm, part.end))

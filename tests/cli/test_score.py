@@ -537,7 +537,7 @@ def test_a_baseline_that_cannot_be_written_is_one_error_and_no_result(cells, sco
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module, "_write_beside", full)
+    monkeypatch.setattr(module, "_fill", full)
     code, out, err = score(ALL, "--baseline", "s.json", "--update-baseline", "--json")
     assert code == 2
     assert json.loads(out)["format"] == "dualarm.error/1"

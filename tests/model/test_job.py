@@ -198,17 +198,20 @@ def test_corners_at_the_same_share_are_one_stop():
 
 def test_stages_are_side_by_side_between_meetings():
     """Lower case letters are done alone, capitals by both; who has run out waits for the next meeting."""
-    rows = {"left": "abCd", "right": "eCfg"}
-    assert side_by_side(rows, str.isupper) == [
-        {"left": "a", "right": "e"},
-        {"left": "b"},
-        {"left": "C", "right": "C"},
-        {"left": "d", "right": "f"},
-        {"right": "g"},
-    ]
-    assert side_by_side({"left": "", "right": "ab"}, str.isupper) == [
-        {"right": "a"},
-        {"right": "b"},
-    ]
-    assert side_by_side({"left": "", "right": ""}, str.isupper) == []
-    assert side_by_side({}, str.isupper) == []
+
+    def stages(left, right):
+        rows = {"left": left, "right": right}
+        return side_by_side(rows, str.isupper, lambda _: (), lambda _: "")
+
+    assert stages("abCd", "eCfg") == (
+        [
+            {"left": "a", "right": "e"},
+            {"left": "b"},
+            {"left": "C", "right": "C"},
+            {"left": "d", "right": "f"},
+            {"right": "g"},
+        ],
+        [],
+    )
+    assert stages("", "ab") == ([{"right": "a"}, {"right": "b"}], [])
+    assert stages("", "") == ([], [])

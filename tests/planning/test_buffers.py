@@ -183,9 +183,20 @@ STOPS = st.lists(
     0,
     0.02,
 )
+@example([(1.0, 1.0, 1.0, "pick")], [(0.90625, 0.0625, 1.0, "pick")], 1, 0, 0.125)
+@example(
+    [(1.0, 1.0, 1.0, "pick")],
+    [(0.921875, 1.0, 0.21875, "place"), (1.0, 0.0625, 0.25, "pick")],
+    1,
+    0,
+    0.125,
+)
 @settings(max_examples=60, deadline=None)
 def test_where_nothing_is_blocked_levels_hold(one, other, capacity, initial, step):
-    """At every pair of steps, and half a step before and after; where they hold amply nothing is blocked."""
+    """At every pair of steps, and half a step before and after; where they hold amply nothing is blocked.
+
+    The step of a rest is that rest's own instant, from which the arm goes on.
+    """
     initial = min(initial, capacity)
     made = [way("left", one), way("right", other)]
     keys = {
@@ -217,16 +228,19 @@ def test_where_nothing_is_blocked_levels_hold(one, other, capacity, initial, ste
                     room -= over <= time - slack
         return there >= 0 and room <= capacity
 
+    times = [grid.times() for grid in grids]
     rng = np.random.default_rng(len(one) + 7 * len(other))
     for i, j in rng.integers(0, np.array(steps) + 1, (60, 2)).tolist():
         is_blocked = bool(blocked[i, j - i + band])
         if not is_blocked:
-            assert holds((i * step, j * step), ROUNDING)
+            assert holds((times[0][i], times[1][j]), ROUNDING)
             # In between both have gone on as far.
+            on = [own[k : k + 2] for own, k in zip(times, (i, j), strict=True)]
+            whole = all(len(two) == 2 and np.isclose(np.diff(two)[0], step) for two in on)
             for part in (0.25, 0.75):
-                if i < steps[0] and j < steps[1] and not blocked[i + 1, j - i + band]:
-                    assert holds(((i + part) * step, (j + part) * step), ROUNDING)
-        ample = holds((i * step, j * step), 2.01 * step)
+                if whole and not blocked[i + 1, j - i + band]:
+                    assert holds((on[0][0] + part * step, on[1][0] + part * step), ROUNDING)
+        ample = holds((times[0][i], times[1][j]), 2.01 * step)
         assert not (is_blocked and ample and (i, j) != steps) or _near_rest(made, i, j, step)
 
 

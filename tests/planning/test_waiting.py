@@ -40,7 +40,7 @@ def test_waits_for_the_partner_after_the_last_task_are_the_end():
         ("wait", "", 1.0, "partner"),
     )
     right = _row("right", ("wait", "", 6.0, "partner"))
-    reasons = [part.reason for part in with_ends([*left, *right])]
+    reasons = [part.reason for part in with_ends([*left, *right], [])]
     assert reasons == ["", "partner", "", "end", "", "end", "end"]
 
 
@@ -54,7 +54,7 @@ def test_an_end_before_more_work_is_waiting_for_the_partner():
         ("wait", "b", 1.0, "shared_zone"),
         ("wait", "", 1.0),
     )
-    assert [part.reason for part in with_ends(row)] == ["", "partner", "", "shared_zone", ""]
+    assert [part.reason for part in with_ends(row, [])] == ["", "partner", "", "shared_zone", ""]
 
 
 def test_a_transfer_is_one_from_leaving_to_where_the_line_begins():

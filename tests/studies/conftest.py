@@ -84,6 +84,8 @@ class CountingRun:
         found = self.figures(**values) if values else {"cycle_time": 99.0}
         if found is None:
             return Evaluation(request.case, "infeasible", findings=(Finding("does not reach"),))
+        if found.get("gap") is not None:
+            found = {"lower_bound": found["cycle_time"] * (1.0 - found["gap"]), **found}
         return Evaluation(request.case, "planned", **found)
 
 
