@@ -142,8 +142,7 @@ def _judge(
         worst["seam_as_asked"].add(np.inf, f"{task} begins before {work.not_before:g} s")
     if work.entry_duration is not None:
         asked = work.entry_duration / job.speed
-        mine = (s.start for s in schedule.segments if (s.arm, s.task) == (work.slave, task))
-        way = segment.start - min(mine)
+        way = segment.start - _free_from(schedule, task, lines, segment.start)
         waits = work.not_before >= segment.start - tol.SAME_TIME
         if way < asked - tol.SAME_TIME or (way > asked + tol.SAME_TIME and not waits):
             message = f"{task}: the way to it takes {way:.6g} s, not {asked:g} s"
@@ -168,6 +167,29 @@ def _judge(
         R, _ = work.curve.at(found.length)
         up = (found.R_part @ R)[:, 2, 2]
         add("seam_downhand", np.arccos(np.clip(up, -1.0, 1.0)) - work.downhand)
+
+
+def _free_from(schedule: Schedule, task: str, lines: Sequence[LineSpan], begin: float) -> float:
+    """Returns when the robot is done with what comes before a seam [s], measured on the motion.
+
+    Work ends at the latest end of a line or a dwell, where the robot comes to rest if it does so there. The first work
+    follows the start of the motion.
+
+    Args:
+        schedule: what is judged.
+        task: the seam's task.
+        lines: spans of the job's stops.
+        begin: when the seam begins [s].
+    """
+    motion = schedule.trajectory
+    ends = (s.end for s in lines if s.event.task != task and s.event.time < begin)
+    done = max(ends, default=float(motion.time[0]))
+    # Near its end a line is so slow that its last place, as far as numbers tell, is reached a moment before rest.
+    rest = int(np.searchsorted(motion.time, done - tol.SAME_TIME))
+    while rest < len(motion.time) - 1 and np.abs(motion.velocity[rest]).max() > tol.AT_REST:
+        rest += 1
+    moved = np.abs(motion.position[rest] - motion.at(np.array([done]))[0][0]).max()
+    return float(motion.time[rest]) if moved <= tol.STANDS else done
 
 
 def _wrong_order(schedule: Schedule, work: SeamWork, task: str) -> str:

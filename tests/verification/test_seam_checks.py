@@ -623,3 +623,44 @@ def test_the_way_to_a_seam_takes_the_time_that_is_asked_for(entry):
     # A seam that may not begin before is waited for.
     late = with_work(entry.job, entry_duration=0.9 * way, not_before=begin)
     assert failed(entry.schedule, late) == set()
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory):
+    """A line with entry and exit, and 3 s later the same line again."""
+    [head, task] = ENTRY.split("tasks:\n")
+    again = task.replace("id: seam", "id: again").replace(
+        "0.3 s}\n      exit", "0.3 s, duration: 3 s}\n      exit"
+    )
+    return planned(tmp_path_factory.mktemp("second"), SDA10F, f"{head}tasks:\n{task}{again}")
+
+
+def test_the_way_to_a_second_seam_begins_where_the_first_one_is_over(second):
+    """It is planned in 3 s; of tasks that ask for more or less every one fails."""
+    for asked, verdict in ((3.0, "passed"), (3.01, "failed"), (2.99, "failed")):
+        tasks = tuple(
+            dataclasses.replace(task, seam=dataclasses.replace(task.seam, entry_duration=asked))
+            if task.id == "again"
+            else task
+            for task in second.job.tasks
+        )
+        job = dataclasses.replace(second.job, tasks=tasks)
+        assert seams(second.schedule, job)["seam_as_asked"].verdict == verdict
+
+
+@pytest.mark.parametrize("of", ["", "other"])
+def test_what_the_way_to_a_seam_is_called_does_not_change_how_long_it_takes(entry, of):
+    """The first half of the transfer under another task's name: a task that gives half the time to the rest fails."""
+    slave = entry.job.tasks[0].seam.slave
+    [begin] = [s.start for s in entry.schedule.segments if (s.arm, s.kind) == (slave, "seam")]
+    segments = []
+    for s in entry.schedule.segments:
+        if (s.arm, s.kind) == (slave, "transfer"):
+            middle = (s.start + s.end) / 2.0
+            segments += [dataclasses.replace(s, end=middle, task=of)]
+            s = dataclasses.replace(s, start=middle)
+        segments.append(s)
+    renamed = dataclasses.replace(entry.schedule, segments=tuple(segments))
+    short = with_work(entry.job, entry_duration=begin - middle)
+    assert failed(renamed, short) == {"seam_as_asked"}
+    assert failed(renamed, with_work(entry.job, entry_duration=begin)) == set()
