@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.errors import Diagnostic, UnsupportedError
+from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
@@ -66,7 +66,8 @@ class CellModel:
             numeric: whether closed forms over the arm angle are left aside where an arm has them.
 
         Raises:
-            UnsupportedError: an arm is not what it is called, or has fewer than six joints or one that slides.
+            InputError: an arm is called srs and is not.
+            UnsupportedError: an arm has fewer than six joints, or one that slides.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
@@ -137,7 +138,7 @@ def _kinematics(
         return with_closed_forms(general) if arm.kind == "spherical_wrist" else general
     geometry = measure_arm(model, robot, arm, platform, base)
     if not geometry.is_srs(SRS_TOLERANCE):
-        raise UnsupportedError(_false_srs(robot, arm, geometry))
+        raise InputError([_false_kind(arm, _false_srs(robot, arm, geometry))])
     return SrsArm(geometry, limits.lower, limits.upper)
 
 
@@ -182,9 +183,13 @@ def find_false_kinds(robot: Robot) -> list[Diagnostic]:
         except UnsupportedError as error:
             message = str(error)
         if message:
-            place = arm.place
-            found.append(Diagnostic(place.file, place.line, place.column, "E400", message))
+            found.append(_false_kind(arm, message))
     return found
+
+
+def _false_kind(arm: Arm, message: str) -> Diagnostic:
+    """Returns the diagnostic of an arm that is not of its kind, where that kind is written."""
+    return Diagnostic(arm.place.file, arm.place.line, arm.place.column, "E400", message)
 
 
 def _why_false(

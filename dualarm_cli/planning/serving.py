@@ -33,7 +33,8 @@ def cell_model(cell: Cell, redundancy: str) -> CellModel:
     """Returns a cell as a redundancy solver sees it: with its closed forms, or without any.
 
     Raises:
-        UnsupportedError: an arm is not what it is called, or has too few joints.
+        InputError: an arm is called srs and is not.
+        UnsupportedError: an arm has too few joints, or one that slides.
     """
     return CellModel.from_cell(cell, numeric=redundancy == NUMERIC)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.errors import InputError
 from dualarm_cli.kinematics.cell_model import CellModel, find_false_kinds
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
@@ -80,12 +81,18 @@ def test_an_arm_called_srs_that_is_not_is_found_out():
     joint = re.compile(r'(<joint name="left_u".*?<origin xyz=")0 0 0(")', re.DOTALL)
     urdf, count = joint.subn(r"\g<1>0.005 0 0\2", robot.urdf)
     assert count == 1
-    (found,) = find_false_kinds(dataclasses.replace(robot, urdf=urdf))
+    false = dataclasses.replace(robot, urdf=urdf)
+    (found,) = find_false_kinds(false)
     assert "arm left of Yaskawa" in found.message
     assert "kind: general" in found.message
     line = (ROOT / found.file).read_text().splitlines()[found.line - 1]
     assert "left:" in line
     assert line[found.column - 1 :].startswith("srs")
+    # Planning says the same of it, with the same place.
+    tools = {side: Tool(pin.SE3.Identity()) for side in ("left", "right")}
+    with pytest.raises(InputError) as refused:
+        CellModel.from_cell(Cell(false, pin.SE3.Identity(), tools))
+    assert refused.value.diagnostics == [found]
 
 
 @pytest.mark.parametrize("numeric", [False, True])
