@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dualarm_cli.calibration import CALIBRATION_SOLVERS
+from dualarm_cli.calibration.consistency import TOUCH_NOISE, readings_apart
 from dualarm_cli.calibration.joint_fit import JointFit, Side, fit_tools_and_pose
 from dualarm_cli.calibration.judgement import Judgement, judge, mirrored
 from dualarm_cli.calibration.problem import CalibrationProblem, refuse_few
@@ -17,8 +16,6 @@ from dualarm_cli.errors import InfeasibleError, UsageError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.touches import Touches, TouchSide
 
-DISAGREEMENT = 1e-3
-"""A distance between a point's coordinates and its joint reading that is told of [m]."""
 UNSEEN_HEIGHT = (
     "base_height cannot be observed from joint readings alone: a robot that stands higher by h "
     "reads the same joints at the "
@@ -146,19 +143,22 @@ def _tips(side: str, touch: TouchSide, fit: ToolFit | None, use: str) -> FloatAr
 
 
 def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]:
-    """Says how far coordinates and joint readings of the same points are apart, where it matters."""
+    """Says how far coordinates and joint readings of the same points are apart, where noise does not explain it."""
     found = []
     for side, touch in touches.sides.items():
         both = touch.read & touch.measured
         if not both.any():
             continue
-        tips = _tips(side, touch, tools.get(side), "joints")
-        off = float(np.linalg.norm((tips - touch.xyz)[both], axis=1).max())
-        if off > DISAGREEMENT:
+        fit = tools.get(side)
+        apart = (_tips(side, touch, fit, "joints") - touch.xyz)[both]
+        fitted = 0 if fit is None else int(fit.determined.sum())
+        off = readings_apart(apart, touches.noise, fitted)
+        if off is not None:
+            noise = TOUCH_NOISE if touches.noise is None else touches.noise
             found.append(
                 f"{side}: joint readings and coordinates of the same points are up to "
-                f"{off * 1000:.4g} mm apart; look at tool and robot "
-                "file, or find them: --fit tool,base_height"
+                f"{off * 1000:.4g} mm apart, more than a noise of {noise * 1000:g} mm explains; "
+                "look at tool and robot file, or find them: --fit tool,base_height"
             )
     return found
 

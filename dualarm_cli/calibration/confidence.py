@@ -46,14 +46,15 @@ def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
     return found
 
 
-def explained(squares: float, degrees: int, variance: float) -> bool:
-    """Returns whether noise of that variance leaves residuals as large as these at least once in a hundred times.
+def explained(squares: float, degrees: int, variance: float, level: float = 0.01) -> bool:
+    """Returns whether noise of that variance leaves residuals as large as these with a chance of at least `level`.
 
     Args:
         squares: sum of squared residuals [m^2].
         degrees: their degrees of freedom.
         variance: of one residual [m^2].
+        level: the chance.
     """
     from scipy.special import chdtrc
 
-    return math.isclose(squares, 0.0) or float(chdtrc(degrees, squares / variance)) >= 0.01
+    return math.isclose(squares, 0.0) or float(chdtrc(degrees, squares / variance)) >= level

@@ -10,12 +10,15 @@ import numpy as np
 from dualarm_cli.calibration.confidence import explained
 from dualarm_cli.calibration.problem import CalibrationProblem
 from dualarm_cli.calibration.rigid import fit_rigid
+from dualarm_cli.geometry.arrays import FloatArray
 
 TOUCH_NOISE = 0.5e-3
 """Standard deviation that a touched coordinate is taken to have at most, where no noise is stated [m]."""
 OUTLIER_LEVEL, SCALE_LEVEL = 0.02, 0.01
 """Chance at which sound points are called to have an outlier, or two scales. With the 1 % of `explained` and for
 whatever number of points, a false alarm comes in less than 5 of 100 sound files."""
+READINGS_LEVEL = 0.0025
+"""Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of two robots."""
 RELEVANT = 1e-3
 """A disagreement of less is not told of, however sure [m]."""
 
@@ -64,6 +67,27 @@ def check_consistency(problem: CalibrationProblem, fitted: int = 0) -> Consisten
     return Consistency(
         too_much, _outlier(problem, squares, fitted), _scale(problem, squares, fitted)
     )
+
+
+def readings_apart(apart: FloatArray, noise: float | None, fitted: int) -> float | None:
+    """Returns how far coordinates and joint readings of one robot's points are apart at most [m], if noise is not why.
+
+    All points together and, by Bonferroni's bound, the worst of them are compared with noise in both readings.
+
+    Args:
+        apart: the differences [m], shape (n, 3).
+        noise: standard deviation of each coordinate [m]; None for TOUCH_NOISE.
+        fitted: how many numbers were fitted to these differences.
+    """
+    squares = (apart**2).sum(axis=1)
+    worst, degrees = float(squares.max()), apart.size - fitted
+    if worst <= RELEVANT**2 or degrees <= 0:
+        return None
+    variance = 2.0 * (TOUCH_NOISE if noise is None else noise) ** 2
+    together = explained(float(squares.sum()), degrees, variance, READINGS_LEVEL)
+    if together and explained(worst, 3, variance, READINGS_LEVEL / len(squares)):
+        return None
+    return math.sqrt(worst)
 
 
 def least_squares(problem: CalibrationProblem) -> float:

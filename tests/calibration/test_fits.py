@@ -235,3 +235,46 @@ def test_look_finds_rank_and_directions_whatever_the_units() -> None:
         assert sight.in_words(["a", "b", "c", "d"]) == ["0.58 a +0.58 b -0.58 c"]
     full = look(J[:, :2], np.ones(2))
     np.testing.assert_allclose(full.inverse, np.linalg.pinv(J[:, :2]), atol=1e-12)
+
+
+def readings(n: int, seed: int, noise: float) -> Touches:
+    """N points of two robots at one place: joint readings, and coordinates that have the noise of both."""
+    random = np.random.default_rng(seed)
+    exact = side(True, [0.0, 0.0, 0.347], random.uniform(-1.5, 1.5, (n, 6)), None, n)
+    tips = touched_points("left", exact, "joints", exact.tcp)
+    left, right = (
+        replace(exact, xyz=tips + np.sqrt(2.0) * noise * random.normal(size=(n, 3)))
+        for _ in range(2)
+    )
+    return Touches(tuple(f"P{k}" for k in range(n)), left, right, None, 0, ())
+
+
+def told_apart(touches: Touches) -> bool:
+    """Whether joint readings are said to contradict coordinates."""
+    found = calibrate(touches, "least_squares", "joints")
+    return any("joint readings and coordinates of the same points" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("n", [4, 8, 20, 60])
+def test_readings_that_differ_by_noise_do_not_contradict_each_other(n: int) -> None:
+    """0.45 mm, less than touching is taken to have: told in 1 of 100 files at most, for whatever number of points."""
+    assert sum(told_apart(readings(n, seed, 0.45e-3)) for seed in range(100)) <= 2
+
+
+@pytest.mark.parametrize("n", [4, 8, 20, 60])
+def test_one_reading_5_mm_off_contradicts(n: int) -> None:
+    """Ten times the noise, at the last point; one that noise of 5 mm explains does not."""
+    touches = readings(n, n, 0.2e-3)
+    xyz = touches.right.xyz.copy()
+    xyz[-1, 1] += 5e-3
+    wrong = replace(touches, right=replace(touches.right, xyz=xyz))
+    assert told_apart(wrong)
+    assert not told_apart(replace(wrong, noise=5e-3))
+
+
+@pytest.mark.parametrize("n", [4, 8, 20, 60])
+def test_readings_that_are_all_off_by_a_tool_contradict(n: int) -> None:
+    """2 mm along the tool: no single point of many is far off, all together are."""
+    touches = readings(n, n, 0.2e-3)
+    wrong = replace(touches.left, tcp=np.array([0.0, 0.0, 0.349]))
+    assert told_apart(replace(touches, left=wrong))
