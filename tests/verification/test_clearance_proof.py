@@ -238,3 +238,123 @@ def test_two_knots_have_the_speed_of_the_parabola_between_them(pointer):
     proof = ClearanceProof(model, [tip, still], [Pair(0, 1, 0.0)], [None], motion)
     found = proof._fastest(np.array([0.0, 0.4]), np.array([1.0, 0.6]))
     assert found == pytest.approx(np.full((2, 1), 2.0), abs=1e-12)
+
+
+def balls_on_a_chain(rng):
+    """Two turns and a slide with a ball on each, and two balls in the world; the trajectory has them backwards."""
+    model, solids, parent = pin.Model(), [], 0
+    for k, joint in enumerate("RPR"):
+        made = pin.JointModelPX() if joint == "P" else pin.JointModelRZ()
+        far = np.array([0.5 if joint == "P" else 3.0])
+        parent = model.addJoint(
+            parent, made, at(*rng.uniform(-0.4, 0.4, 3)), f"j{k}", far, far, -far, far
+        )
+        offset = rng.uniform(-0.2, 0.2, 3)
+        extent = float(np.linalg.norm(offset)) + 0.05
+        solids.append(Solid(f"b{k}", parent, at(*offset), coal.Sphere(0.05), extent))
+    solids += [
+        Solid("w", WORLD, at(*rng.uniform(-1, 1, 3)), coal.Sphere(0.05), 0.0) for _ in range(2)
+    ]
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    start, end = rng.uniform(low, high), rng.uniform(low, high)
+    trajectory = rest_to_rest(["j2", "j1", "j0"], start[::-1], end[::-1], rng.uniform(0.5, 2.0))
+    return model, solids, trajectory
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("precision", [5e-4, 1e-5])
+def test_every_stretch_has_the_least_margin_of_the_pairs_that_count_then(seed, precision):
+    """Balls, so that margins are by hand: pairs with windows, some twice with other requirements, several stretches.
+
+    What is proven is no more than the least of a dense scan and no less than what was met less the precision; what was
+    met is the named pair's margin at the named instant, in the stretch and in a window of the pair.
+    """
+    rng = np.random.default_rng(seed)
+    model, solids, trajectory = balls_on_a_chain(rng)
+    whole = trajectory.time[-1]
+    pairs = [Pair(i, j, float(rng.uniform(0.0, 0.1))) for i in range(3) for j in range(i + 1, 5)]
+    pairs += [Pair(p.first, p.second, p.required + 0.05) for p in pairs[:3]]
+    windows = [
+        None if rng.random() < 0.4 else [tuple(np.sort(rng.uniform(-0.1, 1.1, 2)) * whole)]
+        for _ in pairs
+    ]
+    windows[1] = [(0.1 * whole, 0.2 * whole), (0.6 * whole, 0.9 * whole)]
+    edges = np.array([0.0, *np.sort(rng.uniform(0.0, whole, 3)), whole])
+    data = model.createData()
+
+    def margins(times):
+        rows = []
+        for q in trajectory.at(times)[0][:, ::-1]:
+            pin.forwardKinematics(model, data, q)
+            c = [data.oMi[s.joint].act(s.pose.translation) for s in solids]
+            rows.append(
+                [np.linalg.norm(c[p.first] - c[p.second]) - 0.1 - p.required for p in pairs]
+            )
+        return np.array(rows)
+
+    def counts(k, time):
+        return windows[k] is None or any(a - 1e-9 <= time <= b + 1e-9 for a, b in windows[k])
+
+    found = ClearanceProof(model, solids, pairs, windows, trajectory).certify(edges, precision)
+    assert len(found) == len(edges) - 1
+    for one, begin, end in zip(found, edges[:-1], edges[1:], strict=True):
+        times = np.linspace(begin, end, 400)
+        table = margins(times)
+        for k in range(len(pairs)):
+            table[[not counts(k, time) for time in times.tolist()], k] = np.inf
+        truth = table.min()
+        if one.pair < 0:
+            assert one.margin == one.met == truth == np.inf
+            continue
+        assert one.met - precision - 2e-6 <= one.margin <= min(truth, one.met)
+        assert begin <= one.time <= end
+        assert counts(one.pair, one.time)
+        [there] = margins(np.array([one.time]))
+        assert one.met == pytest.approx(there[one.pair], abs=1e-6)
+        assert one.met <= truth + precision + 1e-6
+
+
+def test_the_earliest_instant_and_the_first_pair_of_equal_margins_are_named(pointer):
+    """Stands still, and two equal balls: the beginning, the first pair; of a later stretch its own beginning."""
+    model, tip = pointer
+    balls = [Solid(n, WORLD, at(1.4, 0.0), coal.Sphere(0.05), 9.0) for n in ("a", "b")]
+    proof = ClearanceProof(
+        model,
+        [tip, *balls],
+        [Pair(0, 1, 0.0), Pair(0, 2, 0.0)],
+        [None, None],
+        rest_to_rest(["turn"], [0.0], [0.0], 1.0),
+    )
+    found = proof.certify(np.array([0.0, 0.3, 1.0]))
+    assert [(one.pair, one.time) for one in found] == [(0, 0.0), (0, 0.3)]
+
+
+def test_without_pairs_nothing_limits(pointer):
+    """Every stretch is free."""
+    model, tip = pointer
+    motion = rest_to_rest(["turn"], [0.0], [1.0], 1.0)
+    found = ClearanceProof(model, [tip], [], [], motion).certify(np.array([0.0, 0.5, 1.0]))
+    assert [one.margin for one in found] == [np.inf, np.inf]
+
+
+def test_a_motion_of_days_is_certified_all_the_same(pointer):
+    """A tenth of a rad per hour past a ball: the first intervals are no shorter than fits the memory."""
+    obstacle = Solid("ball", WORLD, at(1.4 * np.cos(0.7), 1.4 * np.sin(0.7)), coal.Sphere(0.05), 9)
+    found = certified(pointer, obstacle, rest_to_rest(["turn"], [0.0], [1.5], 200_000.0))
+    assert 0.249 <= found.margin <= 0.25
+
+
+def test_a_slide_s_lever_is_that_of_its_farther_end():
+    """From -0.7 to 0.2 m: the turn before it may have the ball 0.7 m farther out than the slide's origin."""
+    model = pin.Model()
+    one = np.ones(1)
+    turn = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn", one, one, -one, one)
+    for lower, upper in ((-0.7, 0.2), (-0.2, 0.7)):
+        both = model.copy()
+        slide = both.addJoint(
+            turn, pin.JointModelPX(), at(0.3, 0.4), "s", one, one, lower * one, upper * one
+        )
+        ball = Solid("b", slide, at(0.0, 0.0), coal.Sphere(0.05), 0.05)
+        world = Solid("w", WORLD, at(9.0, 0.0), coal.Sphere(0.05), 9.0)
+        [row] = levers(both, [ball, world], [Pair(0, 1, 0.0)])
+        assert row == pytest.approx([0.05 + 0.7 + 0.5, 1.0])

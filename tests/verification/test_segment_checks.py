@@ -1,7 +1,7 @@
 """What segments are called, one rule after the other, on the schedule made by hand.
 
-The left arm: transfer to 0.8 s, approach to 1.2 s, pick until 1.6 s, retract to 2.0 s; the same 2 s later for the place;
-return from 4.0 to 4.8 s.
+The left arm: transfer to 0.8 s, approach to 1.2 s, pick until 1.6 s, retract to 2.0 s; the same for the place 2 s
+later; return from 4.0 to 4.8 s.
 """
 
 from __future__ import annotations
