@@ -70,8 +70,8 @@ def box_distance(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray:
         crossings = [(side - a) / u for side in (half, -half)]
     for x in (x for crossing in crossings for x in crossing):
         # What is not between is neither; comparisons with NaN are false.
-        slope = _slope(a, u, half, np.where((x > low) & (x < high), x, low))
         between = (x > low) & (x < high)
+        slope = _slope(a, u, half, np.where(between, x, low))
         rises = between & (slope >= 0.0)
         falls = between & (slope < 0.0)
         high, at_high = np.where(rises, x, high), np.where(rises, slope, at_high)

@@ -91,7 +91,9 @@ def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
     """Returns a joint's axis in its own frame and whether it slides along it."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    subspace = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
+    # pinocchio returns a matrix of one column as a vector.
+    jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1)
+    subspace = jacobian[:, model.idx_vs[joint]]
     along, about = np.array(subspace[:3]), np.array(subspace[3:])
     slide = bool(np.linalg.norm(along) > np.linalg.norm(about))
     axis = along if slide else about

@@ -7,6 +7,8 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.distances import box_distance, segment_distance
+from dualarm_cli.collision.hulls import is_rough
+from dualarm_cli.collision.solids import WORLD, Solid
 
 
 def coal_distance(one, T_one, other, T_other):
@@ -55,3 +57,21 @@ def test_a_segment_is_as_far_from_a_box_as_a_thin_capsule():
         a, b = ends(T, half)
         found = float(box_distance(a, b, sides)) - 0.001
         assert abs(found - expected) < 1e-6
+
+
+def test_round_solids_are_exact_with_one_another_and_with_boxes_and_half_spaces():
+    """What is as wide as its hull needs no second look by coal; two boxes, cylinders and meshes do."""
+    forms = {
+        "ball": coal.Sphere(0.1),
+        "rod": coal.Capsule(0.1, 0.2),
+        "box": coal.Box(0.1, 0.2, 0.3),
+        "floor": coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+        "can": coal.Cylinder(0.1, 0.2),
+    }
+    solids = {k: Solid(k, WORLD, pin.SE3.Identity(), form, 1.0) for k, form in forms.items()}
+    rough = {
+        (a, b) for a, one in solids.items() for b, other in solids.items() if is_rough(one, other)
+    }
+    both = {("box", "box"), ("box", "floor"), ("floor", "box"), ("floor", "floor")}
+    cans = {pair for k in forms for pair in (("can", k), (k, "can"))}
+    assert rough == both | cans

@@ -177,6 +177,16 @@ def test_frames_that_are_given_off_the_curve_are_told():
     assert judge(curve, by_length(curve, 0.01)).lean == pytest.approx(np.radians(10.0))
 
 
+def test_the_largest_lean_is_told():
+    """Frames that turn from 0 to 20 degrees about z along a straight way: the last one is off most."""
+    poses = [
+        pin.SE3(pin.utils.rotate("z", np.radians(100.0 * x)), np.array([x, 0, 0]))
+        for x in (0.0, 0.1, 0.2)
+    ]
+    curve = PoseCurve.through(poses, HERE)
+    assert judge(curve, by_length(curve, 0.01)).lean == pytest.approx(np.radians(20.0))
+
+
 def test_a_flip_of_a_frame_shows_as_a_cosine_below_0():
     """One frame turned over about x."""
     points = by_length(CIRCLE, 1e-3)
