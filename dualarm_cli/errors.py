@@ -110,15 +110,23 @@ class InfeasibleError(DualArmError):
 class BlockedError(InfeasibleError):
     """Stages that do not keep clear, whatever is done about them."""
 
-    def __init__(self, message: str, stages: tuple[int, ...], *, alone: bool = False) -> None:
+    def __init__(
+        self,
+        message: str,
+        stages: tuple[int, ...],
+        *,
+        alone: bool = False,
+        never: tuple[tuple[str, str], ...] = (),
+    ) -> None:
         """Stores the numbers of the stages, from 0; that of the return is the number of all others.
 
         Args:
             message: what is wrong.
             stages: the numbers.
             alone: whether in one of them an arm does not keep clear even by itself, whatever the other one does.
+            never: arms and ids of tasks that no posture of the arm does clear of the cell, in whatever order.
         """
-        self.stages, self.alone = stages, alone
+        self.stages, self.alone, self.never = stages, alone, never
         super().__init__(message)
 
 

@@ -12,8 +12,8 @@ from dualarm_cli.planning.buffer_numbers import served_pairing, used_buffers
 from dualarm_cli.planning.order_model import OrderModel
 
 NEAR = 0.06
-"""The file's order is planned where the search's estimate of it is above that of the best order by at most this share:
-plans differ by less from their estimates."""
+"""The file's order is planned where the search's estimate of it is above that of the best order, or above the best plan
+where keeping clear made that slower, by at most this share: plans differ by less from their estimates."""
 
 
 def file_order(order: OrderModel) -> Job | None:

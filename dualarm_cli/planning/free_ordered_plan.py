@@ -70,13 +70,15 @@ def plan_by_own_clocks(
     orders = free_orders(order, settings.effort, settings.seed, watch)
     given = file_order(order)
     as_given: tuple[FreeOrder, ...] = ()
-    if given is not None and orders.found:
-        file = replace(order, job=given)
+    file = None if given is None else replace(order, job=given)
+    if file is not None:
         as_given = free_orders(file, settings.effort, settings.seed, watch).found
     best: Schedule | None = None
-    total = np.inf
-    for some in (_worth_planning(orders), _near(orders, as_given)):
+    total, least = np.inf, min((one.total for one in orders.found), default=np.inf)
+    for some in (_worth_planning(orders), as_given):
         for number, one in enumerate(some):
+            if some is as_given and not _may_be_quickest(one.total, least, best):
+                continue
             enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
             if best is not None and enough:
                 break
@@ -94,11 +96,17 @@ def plan_by_own_clocks(
                 watch.keep(_noted(best, free_notes(orders, total, None)))
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
-        least = orders.found[0].total if best is not None else np.inf
-        for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
+        most = np.inf if best is None else (1.0 + PROMISING) * least
+        news = epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS)
+        filed = [] if file is None else epoch_orders(file, settings.effort, settings.seed, watch, 1)
+        least = min(least, *(one.total for one in news)) if news else least
+        for number, several in enumerate((*news, *filed)):
             if best is not None and watch.stop():
                 break
-            if several.total > (1.0 + PROMISING) * least:
+            is_filed = number >= len(news)
+            if not is_filed and several.total > most:
+                continue
+            if is_filed and not _may_be_quickest(several.total, least, best):
                 continue
             try:
                 watch.tell(f"planning with {len(several.epochs)} platform angles")
@@ -177,10 +185,15 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
     ][:TRIES]
 
 
-def _near(orders: FreeOrders, given: tuple[FreeOrder, ...]) -> list[FreeOrder]:
-    """Returns the file's order at those angles at which it may be as quick as the best one."""
-    least = min((one.total for one in orders.found), default=np.inf)
-    return [one for one in given if one.total <= (1.0 + NEAR) * least]
+def _may_be_quickest(total: float, least: float, best: Schedule | None) -> bool:
+    """Returns whether the file's order may be quicker than the best plan, or is all there is.
+
+    Args:
+        total: of the file's order, by the search's own times [s].
+        least: of the best order found, by the same [s].
+        best: the quickest plan of the orders found.
+    """
+    return best is None or total <= (1.0 + NEAR) * max(least, best.duration)
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +18,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.file_order import NEAR, file_order
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_trials import MOST_TRIED, TRIALS, most_promising
-from dualarm_cli.planning.orders import DecidedOrder, Orders, PairedSearch, StagePair
+from dualarm_cli.planning.orders import ArmTask, DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
 from dualarm_cli.planning.watch import Watch
 
@@ -88,7 +88,11 @@ def plan_in_best_order(
     order = OrderModel.of(model, job, clear=clear) if search is None else search.order
     if (given := file_order(order)) is not None:
         total = np.inf if search is None else search.total(given)
-        if best is None or (total <= (1.0 + NEAR) * least and not watch.stop()):
+        if best is None or (
+            search is not None
+            and search.hoped(given) <= (1.0 + NEAR) * max(least, best.duration)
+            and not watch.stop()
+        ):
             watch.tell("planning the file's order")
             one = DecidedOrder(given, total)
             with suppress(InfeasibleError):
@@ -116,12 +120,12 @@ def _searched(
         watch: is told how it goes, and may end the search.
         planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
     """
-    tried = _Tried(HOPELESS[settings.effort])
+    tried = _Tried(HOPELESS[settings.effort], search.of_either_arm())
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
     tries = 0
     while True:
-        known = len(tried.pairs)
+        known = tried.known
         # There is no other order to hope for where nothing more is searched.
         patient = not long or tries > searches or watch.stop()
         one_by_one = partial(planned, of=orders, patient=patient)
@@ -130,15 +134,19 @@ def _searched(
             return _quickest(promising, watch, one_by_one, tried)
         except BlockedError as error:
             last = tries == searches + TAKEN_APART
-            if last or len(tried.pairs) == known or tried.is_hopeless:
+            if last or tried.known == known or tried.is_hopeless:
                 raise
             # What turned out to touch is kept apart, and the search goes on from there.
             first = orders.found[0].job
-            watch.tell(f"keeping {len(tried.pairs)} pairs of stops apart: {error.stages}")
-            search = search.without(tried.pairs, first)
+            watch.tell(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
+            search = search.without(tried.pairs, tried.others, first)
             # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
-            again = tries < searches and not watch.stop()
-            found = search.orders(watch) if again else search.as_it_is()
+            again = search.start is None or (tries < searches and not watch.stop())
+            try:
+                found = search.orders(watch) if again else search.as_it_is()
+            except InfeasibleError:
+                # What was learnt is no rule of the job.
+                raise error from None
             orders = replace(found, bound=orders.bound)
             tries += 1
 
@@ -163,6 +171,8 @@ def _quickest(
     for number, one in enumerate(orders, start=1):
         if best is not None and watch.stop(longest):
             break
+        if tried.repeats(one.job):
+            continue
         watch.tell(f"planning order {number} (about {one.total:.2f} s)")
         begin = watch.elapsed()
         try:
@@ -190,20 +200,51 @@ class _Tried:
 
     most: int
     """No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
+    either: frozenset[str] = frozenset()
+    """Tasks that either arm may do."""
     alone: int = 0
     """So many of them there are."""
     pairs: set[StagePair] = field(default_factory=set)
     """What does not keep clear side by side."""
+    others: set[ArmTask] = field(default_factory=set)
+    """Tasks that an arm has no clear way to do while the other one stands idle: the other one is to do them."""
+
+    @property
+    def known(self) -> int:
+        """How much has been learnt."""
+        return len(self.pairs) + len(self.others)
 
     def add(self, job: Job, error: BlockedError) -> None:
         """Learns from an order whose plan does not keep clear."""
-        self.alone += error.alone
+        before = len(self.others)
+        left = self.either - {task for _, task in self.others}
+        # What is in the way of later stages may be there because of the first one.
+        lone = error.never or _lone_tasks(job, error.stages)
+        self.others |= set([one for one in lone if one[1] in left][:1])
+        if not self.others.issuperset(error.never):
+            self.alone = self.most
         self.pairs |= _blocked_pairs(job, error.stages)
+        # Where the other arm may do it there is hope.
+        self.alone += error.alone and len(self.others) == before
+
+    def repeats(self, job: Job) -> bool:
+        """Returns whether an arm does a task in an order that is to be done by the other one."""
+        return not self.others.isdisjoint(_lone_tasks(job, range(len(job.stages()))))
 
     @property
     def is_hopeless(self) -> bool:
         """Whether no other order is tried."""
         return self.alone >= self.most
+
+
+def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
+    """Returns what is done in some stages of a decided job in which the other arm has nothing to do, in their order."""
+    return [
+        (arm, task.id)
+        for k, work in enumerate(job.stages())
+        if k in stages and len(work) == 1
+        for arm, (task, _) in work.items()
+    ]
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:

@@ -10,7 +10,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.problem import Decisions
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import ANY, Job
 from dualarm_cli.planning.decided_jobs import decided
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
@@ -210,6 +210,13 @@ class PairedSearch:
         """Returns how long a decided job takes on the search's grid [s]; infinite where it has no plan there."""
         return with_angles(self.problem, self._slots(job)).total
 
+    def hoped(self, job: Job) -> float:
+        """Returns how long a decided job takes on the search's grid [s], were nothing in the way side by side.
+
+        What touches there may wait or go another way in a plan. Infinite where it has no plan there even so.
+        """
+        return with_angles(replace(self.problem, apart=None), self._slots(job)).total
+
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""
         assert self.start is not None  # it goes on from one
@@ -222,12 +229,25 @@ class PairedSearch:
         plain = replace(self.problem, not_after=None)
         return bool(totals(plain, found.slots[None])[0] < found.total - 1e-6)
 
-    def without(self, pairs: set[StagePair], near: Job) -> PairedSearch:
+    def of_either_arm(self) -> frozenset[str]:
+        """Returns the tasks that either of two arms may do and, as far as the search knows, can do."""
+        arms = range(len(self.order.model.arms))
+        return frozenset(
+            task.id
+            for t, task in enumerate(self.order.job.tasks)
+            if len(arms) == 2
+            and task.arm == ANY
+            and task.handover is None
+            and all(self.problem.allowed(a, t) for a in arms)
+        )
+
+    def without(self, pairs: set[StagePair], others: set[ArmTask], near: Job) -> PairedSearch:
         """Returns the search among orders in which pairs of stops are not made side by side.
 
         Args:
             pairs: stops of the first and of the second arm, each by task and action.
-            near: an order to go on from.
+            others: arms and tasks that the other arm is to do.
+            near: an order to go on from, unless an arm does in it what the other one is to do.
         """
         numbers, stops = self._stop_numbers(), self.problem.stops
         cuts = {(numbers[one], numbers[other]) for one, other in pairs}
@@ -237,10 +257,17 @@ class PairedSearch:
         # Stops at stands are none of the search.
         cuts = {(one, other) for one, other in cuts if max(one, other) < stops}
         slots = self._slots(near)
-        problem = _kept_apart(self.problem, cuts)
+        problem = _left_to_the_other(_kept_apart(self.problem, cuts), self._barred(others))
         effort = "quick" if len(slots) > LONG else self.effort
-        start = apart(slots, cuts)
+        done = {(task.arm, task.id) for task in near.tasks}
+        start = apart(slots, cuts) if done.isdisjoint(others) else None
         return replace(self, problem=problem, effort=effort, start=start, stands=stands)
+
+    def _barred(self, others: set[ArmTask]) -> list[tuple[int, int]]:
+        """Returns arms and tasks as numbers."""
+        arms = list(self.order.model.arms)
+        number = {task.id: t for t, task in enumerate(self.order.job.tasks)}
+        return sorted((arms.index(arm), number[task]) for arm, task in others)
 
     def _slots(self, job: Job) -> IntArray:
         """Returns the stops of a decided job's stages but for those at stands, shape (n, arms)."""
@@ -267,6 +294,24 @@ def _distinct(found: list[StageOrder]) -> list[StageOrder]:
 
 StagePair = tuple[tuple[str, str], tuple[str, str]]
 """Task (see `stop_name`) and action of the first arm's stop in a stage and of the second arm's."""
+
+
+ArmTask = tuple[str, str]
+"""An arm, and the id of a task."""
+
+
+def _left_to_the_other(problem: StageProblem, barred: list[tuple[int, int]]) -> StageProblem:
+    """Returns stages in which arms cannot do some tasks, each an arm's and a task's number."""
+    if not barred:
+        return problem
+    length, work = (
+        [np.array(one) for one in problem.length],
+        [np.array(one) for one in problem.work],
+    )
+    for arm, task in barred:
+        for stop in problem.tasks[task]:
+            length[arm][:, stop], work[arm][stop] = np.inf, np.inf
+    return replace(problem, length=tuple(length), work=tuple(work))
 
 
 def _kept_apart(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.minimum_time.clearance import ALIKE, LIKE, Barred
 from dualarm_cli.planning.keep_clear import PLACES, KeepClear
@@ -76,7 +78,7 @@ def solve_sampled(problem: MethodProblem) -> Decided:
     if plan is None:
         return Decided(_greedy(problem))
     sweeps = int(np.clip(effort.refinements // len(stages), 1, MOST_SWEEPS))
-    return Decided(polished(plan, sweeps).plans(SAMPLED), simpler=lambda: [_greedy(problem)])
+    return Decided(polished(plan, sweeps).plans(SAMPLED), simpler=lambda: _simpler(problem))
 
 
 def _samples(stage: SampledStage, angles: FloatArray, most: int) -> dict[str, StopSamples]:
@@ -99,6 +101,13 @@ def _greedy(problem: MethodProblem) -> list[StagePlan]:
     return choose_stages(
         problem.model, problem.job, FIXED, problem.redundancy, holding=problem.holding
     )
+
+
+def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
+    """Returns the plan of `fixed` to compare with; none where it has none, which says nothing against other plans."""
+    with suppress(InfeasibleError):
+        return [_greedy(problem)]
+    return []
 
 
 def _stages(problem: MethodProblem) -> list[SampledStage]:

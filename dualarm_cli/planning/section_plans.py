@@ -35,6 +35,9 @@ def quickest_of_sections(
         return plan(job)
     watch.begin()
     orders = section_orders(model, job, ORDERS[effort])
+    if _has_open_runs(job):
+        # Runs are ordered one by one, by estimates: at last what the file says is planned as it is.
+        orders.append(replace(job, order="given"))
     best: Schedule | None = None
     failure: InfeasibleError | None = None
     longest, chosen, tried = 0.0, job, 0
@@ -60,6 +63,14 @@ def quickest_of_sections(
     return _with_order(best, chosen, orders[0], tried)
 
 
+def _has_open_runs(job: Job) -> bool:
+    """Returns whether there is an order to choose between paths and seams."""
+    return any(
+        not section[0].alone and len({task.id for task in section}) > 1
+        for section in job.sections()
+    )
+
+
 def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Schedule:
     """Returns a schedule that says in which order the sections are, where there was a choice."""
     if tried < 2:
@@ -71,5 +82,7 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
         for section in chosen.sections()
     ]
     whose = "the file's order of sections" if chosen == given else "sections in another order"
+    if chosen.order == "given":
+        whose = "the file's order of all tasks"
     note = f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"
     return replace(schedule, notes=(*schedule.notes, note))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Stop, Task
@@ -239,14 +239,18 @@ def explain_clearance(
 def explain(
     stage: Stage, position: FloatArray, reasons: Mapping[str, NoPosture]
 ) -> InfeasibleError:
-    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault."""
+    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault.
+
+    Where it is reached and lacks clearance, a BlockedError with the stage: in another order that may be different.
+    """
     model = stage.model
     stops = stage.at_start(position)
     misses = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
     faults = {name: fault for name, fault in misses.items() if fault is not None}
     everywhere = bool(faults)
-    if not faults and stage.keep is not None:
-        faults, everywhere = explain_clearance(stage, stage.keep, position)
+    keep = None if faults else stage.keep
+    if keep is not None:
+        faults, everywhere = explain_clearance(stage, keep, position)
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
         if model.platform.is_turntable and len(stage.work) > 1:
@@ -267,4 +271,8 @@ def explain(
         where = (
             "no posture with the platform held where it starts (this version turns one joint only)"
         )
-    return InfeasibleError(where + " makes this stage:\n  " + "\n  ".join(lines))
+    message = where + " makes this stage:\n  " + "\n  ".join(lines)
+    if keep is not None:
+        never = tuple((name, stage.work[name][0].id) for name in faults) if everywhere else ()
+        return BlockedError(message, (keep.stage,), alone=everywhere, never=never)
+    return InfeasibleError(message)

@@ -10,6 +10,9 @@ SEEDS = range(300)
 QUICK = (1, 26, 42, 62, 94, 105, 133, 147)
 """One of most kinds, each planned within a few seconds; 26, 62 and 133 once failed."""
 
+BLOCKED = (37, 177, 187)
+"""Jobs of a YuMi that were refused though the other arm can do what one arm cannot."""
+
 
 def judged(seed, folder, random_valid_jobs):
     """Plans a random job and returns what it is and the exit code; a plan is verified again from its files."""
@@ -24,6 +27,14 @@ def judged(seed, folder, random_valid_jobs):
 @pytest.mark.parametrize("seed", QUICK)
 def test_a_random_job_has_a_plan_that_is_verified_from_its_files(seed, tmp_path, random_valid_jobs):
     """Exit 0 for jobs that are known to have a plan."""
+    what, code = judged(seed, tmp_path, random_valid_jobs)
+    assert code == 0, what
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", BLOCKED)
+def test_a_task_that_an_idle_arm_blocks_is_done_by_the_other_arm(seed, tmp_path, random_valid_jobs):
+    """Exit 0: either arm may do it, and there is an order in which nothing is in the way."""
     what, code = judged(seed, tmp_path, random_valid_jobs)
     assert code == 0, what
 

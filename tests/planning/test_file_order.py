@@ -11,8 +11,9 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning import free_ordered_plan, ordered_plan
+from dualarm_cli.planning import free_ordered_plan, ordered_plan, path_jobs
 from dualarm_cli.planning.file_order import file_order
+from dualarm_cli.planning.free_epochs import epoch_orders
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.planner import plan_without_bound
@@ -93,7 +94,7 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
 
 
 def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(made, monkeypatch):
-    """Also where the search finds nothing better than one stop after the other."""
+    """Also where the search estimates less than its plan takes: nothing better than one stop after the other."""
 
     def one_by_one(search, orders, settings, watch, planned):
         job = file_order(search.order)
@@ -108,7 +109,6 @@ def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(mad
     job = made(tasks, **{"return": True})
     given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
     monkeypatch.setattr(ordered_plan, "_searched", one_by_one)
-    monkeypatch.setattr(ordered_plan, "NEAR", 1.0)
     found = plan_without_bound(job, QUICK)
     assert found.duration <= given.duration
     assert verify(found, job, clearance=True).failures == ()
@@ -132,3 +132,47 @@ def test_by_own_clocks_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     monkeypatch.setattr(free_ordered_plan, "NEAR", 1.0)
     found = plan_without_bound(job, QUICK)
     assert found.duration <= given.duration
+
+
+@pytest.mark.parametrize("angles", ["one", "several"])
+def test_by_own_clocks_the_order_of_the_file_is_planned_where_the_search_finds_none(
+    made, monkeypatch, angles
+):
+    """At one platform angle, and where that has no plan, at several ones."""
+
+    def none_at_one_angle(order, *more):
+        found = free_orders(order, *more)
+        if order.job.is_decided and angles == "one":
+            return found
+        return dataclasses.replace(found, found=())
+
+    def none_at_several(order, *more):
+        if order.job.is_decided and angles == "several":
+            return epoch_orders(order, *more)
+        return []
+
+    tasks = [move(f"m{k}", 0.35 - 0.25 * k, arm=("left", "right")[k // 2]) for k in range(4)]
+    job = made(tasks, mode="free", start="free")
+    monkeypatch.setattr(free_ordered_plan, "free_orders", none_at_one_angle)
+    monkeypatch.setattr(free_ordered_plan, "epoch_orders", none_at_several)
+    monkeypatch.setattr(free_ordered_plan, "_may_be_quicker", lambda *_: False)
+    found = plan_without_bound(job, QUICK)
+    assert not any("stage to stage together" in note for note in found.notes)
+    assert verify(found, job, clearance=True).failures == ()
+
+
+def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatch):
+    """Also where the search for an order of what is between them finds none."""
+
+    def none(*_, **__):
+        raise InfeasibleError("none on the grid")
+
+    points = [{"xyz": [0.5, 0.1, 0.85], "rpy": ["180 deg", 0, 0]}, {"xyz": [0.55, 0.1, 0.85]}]
+    path = {"id": "path", "path": {"arm": "left", "speed": 0.1, "through": points}}
+    job = made([move("a", 0.3, arm="left"), move("b", -0.3, arm="right"), path])
+    given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
+    assert plan_without_bound(job, QUICK).duration <= given.duration
+    monkeypatch.setattr(path_jobs.PairedSearch, "of", none)
+    found = plan_without_bound(job, QUICK)
+    assert found.duration == given.duration
+    assert any("the file's order of all tasks is the quickest" in note for note in found.notes)

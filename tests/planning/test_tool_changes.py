@@ -417,7 +417,7 @@ def test_visits_to_stands_are_kept_apart_from_stops_that_turned_out_to_touch(kit
     assert beside
     (tool, action), other = next(iter(beside.items()))
     pair = ((f"{action.split('_')[0]} {tool} (left arm)", action), other)
-    found = search.without({pair}, first).orders(watch).found[0].job
+    found = search.without({pair}, set(), first).orders(watch).found[0].job
     visits = 0
     for work in found.stages():
         task, stop = work.get("left", (None, None))
