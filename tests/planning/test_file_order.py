@@ -13,7 +13,7 @@ from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning import free_ordered_plan, ordered_plan, path_jobs
 from dualarm_cli.planning.file_order import file_order
-from dualarm_cli.planning.free_epochs import epoch_orders
+from dualarm_cli.planning.free_epochs import FreeEpochs
 from dualarm_cli.planning.free_orders import free_orders
 from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.planner import plan_without_bound
@@ -147,9 +147,10 @@ def test_by_own_clocks_the_order_of_the_file_is_planned_where_the_search_finds_n
         return dataclasses.replace(found, found=())
 
     def none_at_several(order, *more):
-        if order.job.is_decided and angles == "several":
-            return epoch_orders(order, *more)
-        return []
+        if not order.job.is_decided or angles == "one":
+            return []
+        job, angle = order.job, free_orders(order, *more[:-1]).found[0].angle
+        return [FreeEpochs(job, ((angle, job.tasks[:2]), (angle + 0.1, job.tasks[2:])), 9.0)]
 
     tasks = [move(f"m{k}", 0.35 - 0.25 * k, arm=("left", "right")[k // 2]) for k in range(4)]
     job = made(tasks, mode="free", start="free")
