@@ -137,7 +137,7 @@ class ClearanceProof:
             marks += [t for window in windows or () for t in window]
         marked = np.unique(np.clip(np.array(marks), edges[0], edges[-1]))
         step = max(FIRST_STEP, float(marked[-1] - marked[0]) / MOST_FIRST)
-        parts = np.maximum(1, np.ceil(np.diff(marked) / step)).astype(np.int64)
+        parts = np.ceil(np.diff(marked) / step).astype(np.int64)
         pieces = [
             np.linspace(a, b, n, endpoint=False)
             for a, b, n in zip(marked[:-1], marked[1:], parts, strict=True)

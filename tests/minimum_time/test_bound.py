@@ -72,6 +72,21 @@ def test_every_posture_lies_in_a_cell(arms, kind: str) -> None:
             assert inside.any(axis=1).all()
 
 
+def test_cells_of_finer_intervals_are_narrower(arms) -> None:
+    """A quarter of the intervals' lengths: what the joints can have is at most six tenths as wide on average."""
+    random = np.random.default_rng(5)
+    coarse, fine = (Resolution(np.radians(12.0 / k), 12 * k, 2) for k in (1, 4))
+    for arm in arms:
+        low, high = np.maximum(arm.lower, -3.1), np.minimum(arm.upper, 3.1)
+        R, p = arm.forward(low + (high - low) * random.uniform(0.3, 0.7, 7))
+        widths = []
+        for k, resolution in ((1, coarse), (4, fine)):
+            edges = np.linspace(-0.2, 0.2, 2 * k + 1)
+            cells = pose_cells(arm, R, p, edges, resolution, False, _no_lines)
+            widths.append(float((cells.high - cells.low)[:, :7].mean()))
+        assert widths[1] < 0.6 * widths[0]
+
+
 def test_reachable_cells_are_the_reachable_angles(arms) -> None:
     """Angle by angle: within some interval exactly where the wrist's distance is within reach."""
     random = np.random.default_rng(4)

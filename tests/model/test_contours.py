@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.contours import Contour, Ellipse, Saddle, SphereArc
+from dualarm_cli.model.point_spline import PointSpline
 
 STEP = 1e-6
 
@@ -50,3 +51,27 @@ def test_the_greatest_bound_of_a_whole_turn_is_less_than_twice_the_greatest_deri
         angle, e = random.uniform(0.4, 2.7), random.choice([-1.0, 1.0]) * 0.005
         curve = (Saddle if kind == "saddle" else SphereArc)(0.05, 0.02, angle, e, 0.0, 2.0 * np.pi)
         assert curve.third_bound(t, np.zeros(721)).max() <= 2.0 * third(curve, t).max()
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.02, -0.06])
+@pytest.mark.parametrize("along", [0.0, 0.7, -3.0])
+def test_a_normal_that_is_carried_along_a_helix_turns_against_its_torsion(pitch, along):
+    """Of radius 50 mm and `pitch` per rad: in Frenet's frame it turns by -pitch / hypot(radius, pitch) per rad.
+
+    Rotation-minimising vectors by hand; whatever of the first one is along the curve does not count.
+    """
+    radius, u = 0.05, np.linspace(0.0, 4.0, 60)
+    size = np.hypot(radius, pitch)
+    c, s, zero = np.cos(u), np.sin(u), np.zeros_like(u)
+    points = np.stack([radius * c, radius * s, pitch * u], axis=1)
+    tangent = np.stack([-radius * s, radius * c, zero + pitch], axis=1) / size
+    inwards = np.stack([-c, -s, zero], axis=1)
+    binormal = np.cross(tangent, inwards)
+    angle = (0.4 - pitch / size * u)[:, None]
+    expected = np.cos(angle) * inwards + np.sin(angle) * binormal
+    spline = PointSpline(points, expected[0] + along * tangent[0])
+    found = spline.normal(spline.knots)
+    found = found / np.linalg.norm(found, axis=1)[:, None]
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    rate = spline.rate(spline.knots)
+    assert np.abs((found * rate).sum(axis=1) / np.linalg.norm(rate, axis=1)).max() < 1e-6

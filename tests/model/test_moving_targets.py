@@ -101,3 +101,4 @@ def test_what_nobody_names_is_not_asked_for() -> None:
                     assert field.default == NEUTRAL.get((noun.__name__, field.name), 0)
                     seen.add((noun.__name__, field.name))
     assert seen >= set(NEUTRAL)
+    assert not any((NOWHERE.file, NOWHERE.line, NOWHERE.column))

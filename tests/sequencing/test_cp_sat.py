@@ -85,6 +85,17 @@ def test_of_one_way_by_clocks_the_bound_is_the_best_order(by_clocks, kind):
         assert again.total <= found.bound + 1e-3 * (problem.tasks + 1)
 
 
+def test_an_order_of_less_than_a_second_is_bounded_by_what_it_takes(by_clocks):
+    """The same work fifty times as quick: the bound follows."""
+    problem = by_clocks(31, "", 4, 1, 2)
+    slow, best = of_ways(problem), exact_order(problem)
+    quick = replace(slow, cost=tuple(c / 50.0 for c in slow.cost), least=slow.least / 50.0)
+    found = prove(quick, None, EFFORT, 0)
+    assert best is not None
+    assert best.total / 50.0 < 0.9
+    assert best.total / 50.0 - 1e-3 * (problem.tasks + 1) <= found.bound <= best.total / 50.0 + 1e-9
+
+
 @pytest.mark.parametrize("kind", [*KINDS, "apart"])
 def test_no_order_of_stages_is_faster_than_the_bound(in_stages, kind):
     """The best of all orders of five tasks, and what a search finds with idle arms."""

@@ -159,7 +159,11 @@ def test_no_order_takes_less_than_any_bound_and_the_best_known_is_never_lost(
         return
     least = least_of_all(problem)
     assert pair_bound(problem) <= least + CLOSE
+    # At each angle what either arm can make, alone or with the other one's.
+    can = [np.isfinite(work).sum(axis=0) for work in problem.work]
+    assert count_nodes(problem) == ((can[0] + 1) * (can[1] + 1) - 1).sum()
     assert can_prove(problem, count_nodes(problem))
+    assert not can_prove(problem, count_nodes(problem) - 1)
     for effort in (ProofEffort(1, 2), ProofEffort(30, 20), THOROUGH):
         proof = prove_order(problem, start, effort)
         assert proof.bound <= least + CLOSE
@@ -244,6 +248,26 @@ def test_ways_are_what_rules_allow_and_last_as_long_as_tables_say(in_stages, kin
     assert allowed > 1000
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_windows_that_open_within_the_first_second_count(in_stages, seed):
+    """Everything ten times as quick: what waits less than a second waits all the same."""
+    problem = in_stages(seed, "windows", 3, one_stop=True)
+    opens = np.where(np.arange(problem.stops) % 2 == seed % 2, 0.9, problem.not_before)
+    quick = replace(
+        problem,
+        length=tuple(x * 0.1 for x in problem.length),
+        work=tuple(x * 0.1 for x in problem.work),
+        turn=problem.turn * 0.1,
+        not_before=opens,
+        not_after=np.full(problem.stops, np.inf),
+    )
+    start, least = StageSearch(quick, seed).first(), least_of_all(quick)
+    assert start is not None
+    proof = prove_order(quick, start, THOROUGH)
+    assert proof.order.total == pytest.approx(least, abs=CLOSE)
+    assert proof.bound == pytest.approx(least, abs=2 * CLOSE)
+
+
 def test_the_bound_by_pairs_is_the_best_partners_by_hand():
     """One angle, no rules. Arm 0 takes 1, 5 and 9 s for stops 0 to 2, arm 1 takes 4, 2 and 3 s.
 
@@ -272,6 +296,14 @@ def test_the_bound_by_pairs_is_the_best_partners_by_hand():
     assert pair_bound(replace(two, length=two.length[::-1], work=works[::-1])) == pytest.approx(2.0)
     alone = replace(two, length=two.length[:1], work=works[:1])
     assert pair_bound(alone) == pytest.approx(6.0)
+    # What takes next to nothing makes no partner of what has none.
+    short = np.array([1e-3, 1.0])[:, None]
+    little = replace(
+        alone,
+        length=(alone.length[0] * np.append(short[:, 0], [1.0, 1.0])[None, :, None, None],),
+        work=(alone.work[0][:2] * short,),
+    )
+    assert pair_bound(little) == pytest.approx(5.001)
 
 
 def test_a_few_labels_prove_less_than_many(in_stages):

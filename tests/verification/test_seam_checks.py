@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.special import erf
 
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Tool
@@ -597,6 +598,22 @@ def test_a_seam_that_creeps_to_its_speed_is_found(line):
 
     slow = retimed(line.schedule, bell, 10.0 * T)
     assert "seam_as_asked" in failed(slow, line.job)
+
+
+def test_a_seam_that_is_at_its_speed_for_an_instant_only_is_found(line):
+    """A clock that runs as it should in the middle and all but stands before and after: eleven times as long."""
+    T = line.schedule.duration
+    D = T / (0.05 * np.sqrt(np.pi))
+
+    def bell(t):
+        x = (t / D - 0.5) / 0.05
+        return T * 0.5 * (1.0 + erf(x)), np.exp(-(x**2)), -2.0 * x / (0.05 * D) * np.exp(-(x**2))
+
+    check = seams(retimed(line.schedule, bell, D), line.job)["seam_as_asked"]
+    assert check.verdict == "failed"
+    work = line.job.tasks[0].seam
+    longest = work.length / work.speed + 1.2
+    assert check.measured == pytest.approx(D / longest - 1.0, rel=1e-6)
 
 
 def test_a_part_is_off_by_its_place_or_by_its_turn():
