@@ -85,6 +85,15 @@ def test_what_the_cell_says_of_a_pair_counts(cell: Cell) -> None:
     assert found(allowed, 0.0, 0.012, 0.012) == [(ENDS, ("left_tool", "bar@flip"), -1.0)]
 
 
+def test_the_nearest_solid_of_each_body_counts(cell: Cell) -> None:
+    """A second box behind each tool's own changes nothing, whichever comes first."""
+    for order in (1, -1):
+        shapes = (box(0.05, 0.08), box(-0.1, 0.02))[::order]
+        tools = {arm: replace(tool, shapes=shapes) for arm, tool in cell.tools.items()}
+        rows = found(replace(cell, tools=tools), -0.018, 0.06, 0.06)
+        assert rows == [(AT, ("left_tool", "right_tool"), -1.0)]
+
+
 def test_exactly_what_is_required_is_enough(cell: Cell) -> None:
     """20 mm between the tools: not too near for 19.999 mm, too near for 20.001 mm."""
     assert found(replace(cell, clearance=0.019999), 0.0, 0.5, 0.5) == []
