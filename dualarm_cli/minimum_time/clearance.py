@@ -55,6 +55,9 @@ class SequenceClearance:
     """Stages that are not possible although postures and straight moves are."""
     pace: float = 1.0
     """How much slower than at full speed everything moves."""
+    settled: frozenset[int] = frozenset()
+    """Stages whose stops stay as they are, for an exact test to decide: the quick one has found nothing that is
+    collision-free by as much as it asks for."""
 
     def positions(self, angle: FloatArray, joints: Sequence[FloatArray | None]) -> FloatArray:
         """Returns all joints of the robot [rad], shape (n, columns).

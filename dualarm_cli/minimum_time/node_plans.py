@@ -57,6 +57,8 @@ class NodePlans:
     """Different plans whose lines are all possible, the best on the nodes first; none where none was found."""
     bound: float | None
     """No plan on the nodes is faster, with their own line times [s]; None where a stop has no node."""
+    lacking: tuple[int, ...] = ()
+    """Stages for which no nodes were found, where that is why there is no plan."""
 
 
 def plans_on_nodes(
@@ -100,10 +102,10 @@ def plans_on_nodes(
     for _ in range(BANS):
         lacking = stages_without_angle(arms, angles.shape[1])
         if own.intersection(lacking):
-            return NodePlans([], bound)
+            return NodePlans([], bound, tuple(lacking))
         refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes)
         if refined is None:
-            return NodePlans([], bound)
+            return NodePlans([], bound, tuple(lacking))
         own.update(lacking)
         if bound is None or lacking:
             arms = with_potentials(problem, refined, angles.shape[1])

@@ -90,6 +90,7 @@ def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
     # In a hand-over neither can be there after the other.
     together = both[-1] & (both.all(axis=0) | ~test.handing)
     stops_clear = np.asarray(alone.all(axis=0) & together)
+    stops_clear[list(test.settled)] = True
     return PlanClearance(stops_clear, np.isfinite(known), waits)
 
 

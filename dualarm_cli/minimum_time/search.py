@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -97,11 +97,12 @@ def search_near(
     *,
     local: bool,
 ) -> Evaluated | None:
-    """Returns a fast plan about one that is fast but does not keep clear, None where a stop has no node near it.
+    """Returns a fast plan about one that is fast but does not keep clear, None where no collision-free one is found.
 
     One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
     again. In sequences longer than WHOLE, and where that is asked for, only the stages that do not keep clear and
-    those beside them are looked at; all others stay as they are.
+    those beside them are looked at; all others stay as they are. So does a stage for which no nodes are found: it
+    may be collision-free by less than the search asks of nodes, which an exact test then decides.
 
     Args:
         problem: the sequence, with clearance.
@@ -118,6 +119,10 @@ def search_near(
     if problem.stages <= WHOLE and not local:
         loose[:] = True
     found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
+    while found.lacking and loose[list(found.lacking)].all():
+        loose[list(found.lacking)] = False
+        problem = _settled(problem, found.lacking)
+        found = plans_on_nodes(problem, tables, how.near, how.plans, start, loose)
     # Nodes are in single precision; what is not looked at stays as it was to the last bit.
     around = [
         plan.decisions.put(np.flatnonzero(~loose), near)
@@ -128,7 +133,15 @@ def search_near(
         return None
     pool = [*(evaluate(problem, tables, plan) for plan in around), start]
     best = _combined(problem, tables, pool, how, seed, loose)
-    return polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
+    best = polish(problem, tables, best, how.rounds, how.random_steps, seed, loose)
+    return best if np.isfinite(_worth(problem, best)) else None
+
+
+def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem:
+    """Returns a sequence in which further stages are taken to be collision-free at their stops as they are."""
+    test = problem.clearance
+    assert test is not None  # callers ask where something has to keep clear
+    return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
 
 
 def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -> BoolArray:

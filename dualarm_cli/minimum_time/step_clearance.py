@@ -43,6 +43,7 @@ def step_waits(
     stops = (cross[len(way) :] >= SLACK).reshape(3, n)
     waits = move_waits(test.pace, lacks.reshape(n, SAMPLES).max(axis=1), apart)
     waits = np.maximum(waits, test.known_costs(stage, start, arrival))
-    turns = np.inf if test.handing[stage] else test.pace * TURNS
+    must = test.handing[stage] and stage not in test.settled
+    turns = np.inf if must else test.pace * TURNS
     waits += np.where(stops[:2].all(axis=0), 0.0, turns)
-    return np.where(stops[2], waits, np.inf)
+    return waits if stage in test.settled else np.where(stops[2], waits, np.inf)

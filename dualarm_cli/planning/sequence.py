@@ -6,7 +6,6 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.minimum_time.efforts import WHOLE, evening
-from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.problem import Decisions, SequenceProblem
 from dualarm_cli.minimum_time.search import Found, search, search_near
 from dualarm_cli.minimum_time.stops import StopTable
@@ -65,7 +64,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             problem.seed,
             local=job.tool_speed is not None,
         )
-        if near is not None and np.isfinite(plan_clearance(numbers, near).penalty):
+        if near is not None:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and problem.effort != "thorough":
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))

@@ -16,7 +16,7 @@ from dualarm_cli.minimum_time.own_angles import exact_nodes, shared_intervals, s
 from dualarm_cli.minimum_time.plan_clearance import plan_clearance
 from dualarm_cli.minimum_time.postures import postures
 from dualarm_cli.minimum_time.problem import SequenceProblem
-from dualarm_cli.minimum_time.search import Found, search
+from dualarm_cli.minimum_time.search import Found, search, search_near
 from dualarm_cli.minimum_time.stops import StopTable
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
@@ -208,6 +208,43 @@ def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
     assert found is not None
     assert not found.hopeless
     assert plan_clearance(problem, found.best).stops.all()
+
+
+def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing: Job) -> None:
+    """It has a plan with 0.3 mm of clearance and none with 2 mm, whichever stages' moves are known to touch."""
+    stages = [
+        {
+            arm: pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, yaw), np.array(place))
+            for arm, place, yaw in (("left", left, yaw_left), ("right", right, yaw_right))
+        }
+        for left, yaw_left, right, yaw_right in (
+            ((0.6586, -0.0115, 0.8148), -0.8312, (0.5117, -0.3621, 0.7791), 0.5146),
+            ((0.0202, 0.4614, 0.8901), 1.1032, (0.4119, 0.1523, 0.8208), 1.8974),
+        )
+    ]
+    bare = stage_job(
+        replace(packing, cell=replace(packing.cell, obstacles=(), clearance=0.0)), stages
+    )
+    tasks = [
+        replace(
+            task, stops=tuple(replace(stop, approach=0.08, retract=0.08) for stop in task.stops)
+        )
+        for task in bare.tasks
+    ]
+    job = replace(bare, tasks=tuple(tasks))
+    planned = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert verify(planned, job, clearance=True).passed
+    model = CellModel.from_cell(job.cell)
+    found = search(sequence_problem(model, job), [], "quick", 0)
+    assert found is not None
+    blind = found.best.decisions
+    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    for touching in ([], [0], [1]):
+        near = search_near(problem, blind, touching, "quick", 0, local=False)
+        assert near is not None
+        assert near.decisions.angle[1] == blind.angle[1]
+        for mine, theirs in zip(near.decisions.arms, blind.arms, strict=True):
+            np.testing.assert_array_equal(mine.near[1], theirs.near[1])
 
 
 @pytest.mark.parametrize("seed", CROWDED)

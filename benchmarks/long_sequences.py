@@ -1,0 +1,117 @@
+"""Random long sequences as files: both arms pick and place at random targets, stage by stage.
+
+python benchmarks/long_sequences.py --robot sda10f --stages 1000 --seed 0 --out DIR
+
+Then plan and verify DIR/tasks.yaml by the command line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LINE = 0.08
+"""Length of approach and retract [m]."""
+BASES = {
+    "left": {"robot": "iiwa14", "base": {"xyz": [-0.68, 0, 0]}},
+    "right": {"robot": "iiwa14", "base": {"xyz": [0.68, 0, 0], "rpy": [0, 0, "180 deg"]}},
+}
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where the left arm of a robot reaches everything with its tool down, and by how much both targets may turn.
+
+    Attributes:
+        robot: as the cell file names it.
+        low: lower corner of the left arm's box [m].
+        high: upper corner of it [m].
+        mirror: signs by which the right arm's positions differ.
+        yaw: how far tools turn about their own axes, either way [rad].
+        turn: how far the targets of a stage turn together about the platform's axis, either way [rad].
+    """
+
+    robot: Any
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    mirror: tuple[float, float, float]
+    yaw: float
+    turn: float = 0.0
+
+
+ROOMS = {
+    "sda10f": Room(
+        "sda10f", (0.36, 0.12, 0.75), (0.64, 0.52, 0.95), (1.0, -1.0, 1.0), 1.2, np.radians(60.0)
+    ),
+    "iiwa14": Room(BASES, (-0.22, 0.08, 0.15), (-0.06, 0.34, 0.35), (-1.0, -1.0, 1.0), 3.0),
+}
+
+
+def stage_targets(random: np.random.Generator, room: Room) -> dict[str, dict[str, Any]]:
+    """Returns one target of each arm, both within reach at the platform angle by which they are turned."""
+    turn = random.uniform(-room.turn, room.turn)
+    c, s = np.cos(turn), np.sin(turn)
+    targets = {}
+    for arm, signs in (("left", (1.0, 1.0, 1.0)), ("right", room.mirror)):
+        x, y, z = random.uniform(room.low, room.high) * signs
+        yaw = turn + random.uniform(-room.yaw, room.yaw)
+        xyz = [round(float(v), 4) for v in (c * x - s * y, s * x + c * y, z)]
+        targets[arm] = {"xyz": xyz, "rpy": ["180 deg", 0, round(float(yaw), 4)]}
+    return targets
+
+
+def write_sequence(robot: str, stages: int, seed: int, folder: Path) -> None:
+    """Writes cell.yaml and tasks.yaml of a random sequence, in JSON, which is YAML as well.
+
+    Args:
+        robot: one of ROOMS.
+        stages: even number of stages; every task of an arm has two, a pick and a place.
+        seed: of the targets.
+        folder: where; it is made.
+    """
+    random = np.random.default_rng([seed, stages])
+    tasks: list[dict[str, Any]] = []
+    for k in range(stages // 2):
+        own: dict[str, dict[str, Any]] = {
+            arm: {"id": f"{arm}-{k:05d}", "arm": arm} for arm in ("left", "right")
+        }
+        for kind in ("pick", "place"):
+            for arm, target in stage_targets(random, ROOMS[robot]).items():
+                own[arm][kind] = target
+        tasks += own.values()
+    tool = {
+        "tcp": {"xyz": [0, 0, 0.12]},
+        "mass": 1.2,
+        "shapes": [{"capsule": {"radius": 0.03, "length": 0.08}, "xyz": [0, 0, 0.05]}],
+    }
+    cell = {
+        "dualarm": "cell/1",
+        "robot": ROOMS[robot].robot,
+        "tools": {"left": tool, "right": tool},
+    }
+    head = {"dualarm": "tasks/1", "cell": "cell.yaml", "mode": "paired", "order": "given"}
+    defaults = {"approach": LINE, "retract": LINE, "dwell": 0.17}
+    job = head | {"start": "home", "return": False, "defaults": defaults, "tasks": tasks}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, document in (("cell.yaml", cell), ("tasks.yaml", job)):
+        (folder / name).write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+
+def main() -> None:
+    """Writes one sequence."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--robot", choices=[*ROOMS], default="sda10f")
+    parser.add_argument("--stages", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    write_sequence(arguments.robot, arguments.stages, arguments.seed, arguments.out)
+
+
+if __name__ == "__main__":
+    main()
