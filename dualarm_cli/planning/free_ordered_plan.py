@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.file_order import NEAR, file_order, stage_by_stage
+from dualarm_cli.planning.file_order import stage_by_stage
 from dualarm_cli.planning.free_epochs import (
     FreeEpochs,
     epoch_orders,
@@ -68,45 +68,29 @@ def plan_by_own_clocks(
     order = OrderModel.of(problem.model, problem.job, clear=planner.clear)
     check_reach(order)
     orders = free_orders(order, settings.effort, settings.seed, watch)
-    given = file_order(order)
-    as_given: tuple[FreeOrder, ...] = ()
-    file = None if given is None else replace(order, job=given)
-    if file is not None:
-        as_given = free_orders(file, settings.effort, settings.seed, watch).found
     best: Schedule | None = None
-    total, least = np.inf, min((one.total for one in orders.found), default=np.inf)
-    for some in (_worth_planning(orders), as_given):
-        for number, one in enumerate(some):
-            if some is as_given and not _may_be_quickest(one.total, least, best):
-                continue
-            enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
-            if best is not None and enough:
-                break
-            try:
-                decided = with_changes(one.job)
-                own = replace(planner, problem=replace(problem, job=decided))
-                found = schedule(own.plan(one.angle), decided)
-            except InfeasibleError:
-                continue
-            if best is None or found.duration < best.duration:
-                best, total = (
-                    replace(found, order_grid_gap=grid_gap(orders.bound, one.total)),
-                    one.total,
-                )
-                watch.keep(_noted(best, free_notes(orders, total, None)))
+    total = np.inf
+    for number, one in enumerate(_worth_planning(orders)):
+        enough = watch.stop() or number >= ANGLES or (number and len(one.job.tasks) > LONG)
+        if best is not None and enough:
+            break
+        try:
+            decided = with_changes(one.job)
+            own = replace(planner, problem=replace(problem, job=decided))
+            found = schedule(own.plan(one.angle), decided)
+        except InfeasibleError:
+            continue
+        if best is None or found.duration < best.duration:
+            best = replace(found, order_grid_gap=grid_gap(orders.bound, one.total))
+            total = one.total
+            watch.keep(_noted(best, free_notes(orders, total, None)))
     epochs = None
     if (best is None or not watch.stop()) and _turns(problem.model):
-        most = np.inf if best is None else (1.0 + PROMISING) * least
-        news = epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS)
-        filed = [] if file is None else epoch_orders(file, settings.effort, settings.seed, watch, 1)
-        least = min(least, *(one.total for one in news)) if news else least
-        for number, several in enumerate((*news, *filed)):
+        most = np.inf if best is None else (1.0 + PROMISING) * orders.found[0].total
+        for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
             if best is not None and watch.stop():
                 break
-            is_filed = number >= len(news)
-            if not is_filed and several.total > most:
-                continue
-            if is_filed and not _may_be_quickest(several.total, least, best):
+            if several.total > most:
                 continue
             try:
                 watch.tell(f"planning with {len(several.epochs)} platform angles")
@@ -183,17 +167,6 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
         *(one for one in orders.found if one.total <= (1.0 + PROMISING) * least),
         *(one for one in orders.found if one.total > (1.0 + PROMISING) * least),
     ][:TRIES]
-
-
-def _may_be_quickest(total: float, least: float, best: Schedule | None) -> bool:
-    """Returns whether the file's order may be quicker than the best plan, or is all there is.
-
-    Args:
-        total: of the file's order, by the search's own times [s].
-        least: of the best order found, by the same [s].
-        best: the quickest plan of the orders found.
-    """
-    return best is None or total <= (1.0 + NEAR) * max(least, best.duration)
 
 
 def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-
-import numpy as np
 
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -15,8 +12,6 @@ from dualarm_cli.minimum_time.problem import Decisions
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.file_order import NEAR, file_order
-from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.order_trials import MOST_TRIED, TRIALS, most_promising
 from dualarm_cli.planning.orders import ArmTask, DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.planning.tool_changes import stop_name
@@ -34,8 +29,6 @@ HOPELESS = {"quick": 2, "normal": 4, "thorough": 12}
 """No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
-OF_THE_FILE = "that of the file, whose plan is quicker than those of the orders found"
-"""How the order was found that was there before."""
 PROMISING = 0.04
 """Orders are planned that are estimated to be slower than the best one by less than this share."""
 
@@ -73,35 +66,8 @@ def plan_in_best_order(
         keep(found)
         return found
 
-    search: PairedSearch | None = None
-    best: Schedule | None = None
-    failure: InfeasibleError | None = None
-    least, bound = np.inf, None
-    try:
-        search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
-        orders = search.orders(watch)
-        least, bound = orders.found[0].total, orders.bound
-        best = _searched(search, orders, settings, watch, planned)
-    except InfeasibleError as error:
-        failure = error
-    # On the search's grid there may be less than off it: what the file says is tried in any case.
-    order = OrderModel.of(model, job, clear=clear) if search is None else search.order
-    if (given := file_order(order)) is not None:
-        total = np.inf if search is None else search.total(given)
-        if best is None or (
-            search is not None
-            and search.hoped(given) <= (1.0 + NEAR) * max(least, best.duration)
-            and not watch.stop()
-        ):
-            watch.tell("planning the file's order")
-            one = DecidedOrder(given, total)
-            with suppress(InfeasibleError):
-                found = planned(one, Orders((one,), bound, OF_THE_FILE), patient=True)
-                best = found if best is None or found.duration < best.duration else best
-    if best is None:
-        assert failure is not None  # nothing else leaves none
-        raise failure
-    return best
+    search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
+    return _searched(search, search.orders(watch), settings, watch, planned)
 
 
 def _searched(
@@ -284,10 +250,8 @@ def order_notes(orders: Orders, total: float) -> list[str]:
 
     Args:
         orders: what the search found.
-        total: of the order that was planned, on the search's grid [s]; infinite where it has no plan there.
+        total: of the order that was planned, on the search's grid [s].
     """
-    if np.isinf(total):
-        return [f"order: {orders.how}"]
     notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
     if orders.bound is not None:
         notes.append(

@@ -206,17 +206,6 @@ class PairedSearch:
         # With idle stages between that the arms wait for each other, as they do in the search, it is possible as well.
         return DecidedOrder(paired_as(changed, stages), own if np.isfinite(own) else total)
 
-    def total(self, job: Job) -> float:
-        """Returns how long a decided job takes on the search's grid [s]; infinite where it has no plan there."""
-        return with_angles(self.problem, self._slots(job)).total
-
-    def hoped(self, job: Job) -> float:
-        """Returns how long a decided job takes on the search's grid [s], were nothing in the way side by side.
-
-        What touches there may wait or go another way in a plan. Infinite where it has no plan there even so.
-        """
-        return with_angles(replace(self.problem, apart=None), self._slots(job)).total
-
     def as_it_is(self) -> Orders:
         """Returns the order that the search would go on from, without any search."""
         assert self.start is not None  # it goes on from one

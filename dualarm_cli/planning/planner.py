@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.planning.buffer_numbers import check_stage_levels
 from dualarm_cli.planning.clear_plan import clearance_notes, quickest_clear
 from dualarm_cli.planning.conveyor_plan import conveyor_notes, guessed, quickest_meeting
-from dualarm_cli.planning.file_order import stage_by_stage
+from dualarm_cli.planning.file_order import file_order, stage_by_stage
 from dualarm_cli.planning.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.planning.free_plan import FreePlanner
 from dualarm_cli.planning.job_bound import job_bound
@@ -48,6 +49,8 @@ HANDED_TOGETHER = (
 """What is said of arms with clocks of their own that have to meet."""
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """What is said where the user had seen enough once there was a plan."""
+OF_THE_FILE = "order: that of the file, whose plan is quicker than those of the orders found"
+"""What is said where a search does no better than the file."""
 T = TypeVar("T")
 UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
 """What is said of a time limit where nothing was searched."""
@@ -143,7 +146,7 @@ def plan_without_bound(
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
     found = _until_seen_enough(
-        watch, lambda: _planned(job, settings, problem, replaced, watch, clear=clear)
+        watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
     )
     watch.end()
     found = found or watch.kept
@@ -163,6 +166,38 @@ def _finished(schedule: Schedule, job: Job, watch: Watch) -> Schedule:
     if watch.stopped:
         notes.append(f"order: the search was ended early, as {watch.stopped}; it may do better")
     return replace(schedule, notes=(*schedule.notes, *notes))
+
+
+def _not_slower_than_filed(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
+    found: Schedule | None = None
+    failure: InfeasibleError | None = None
+    try:
+        found = _planned(job, settings, problem, replaced, watch, clear=clear)
+    except InfeasibleError as error:
+        failure = error
+    filed = file_order(job)
+    if filed is not None and (found is None or not watch.stop()):
+        watch.tell("planning the file's order")
+        own = replace(problem, job=filed)
+        with suppress(InfeasibleError):
+            given = _planned(filed, settings, own, replaced, watch, clear=clear)
+            if found is None or given.duration < found.duration:
+                # What is proven of arms in a given order is not proven of all orders.
+                notes = [note for note in given.notes if not note.startswith("order: ")]
+                found = replace(given, order_grid_gap=None, notes=(*notes, OF_THE_FILE))
+    if found is None:
+        assert failure is not None  # nothing else leaves none
+        raise failure
+    return found
 
 
 def _planned(
@@ -198,10 +233,8 @@ def _planned(
     def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
         own = replace(problem, start=start, patient=patient, job=with_changes(one))
         if not job.is_decided:
-            # What no order can mend must not take much longer than a plan; the file's order is tried afresh.
-            own = replace(
-                own, paths=PathBudget.of(job, settings.effort) if start is None else paths
-            )
+            # What no order can mend must not take much longer than a plan.
+            own = replace(own, paths=paths)
         return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
 
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:

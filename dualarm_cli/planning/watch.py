@@ -51,8 +51,9 @@ class Watch:
         return self.catching and self.kept is not None
 
     def begin(self) -> None:
-        """A search begins; its time counts from here."""
-        self._begin = time.monotonic()
+        """A search begins; the time of all searches for a plan counts from the first one."""
+        if not self.searching:
+            self._begin = time.monotonic()
         self.best = self.bound = None
         self.searching = True
 

@@ -8,14 +8,11 @@ import json
 import pytest
 
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning import free_ordered_plan, ordered_plan, path_jobs
+from dualarm_cli.planning import free_ordered_plan, ordered_plan, path_jobs, planner
 from dualarm_cli.planning.file_order import file_order
-from dualarm_cli.planning.free_epochs import FreeEpochs
 from dualarm_cli.planning.free_orders import free_orders
-from dualarm_cli.planning.order_model import OrderModel
 from dualarm_cli.planning.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
@@ -46,17 +43,13 @@ def made(tmp_path):
 
 def filed(job):
     """Arms and names in the order of the file, None where that is none."""
-    found = file_order(OrderModel.of(CellModel.from_cell(job.cell), job, clear=False))
+    found = file_order(job)
     return found and [(task.arm, task.id) for task in found.tasks]
 
 
-def test_tasks_stay_in_their_order_and_go_to_the_arm_with_fewer_stops(made):
-    """A pick and place count twice; what is the right arm's stays so."""
-    place = {"xyz": [0.5, 0.1, 0.85], "rpy": ["180 deg", 0, 0]}
-    both = {"id": "both", "arm": "any", "pick": place, "place": place}
-    tasks = [both, move("a", 0.1), move("b", -0.1), move("c", 0.0), move("d", 0.0, arm="right")]
-    expected = [("left", "both"), ("right", "a"), ("right", "b"), ("left", "c"), ("right", "d")]
-    assert filed(made(tasks)) == expected
+def test_tasks_stay_in_their_order_and_arms_stay_open(made):
+    tasks = [move("a", 0.1), move("b", -0.1), move("c", 0.0, arm="right")]
+    assert filed(made(tasks)) == [("any", "a"), ("any", "b"), ("right", "c")]
 
 
 def test_a_given_order_is_not_among_those_of_a_search(made):
@@ -70,25 +63,33 @@ def test_a_sequence_that_the_file_tears_apart_is_not_kept(made):
     assert filed(made(tasks, sequences=[["b", "c"]])) == [("left", name) for name in "abc"]
 
 
-def test_a_file_that_brings_what_waits_first_is_no_order(made):
-    """Both wait for a task of their own arm that comes later."""
-    tasks = [move("a", 0.1, arm="left", after=["b"]), move("b", 0.1, arm="left")]
-    assert filed(made(tasks)) is None
+def test_a_file_that_brings_what_waits_first_is_planned_in_another_order(made):
+    """The first task waits for one of its own arm that comes later."""
+    job = made([move("a", 0.1, arm="left", after=["b"]), move("b", 0.1, arm="left")])
+    found = plan_without_bound(job, QUICK)
+    assert verify(found, job, clearance=True).failures == ()
 
 
-def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monkeypatch):
+@pytest.mark.parametrize("mode", ["paired", "free"])
+def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monkeypatch, mode):
     """On its grid there may be none; and what the file says is said to be of the file."""
 
     def none(*_, **__):
         raise InfeasibleError("none on the grid")
 
-    job = made([move("a", 0.3), move("b", -0.3)])
+    def none_of_the_open(order, *more):
+        found = free_orders(order, *more)
+        return found if order.job.is_decided else dataclasses.replace(found, found=())
+
+    job = made([move("a", 0.3, arm="left"), move("b", -0.3, arm="right")], mode=mode)
     monkeypatch.setattr(ordered_plan.PairedSearch, "of", none)
+    monkeypatch.setattr(free_ordered_plan, "free_orders", none_of_the_open)
+    monkeypatch.setattr(free_ordered_plan, "epoch_orders", lambda *_: [])
     schedule = plan_without_bound(job, QUICK)
     assert verify(schedule, job, clearance=True).failures == ()
-    assert f"order: {ordered_plan.OF_THE_FILE}" in schedule.notes
+    assert planner.OF_THE_FILE in schedule.notes
     assert schedule.order_grid_gap is None
-    monkeypatch.setattr(ordered_plan, "file_order", lambda _: None)
+    monkeypatch.setattr(planner, "file_order", lambda _: None)
     with pytest.raises(InfeasibleError, match="none on the grid"):
         plan_without_bound(job, QUICK)
 
@@ -97,7 +98,7 @@ def test_an_open_order_is_not_slower_than_the_same_file_with_its_order_given(mad
     """Also where the search estimates less than its plan takes: nothing better than one stop after the other."""
 
     def one_by_one(search, orders, settings, watch, planned):
-        job = file_order(search.order)
+        job = file_order(search.order.job)
         pairing = tuple((key,) for stage in job.stages() for key in keys(stage))
         one = ordered_plan.DecidedOrder(dataclasses.replace(job, pairing=pairing), 9.0)
         return planned(one, orders, patient=True)
@@ -129,37 +130,8 @@ def test_by_own_clocks_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     job = made(tasks, mode="free", start="free")
     given = plan_without_bound(dataclasses.replace(job, order="given"), QUICK)
     monkeypatch.setattr(free_ordered_plan, "free_orders", reversed_orders)
-    monkeypatch.setattr(free_ordered_plan, "NEAR", 1.0)
     found = plan_without_bound(job, QUICK)
     assert found.duration <= given.duration
-
-
-@pytest.mark.parametrize("angles", ["one", "several"])
-def test_by_own_clocks_the_order_of_the_file_is_planned_where_the_search_finds_none(
-    made, monkeypatch, angles
-):
-    """At one platform angle, and where that has no plan, at several ones."""
-
-    def none_at_one_angle(order, *more):
-        found = free_orders(order, *more)
-        if order.job.is_decided and angles == "one":
-            return found
-        return dataclasses.replace(found, found=())
-
-    def none_at_several(order, *more):
-        if not order.job.is_decided or angles == "one":
-            return []
-        job, angle = order.job, free_orders(order, *more[:-1]).found[0].angle
-        return [FreeEpochs(job, ((angle, job.tasks[:2]), (angle + 0.1, job.tasks[2:])), 9.0)]
-
-    tasks = [move(f"m{k}", 0.35 - 0.25 * k, arm=("left", "right")[k // 2]) for k in range(4)]
-    job = made(tasks, mode="free", start="free")
-    monkeypatch.setattr(free_ordered_plan, "free_orders", none_at_one_angle)
-    monkeypatch.setattr(free_ordered_plan, "epoch_orders", none_at_several)
-    monkeypatch.setattr(free_ordered_plan, "_may_be_quicker", lambda *_: False)
-    found = plan_without_bound(job, QUICK)
-    assert not any("stage to stage together" in note for note in found.notes)
-    assert verify(found, job, clearance=True).failures == ()
 
 
 def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatch):
