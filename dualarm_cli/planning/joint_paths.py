@@ -119,20 +119,21 @@ class _Tree:
         """Adds edges from the nearest posture towards another one; returns the last one's number, None for none."""
         every = np.array(self.points)
         number = int(np.argmin(((every - towards) ** 2).sum(axis=1)))
-        grown = None
-        for _ in range(strides):
-            here = self.points[number]
-            length = float(np.abs(towards - here).max())
-            if length == 0.0:
-                return number
-            there = towards if length <= STRIDE else here + (towards - here) * (STRIDE / length)
-            if not free(_along(here[None], there[None])).all():
-                break
-            self.points.append(there)
-            self._parents.append(number)
-            grown = number = len(self.points) - 1
-            if length <= STRIDE:
-                break
+        stops = _strides(self.points[number], towards, strides)
+        grown, looked = (None if stops else number), 0
+        while looked < len(stops):
+            # Few at first: most edges are not free for long, and a call costs as much as many postures.
+            some = stops[looked : 2 * looked + 1]
+            rows = [_along(here[None], there[None]) for here, there in some]
+            is_free, first = free(np.vstack(rows)), 0
+            for (_, there), row in zip(some, rows, strict=True):
+                if not is_free[first : first + len(row)].all():
+                    return grown
+                first += len(row)
+                self.points.append(there)
+                self._parents.append(number)
+                grown = number = len(self.points) - 1
+            looked += len(some)
         return grown
 
     def way(self, number: int) -> FloatArray:
@@ -142,6 +143,21 @@ class _Tree:
             number = self._parents[number]
             way.append(self.points[number])
         return np.array(way[::-1])
+
+
+def _strides(
+    here: FloatArray, towards: FloatArray, most: int
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns the ends of edges of STRIDE one after the other from a posture towards another one, at most so many."""
+    found = []
+    for _ in range(most):
+        length = float(np.abs(towards - here).max())
+        if length == 0.0:
+            break
+        there = towards if length <= STRIDE else here + (towards - here) * (STRIDE / length)
+        found.append((here, there))
+        here = there
+    return found
 
 
 def _along(start: FloatArray, end: FloatArray) -> FloatArray:

@@ -195,6 +195,8 @@ class _Tried:
 
     def repeats(self, job: Job) -> bool:
         """Returns whether an arm does a task in an order that is to be done by the other one."""
+        if not self.others:
+            return False
         return not self.others.isdisjoint(_lone_tasks(job, range(len(job.stages()))))
 
     @property

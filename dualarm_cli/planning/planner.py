@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dualarm_cli import __version__
-from dualarm_cli.errors import InfeasibleError, UnsupportedError
+from dualarm_cli.errors import BlockedError, InfeasibleError, UnsupportedError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.minimum_time.bound import LowerBound
 from dualarm_cli.minimum_time.problem import Decisions
@@ -180,14 +180,20 @@ def _not_slower_than_filed(
     """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
     found: Schedule | None = None
     failure: InfeasibleError | None = None
+    if not job.is_decided:
+        # What no order can mend must not take much longer than a plan.
+        problem = replace(problem, paths=PathBudget.of(job, settings.effort))
     try:
         found = _planned(job, settings, problem, replaced, watch, clear=clear)
     except InfeasibleError as error:
         failure = error
     filed = file_order(job)
+    if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
+        filed = None  # the search for its arms would meet the same again
     if filed is not None and (found is None or not watch.stop()):
         watch.tell("planning the file's order")
-        own = replace(problem, job=filed)
+        paths = None if filed.is_decided else PathBudget.of(job, settings.effort)
+        own = replace(problem, job=filed, paths=paths)
         with suppress(InfeasibleError):
             given = _planned(filed, settings, own, replaced, watch, clear=clear)
             if found is None or given.duration < found.duration:
@@ -228,13 +234,8 @@ def _planned(
             ),
         )
 
-    paths = PathBudget.of(job, settings.effort)
-
     def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
         own = replace(problem, start=start, patient=patient, job=with_changes(one))
-        if not job.is_decided:
-            # What no order can mend must not take much longer than a plan.
-            own = replace(own, paths=paths)
         return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
 
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
