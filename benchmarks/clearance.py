@@ -17,11 +17,11 @@ import pinocchio as pin
 
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import Pair, cell_solids, geometry_model
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 TASKS = Path(__file__).parents[1] / "tasks"

@@ -9,13 +9,12 @@ import numpy as np
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.planning.decided_jobs import decided
-from dualarm_cli.planning.order_model import OrderModel
-from dualarm_cli.planning.stage_order_model import stage_problem
-from dualarm_cli.sequencing.nearest import nearest_stages
-from dualarm_cli.sequencing.problem import SequencingProblem
-from dualarm_cli.sequencing.stage_orders import never_touching
-from dualarm_cli.sequencing.stage_problem import IDLE, StageProblem
+from dualarm_cli.orders.asynchronous.problem import SequencingProblem
+from dualarm_cli.orders.decided_jobs import decided
+from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.model.stage_order_model import stage_problem
+from dualarm_cli.orders.paired.orders import nearest_stages, never_touching
+from dualarm_cli.orders.paired.problem import IDLE, StageProblem
 
 
 def each_arms_nearest(job: Job) -> Job:

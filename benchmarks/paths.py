@@ -16,17 +16,16 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.rotations import log_rotation
-from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.manipulability import manipulability, manipulability_rates
-from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.path_following import NoPath, PathMotion, PathProblem
-from dualarm_cli.path_following.acceleration import (
+from dualarm_cli.kinds.path.context import PathClock, PathContext
+from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
+from dualarm_cli.kinds.path.following.acceleration import (
     AccelerationStep,
     follow_manipulability,
     follow_min_acceleration,
 )
-from dualarm_cli.path_following.velocity import (
+from dualarm_cli.kinds.path.following.velocity import (
     Room,
     follow_min_norm,
     follow_spring,
@@ -34,9 +33,9 @@ from dualarm_cli.path_following.velocity import (
     make_step,
     spring_gradient,
 )
-from dualarm_cli.planning.path_clock import PathClock
-from dualarm_cli.planning.path_context import PathContext
-from dualarm_cli.planning.path_starts import path_starts
+from dualarm_cli.kinds.path.starts import path_starts
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.manipulability import manipulability, manipulability_rates
 
 PAPERS = Path(__file__).parents[1] / "tasks" / "papers"
 STEPS = 1500

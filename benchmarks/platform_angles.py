@@ -23,7 +23,8 @@ from scipy.optimize import brentq
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.roots import zeros_by_companion
-from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem, PlatformSolution, balance
+from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem, PlatformSolution
+from dualarm_cli.platform_angle import exact as balance
 from dualarm_cli.platform_angle.problem import cosine_coefficients
 
 SAMPLES = 720

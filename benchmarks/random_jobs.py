@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 
 PACKING = Path(__file__).parent.parent / "tasks" / "04_packing" / "tasks.yaml"

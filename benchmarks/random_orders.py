@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 from random_jobs import DWELL, LINE, PACKING
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.job import ANY, Action, Job, Mode, Place, PoseTarget, Stop, Task
-from dualarm_cli.planning.order_model import OrderModel
+from dualarm_cli.orders.model.order_model import OrderModel
 
 FAMILIES = ("spots", "parts", "scattered")
 """One target for each task; a pick and a place for each; one target anywhere, not on the side of the file's arm."""

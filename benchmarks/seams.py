@@ -19,19 +19,19 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
-from dualarm_cli.closed_chain.chain import Chain
-from dualarm_cli.closed_chain.rates import steady_time
-from dualarm_cli.closed_chain.starts import beyond_limits, seam_starts
-from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.model.contours import Contour, Ellipse, Saddle, Segment, SphereArc
-from dualarm_cli.model.feature_curve import FeatureCurve
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.kinds.seam.closed_chain.starts import beyond_limits, seam_starts
+from dualarm_cli.kinds.seam.closed_chain.ways import steady_time
+from dualarm_cli.kinds.seam.motion import timed_seam
+from dualarm_cli.kinds.seam.path import SeamPath
+from dualarm_cli.kinds.seam.plan import SAMPLES, TRIED
+from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
+from dualarm_cli.model.curves.feature_curve import FeatureCurve
+from dualarm_cli.model.curves.point_spline import PointSpline
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.point_spline import PointSpline
 from dualarm_cli.model.seam import SeamTool, SeamWork
-from dualarm_cli.planning.seam_jobs import SAMPLES, TRIED
-from dualarm_cli.planning.seam_motion import timed_seam
-from dualarm_cli.planning.seam_path import SeamPath
 
 TASKS = Path(__file__).parents[1] / "tasks" / "10_seam" / "tasks.yaml"
 MIDDLE = np.array([0.5, 0.0, 1.0])
@@ -69,7 +69,7 @@ SUITE: dict[str, tuple[Contour, SeamTool]] = {
     ),
     "ellipse 80 x 50": (Ellipse((0.08, 0.05), 0.0, TURN), SeamTool(0.002, free_spin=True)),
     "line of 300 mm": (
-        Segment(np.zeros(3), np.array([0.3, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
+        LineContour(np.zeros(3), np.array([0.3, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
         SeamTool(0.002, free_spin=True),
     ),
     "wave of 200 mm": (

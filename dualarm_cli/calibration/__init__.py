@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dualarm_cli.calibration.frame import solve_frame
-from dualarm_cli.calibration.problem import CalibrationProblem
-from dualarm_cli.calibration.rigid import solve_least_squares
-from dualarm_cli.calibration.solution import CalibrationSolution
+from dualarm_cli.calibration.problem import CalibrationProblem, CalibrationSolution
+from dualarm_cli.calibration.rigid import solve_frame, solve_least_squares
 from dualarm_cli.registry import Registry, Solver
 
 CALIBRATION_SOLVERS: Registry[Solver[CalibrationProblem, CalibrationSolution]] = Registry(

@@ -1,14 +1,122 @@
-"""How well points determine a pose: their spread, and how far they are from one line."""
+"""How well data determine a pose: the spread of points, the rank of a Jacobian, 95 % intervals and regions."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dualarm_cli.calibration.problem import CalibrationProblem
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+
+LEVEL = 0.95
+"""How sure intervals and regions are."""
+
+
+def interval_factor(degrees: int | None) -> float:
+    """Returns how many standard deviations an interval of one number reaches to either side.
+
+    Args:
+        degrees: of freedom of the noise's estimate (Student's t); None where the noise is stated (normal).
+    """
+    # scipy.special is quick to load; scipy.stats is not.
+    from scipy.special import ndtri, stdtrit
+
+    tail = 0.5 + LEVEL / 2.0
+    return float(ndtri(tail) if degrees is None else stdtrit(degrees, tail))
+
+
+def region_limit(degrees: int | None, count: int = 6) -> float:
+    """Returns the largest squared Mahalanobis distance of the region of `count` numbers together.
+
+    Args:
+        degrees: of freedom of the noise's estimate: count F(count, degrees); None where it is stated: chi squared.
+        count: how many numbers.
+    """
+    from scipy.special import chdtri, fdtri
+
+    if degrees is None:
+        return float(chdtri(count, 1.0 - LEVEL))
+    return count * float(fdtri(count, degrees, LEVEL))
+
+
+def half_widths(covariance: FloatArray, degrees: int | None) -> FloatArray:
+    """Returns the half widths (n,) of the intervals of single numbers with a covariance (n, n)."""
+    deviations = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    found: FloatArray = interval_factor(degrees) * deviations
+    return found
+
+
+def explained(squares: float, degrees: int, variance: float, level: float = 0.01) -> bool:
+    """Returns whether noise of that variance leaves residuals as large as these with a chance of at least `level`.
+
+    Args:
+        squares: sum of squared residuals [m^2].
+        degrees: their degrees of freedom.
+        variance: of one residual [m^2].
+        level: the chance.
+    """
+    from scipy.special import chdtrc
+
+    return math.isclose(squares, 0.0) or float(chdtrc(degrees, squares / variance)) >= level
+
+
+WEAKEST = 1e-3
+"""Singular values below this, relative to the largest of the scaled Jacobian, count as zero: there noise would come
+out a thousand times as large."""
+SHARE = 1e-4
+"""A parameter with a larger share than this in an unseen direction is not determined."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How a Jacobian sees its parameters."""
+
+    inverse: FloatArray
+    """Pseudo-inverse over the directions that it sees, shape (k, m)."""
+    seen: BoolArray
+    """Which parameters are determined, shape (k,)."""
+    unseen: FloatArray
+    """Directions that are not, a row each, scaled parameters, shape (j, k)."""
+    rank: int
+    """How many directions it sees."""
+
+    def covariance(self, variance: float) -> FloatArray:
+        """Returns the covariance (k, k) of the parameters for a variance of each residual."""
+        return variance * self.inverse @ self.inverse.T
+
+    def in_words(self, names: Sequence[str]) -> list[str]:
+        """Returns each direction that is not seen, as a sum of parameters with their shares."""
+        found = []
+        for row in self.unseen:
+            largest = [k for k, share in enumerate(row) if abs(share) > 0.05]
+            sign = np.sign(row[largest[0]])
+            terms = [f"{sign * row[k]:+.2f} {names[k]}" for k in largest]
+            found.append(" ".join(terms).removeprefix("+"))
+        return found
+
+
+def look(jacobian: FloatArray, scale: FloatArray) -> Sight:
+    """Returns what a Jacobian determines.
+
+    Args:
+        jacobian: of m residuals by k parameters, shape (m, k).
+        scale: size of each parameter that counts as one, so that columns can be compared, shape (k,).
+    """
+    _, values, Vt = np.linalg.svd(jacobian * scale, full_matrices=True)
+    count = jacobian.shape[1]
+    values = np.concatenate([values, np.zeros(count - len(values))])
+    good = values > WEAKEST * values[0]
+    kept = Vt[good]
+    # pinv(J S) = V diag(1 / values²) Vᵀ (J S)ᵀ over the directions that are seen.
+    inverse = scale[:, None] * (kept.T / values[good] ** 2) @ kept @ (jacobian * scale).T
+    unseen = Vt[~good]
+    share = np.linalg.norm(unseen, axis=0)
+    return Sight(inverse, share < SHARE, unseen, int(good.sum()))
+
 
 NEARLY_A_LINE = 0.2
 """Height over length below which points are called nearly on a line."""

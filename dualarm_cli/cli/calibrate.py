@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
@@ -71,7 +71,7 @@ def calibrate_command(
     """
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
     from dualarm_cli.calibration.calibrate import calibrate
-    from dualarm_cli.loading.points import load_points
+    from dualarm_cli.files.calibration.points import load_points
 
     solver = CALIBRATION_SOLVERS[method]
     if origin is not None and solver.name != "frame":
@@ -81,11 +81,11 @@ def calibrate_command(
     if out is not None:
         _write(out, force, points, result)
     if json_output:
-        from dualarm_cli.reporting.calibration import calibration_document
+        from dualarm_cli.report.calibration import calibration_document
 
         print_json(calibration_document(result))
     elif not quiet:
-        from dualarm_cli.reporting.calibration_text import print_calibration
+        from dualarm_cli.report.calibration import print_calibration
 
         print_calibration(result, stdout_console())
     if not quiet:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.output import JsonOption, QuietOption, print_json
+from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json
 
 if TYPE_CHECKING:
     from dualarm_cli.errors import Diagnostic
-    from dualarm_cli.loading.bases import Base
+    from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.robot import Robot
@@ -31,7 +31,7 @@ def check_command(
     quiet: QuietOption = False,
 ) -> None:
     """Validate cell, robot, task, study, points or base files, all errors at once, without planning."""
-    from dualarm_cli.loading.diagnostics import render
+    from dualarm_cli.files.source.diagnostics import render
 
     results = [_check_one(str(file)) for file in files]
     diagnostics = list(dict.fromkeys(d for result in results for d in result["diagnostics"]))
@@ -56,7 +56,7 @@ def _echo(text: str) -> None:
 def _check_one(file: str) -> dict[str, Any]:
     """Returns what became of one file."""
     from dualarm_cli.errors import InputError
-    from dualarm_cli.loading.checking import load_file
+    from dualarm_cli.files.checking import load_file
 
     try:
         noun = load_file(file)
@@ -85,9 +85,9 @@ def _paths(noun: Noun) -> list[Diagnostic]:
     from functools import partial
 
     from dualarm_cli.errors import InputError
+    from dualarm_cli.kinds.seam.words import check_seams
     from dualarm_cli.model.job import Job
-    from dualarm_cli.planning.path_words import check_followers
-    from dualarm_cli.planning.seam_words import check_seams
+    from dualarm_cli.plan.redundancy_choice import check_followers
 
     if not isinstance(noun, Job):
         return []
@@ -102,12 +102,12 @@ def _paths(noun: Noun) -> list[Diagnostic]:
 
 def _describe(noun: Noun) -> tuple[str, str]:
     """Returns the kind of a file and what is in it."""
-    from dualarm_cli.loading.bases import Base
+    from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.study import Study
     from dualarm_cli.model.touches import Touches
-    from dualarm_cli.planning.tool_changes import with_changes
+    from dualarm_cli.orders.model.tool_changes import with_changes
 
     if isinstance(noun, Study):
         counts = [(len(noun.parameters), "parameter"), (len(noun.tasks), "task file")]

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dualarm_cli.cli.app import app
+from typing import Annotated
+
+import typer
+
+from dualarm_cli import __version__
 from dualarm_cli.cli.calibrate import calibrate_command
 from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
@@ -14,6 +18,34 @@ from dualarm_cli.cli.score import score_command
 from dualarm_cli.cli.solvers import solvers_command
 from dualarm_cli.cli.sweep import sweep_command
 from dualarm_cli.cli.verify import verify_command
+
+app = typer.Typer(
+    name="dualarm",
+    help="How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out.",
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"dualarm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out."""
+
 
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)

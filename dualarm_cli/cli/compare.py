@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.options import Effort, EffortOption, SeedOption, refuse_plot
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.options import Effort, EffortOption, SeedOption, refuse_plot
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
@@ -16,15 +16,15 @@ from dualarm_cli.cli.output import (
     stderr_console,
     stdout_console,
 )
-from dualarm_cli.cli.result_files import json_bytes, refuse_folder, write_folder
+from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder, write_folder
 from dualarm_cli.errors import UsageError
-from dualarm_cli.reporting.printable import printable
+from dualarm_cli.report.printable import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dualarm_cli.model.job import Job
-    from dualarm_cli.planning.comparison import Case
+    from dualarm_cli.plan.comparison import Case
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
 SCHEDULES_DOCUMENT, SCHEDULES_TABLE = "schedules.json", "schedules.csv"
@@ -89,7 +89,7 @@ def solvers_command(
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
     """
-    from dualarm_cli.planning.comparison import job_cases
+    from dualarm_cli.plan.comparison import job_cases
 
     _refuse(out, plot, force)
     jobs = _jobs(tasks or [])
@@ -117,8 +117,8 @@ def _refuse(out: str | None, plot: Path | None, force: bool) -> None:
 def _jobs(paths: list[Path]) -> dict[str, Job]:
     """Returns the jobs by what the user calls them; everything wrong with any of them comes at once."""
     from dualarm_cli.errors import Diagnostic, InputError
-    from dualarm_cli.loading.bundled import bundled_tasks
-    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.files.source.bundled import bundled_tasks
+    from dualarm_cli.files.tasks.tasks import load_job
 
     names = {str(path): path for path in paths} or bundled_tasks()
     if not names:
@@ -140,7 +140,7 @@ def _compare(
 ) -> dict[str, Any]:
     """Returns the document of all jobs."""
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.reporting.comparison import comparison_document
+    from dualarm_cli.report.comparison.comparison import comparison_document
 
     settings = PlanSettings(effort=effort, seed=seed)
     console = stderr_console()
@@ -173,9 +173,9 @@ def _one_job(
     from math import isfinite
     from time import perf_counter
 
-    from dualarm_cli.planning.comparison import run_cases
-    from dualarm_cli.planning.job_bound import job_bound
-    from dualarm_cli.reporting.comparison import job_comparison
+    from dualarm_cli.plan.comparison import run_cases
+    from dualarm_cli.plan.job_bound import job_bound
+    from dualarm_cli.report.comparison.comparison import job_comparison
     from dualarm_cli.verification import verify
 
     def say(text: str) -> None:
@@ -195,8 +195,8 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
     say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.reporting.comparison_figure import draw_comparison
-    from dualarm_cli.reporting.comparison_table import comparison_csv
+    from dualarm_cli.report.comparison.comparison_table import comparison_csv
+    from dualarm_cli.report.figures.comparison_figure import draw_comparison
 
     if plot is not None:
         kind = plot.suffix.lower().lstrip(".")
@@ -214,9 +214,9 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
 
 
 def _print(document: dict[str, Any]) -> None:
-    from dualarm_cli.reporting.comparison_table import comparison_table, reason_lines
-    from dualarm_cli.reporting.path_table import paths_table
-    from dualarm_cli.reporting.seam_table import seams_table
+    from dualarm_cli.report.comparison.comparison_table import comparison_table, reason_lines
+    from dualarm_cli.report.path_measures import paths_table
+    from dualarm_cli.report.seam_measures import seams_table
 
     console = stdout_console()
     clock = document["wall_clock"]
@@ -264,8 +264,8 @@ def schedules_command(
     not a failure: the exit code is 0.
     """
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.reporting.schedule_comparison import compare_schedules
-    from dualarm_cli.reporting.schedule_comparison_table import (
+    from dualarm_cli.report.comparison.schedule_comparison import compare_schedules
+    from dualarm_cli.report.comparison.schedule_comparison_table import (
         schedules_csv,
         schedules_sentence,
         schedules_table,

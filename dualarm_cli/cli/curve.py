@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
@@ -17,9 +17,9 @@ from dualarm_cli.cli.output import (
 from dualarm_cli.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from dualarm_cli.loading.quantities import Dimension
+    from dualarm_cli.files.source.quantities import Dimension
     from dualarm_cli.model.seam import SeamWork
-    from dualarm_cli.reporting.curve_report import CurveReport
+    from dualarm_cli.report.curve_report import CurveReport
 
 INTERVAL = "4 ms"
 """Interval of the points where nothing else is said."""
@@ -58,10 +58,10 @@ def curve_command(
     The last step is shorter where the curve is not a whole number of steps long. Beside it stands the forward Euler
     step that Qin et al. (2024) print, Eq. 14 to 17.
     """
-    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.files.tasks.tasks import load_job
 
     if plot is not None:
-        from dualarm_cli.cli.options import refuse_plot
+        from dualarm_cli.cli.parts.options import refuse_plot
 
         refuse_plot(plot, force)
     interval, distance = _steps(step, spacing)
@@ -72,11 +72,11 @@ def curve_command(
     reports = [_report(name, work, interval, distance) for name, work in seams.items()]
     _write(reports, out, plot, force)
     if json_output:
-        from dualarm_cli.reporting.curve_report import curves_document
+        from dualarm_cli.report.curve_report import curves_document
 
         print_json(curves_document(reports))
     elif not quiet:
-        from dualarm_cli.reporting.curve_report import print_curves
+        from dualarm_cli.report.curve_report import print_curves
 
         print_curves(reports, stdout_console())
     for file in (out, plot):
@@ -86,7 +86,7 @@ def curve_command(
 
 def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float | None]:
     """Returns interval [s] or distance [m], whichever is given."""
-    from dualarm_cli.loading.quantities import LENGTH, TIME
+    from dualarm_cli.files.source.quantities import LENGTH, TIME
 
     if step is not None and spacing is not None:
         raise UsageError("--spacing does not go with --step; keep one")
@@ -96,7 +96,7 @@ def _steps(step: str | None, spacing: str | None) -> tuple[float | None, float |
 
 
 def _positive(option: str, text: str, dimension: Dimension) -> float:
-    from dualarm_cli.loading.quantities import parse_quantity
+    from dualarm_cli.files.source.quantities import parse_quantity
 
     try:
         value = parse_quantity(text, dimension)
@@ -125,8 +125,8 @@ def _report(
     name: str, work: SeamWork, interval: float | None, distance: float | None
 ) -> CurveReport:
     """Returns the points of one task's curve, after refusing steps that make no sense."""
-    from dualarm_cli.model.discretisation import MOST_POINTS, SHORTEST_STEP
-    from dualarm_cli.reporting.curve_report import curve_report
+    from dualarm_cli.model.curves.discretisation import MOST_POINTS, SHORTEST_STEP
+    from dualarm_cli.report.curve_report import curve_report
 
     speed = None
     if distance is None and interval is not None:
@@ -152,12 +152,12 @@ def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, forc
 
     if out is not None:
         from dualarm_cli.exporting.curve_csv import curve_csv
-        from dualarm_cli.model.discretisation import step_lengths
+        from dualarm_cli.model.curves.discretisation import step_lengths
 
         report = reports[0]
         s = step_lengths(report.curve.length, report.step)
         write_file(out, curve_csv(s, report.points["arc_length"]), force)
     if plot is not None:
-        from dualarm_cli.reporting.curve_figure import draw_curves
+        from dualarm_cli.report.figures.curve_figure import draw_curves
 
         write_file(plot, draw_curves(reports, plot.suffix.lower().lstrip(".")), force)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.options import (
+from dualarm_cli.cli.parts.options import (
     Effort,
     EffortOption,
     PlatformOption,
@@ -21,7 +21,7 @@ from dualarm_cli.cli.options import (
     read_time_limit,
     refuse_plot,
 )
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
@@ -79,10 +79,10 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
-    from dualarm_cli.loading.tasks import load_job
+    from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.planning.redundancy_choice import with_redundancy
-    from dualarm_cli.reporting.report import build_report
+    from dualarm_cli.plan.redundancy_choice import with_redundancy
+    from dualarm_cli.report.report import build_report
 
     if rate is not None and not 0.0 < rate <= MAX_RATE:
         raise UsageError(f"--rate {rate:g}: must be above 0 and at most {MAX_RATE:g} Hz")
@@ -117,9 +117,9 @@ def plan_command(
 def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
     """Writes the figure of a job's paths, else of its seams, else of who does what when."""
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.reporting.gantt_figure import draw_gantt
-    from dualarm_cli.reporting.path_figure import draw_paths
-    from dualarm_cli.reporting.seam_figure import draw_seams
+    from dualarm_cli.report.figures.gantt_figure import draw_gantt
+    from dualarm_cli.report.figures.path_figure import draw_paths
+    from dualarm_cli.report.figures.seam_figure import draw_seams
 
     draw = draw_paths if job.has_paths else draw_seams if job.has_seams else draw_gantt
     write_file(plot, draw(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
@@ -127,7 +127,7 @@ def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
 
 def refuse_rate(job: Job, rate: float) -> None:
     """Raises before a job is planned where even the quickest plan that there could be has too many rows."""
-    from dualarm_cli.planning.job_bound import job_bound
+    from dualarm_cli.plan.job_bound import job_bound
 
     most = MAX_ROWS / rate
     if most > STOP_LASTS * sum(max(1, len(task.stops)) for task in job.tasks):
@@ -170,10 +170,10 @@ def write_results(
 def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
     from contextlib import nullcontext
 
-    from dualarm_cli.cli.interrupts import Interrupts
-    from dualarm_cli.cli.status_line import StatusLine
-    from dualarm_cli.planning.planner import plan
-    from dualarm_cli.planning.watch import Watch
+    from dualarm_cli.cli.parts.interrupts import Interrupts
+    from dualarm_cli.cli.parts.status_line import StatusLine
+    from dualarm_cli.orders.watch import Watch
+    from dualarm_cli.plan.planner import plan
     from dualarm_cli.verification import verify
 
     console = stderr_console()
@@ -189,7 +189,7 @@ def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
 
 
 def _print(report: dict[str, Any], folder: Path) -> None:
-    from dualarm_cli.reporting.console import stage_table, summary_lines
+    from dualarm_cli.report.console import stage_table, summary_lines
 
     console = stdout_console()
     console.print(stage_table(report))

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.arrays import FloatArray
     from dualarm_cli.platform_angle import PlatformProblem
-    from dualarm_cli.platform_angle.table import Row
+    from dualarm_cli.platform_angle.table import MethodRow
 
 
 PAPER = {
@@ -90,10 +90,10 @@ def _refuse_contradictions(tasks: Path | None, stage: int, given: list[str]) -> 
 
 
 def _write_figure(
-    plot: Path, problem: PlatformProblem, rows: list[Row], before: FloatArray
+    plot: Path, problem: PlatformProblem, rows: list[MethodRow], before: FloatArray
 ) -> None:
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.reporting.platform_figure import FIGURE_KINDS, draw_move
+    from dualarm_cli.report.figures.platform_figure import FIGURE_KINDS, draw_move
 
     kind = plot.suffix.lower().lstrip(".")
     if kind not in FIGURE_KINDS:
@@ -108,7 +108,7 @@ def _planar(
     """Returns the move of a planar robot and its wrists before."""
     import numpy as np
 
-    from dualarm_cli.loading.quantities import ANGLE, LENGTH
+    from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.platform_angle import PlatformProblem
 
     a1, a2 = _numbers("--links", links, LENGTH, (2,))
@@ -137,7 +137,7 @@ def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> F
     words = [word.strip() for word in text.replace(";", ",").split(",")]
     if len(words) != math.prod(shape):
         raise UsageError(f"{option} '{text}': needs {math.prod(shape)} values, got {len(words)}")
-    from dualarm_cli.loading.quantities import parse_quantity
+    from dualarm_cli.files.source.quantities import parse_quantity
 
     try:
         values = [parse_quantity(word, quantity) for word in words]
@@ -148,13 +148,13 @@ def _numbers(option: str, text: str, quantity: Any, shape: tuple[int, ...]) -> F
 
 def _stage(tasks: Path, stage: int) -> tuple[PlatformProblem, FloatArray]:
     """Returns the move into one stage of a task file, planned so far, and its wrists before."""
-    from dualarm_cli.loading.tasks import load_job
-    from dualarm_cli.planning.platform_moves import stage_move
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.stages.platform_moves import stage_move
 
     return stage_move(load_job(tasks), stage)
 
 
-def _table(rows: list[Row]) -> Any:
+def _table(rows: list[MethodRow]) -> Any:
     from rich.table import Table
 
     table = Table()
@@ -183,7 +183,7 @@ def _table(rows: list[Row]) -> Any:
     return table
 
 
-def _printed_difference(row: Row) -> str:
+def _printed_difference(row: MethodRow) -> str:
     """Returns the difference of the two printed displacements, as the paper's table has it."""
     one, two = (None if value is None else round(math.degrees(value), 2) for value in row.delta)
     return "–" if one is None or two is None else f"{abs(two) - abs(one) + 0.0:.2f}"
@@ -195,7 +195,7 @@ def _degrees(value: float | None) -> str:
     return "–" if value is None else f"{round(math.degrees(value), 2) + 0.0:.2f}"
 
 
-def _document(problem: PlatformProblem, rows: list[Row]) -> dict[str, Any]:
+def _document(problem: PlatformProblem, rows: list[MethodRow]) -> dict[str, Any]:
     return {
         "format": "dualarm.platform/1",
         "angle_0": float(problem.angle_0[0]),

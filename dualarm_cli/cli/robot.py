@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
     from dualarm_cli.kinematics.general_arm import GeneralArm
     from dualarm_cli.kinematics.platform_chain import PlatformChain
-    from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+    from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
     from dualarm_cli.model.robot import Arm, Robot
 
 robot_app = typer.Typer(
@@ -31,8 +31,8 @@ RobotName = Annotated[str, typer.Argument(help="A bundled robot's name, or a rob
 @robot_app.command("list")
 def list_command(json_output: JsonOption = False) -> None:
     """List the bundled robots."""
-    from dualarm_cli.loading.bundled import bundled_robots
-    from dualarm_cli.loading.robots import load_robot
+    from dualarm_cli.files.robots.robots import load_robot
+    from dualarm_cli.files.source.bundled import bundled_robots
 
     rows = []
     for name in bundled_robots():
@@ -63,7 +63,7 @@ def list_command(json_output: JsonOption = False) -> None:
 @robot_app.command("show")
 def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     """Show joints, limits with their source, and the measured arm geometry."""
-    from dualarm_cli.loading.robots import load_robot
+    from dualarm_cli.files.robots.robots import load_robot
 
     loaded = load_robot(robot)
     noun = loaded.robot
@@ -88,7 +88,7 @@ def export_command(
 ) -> None:
     """Write the complete URDF that any other tool loads."""
     from dualarm_cli.exporting.whole_files import write_file
-    from dualarm_cli.loading.robots import load_robot
+    from dualarm_cli.files.robots.robots import load_robot
 
     write_file(out, load_robot(robot).robot.urdf.encode(), force)
     print_message(f"written: {out}")

@@ -65,7 +65,7 @@ def run(arguments: list[str]) -> int:
         text = error.format_message().rstrip(".")
         return _report(f"{text}{'' if text.endswith('?') else '.'}{hint}", 2, arguments)
     except InputError as error:
-        from dualarm_cli.loading.diagnostics import render
+        from dualarm_cli.files.source.diagnostics import render
 
         return _report(render(error.diagnostics), error.exit_code, arguments)
     except DualArmError as error:
@@ -114,7 +114,7 @@ def _report(text: str, code: int, arguments: list[str]) -> int:
     """Says what went wrong on stderr, and on stdout as a document where JSON was asked for."""
     sys.stderr.write(text + "\n")
     if "--json" in arguments:
-        from dualarm_cli.cli.output import print_json
+        from dualarm_cli.cli.parts.output import print_json
 
         print_json({"format": "dualarm.error/1", "exit_code": code, "message": text})
     return code

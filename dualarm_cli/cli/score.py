@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
-from dualarm_cli.cli.options import (
+from dualarm_cli.cli.parts.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.parts.options import (
     Effort,
     EffortOption,
     PlatformOption,
@@ -20,14 +20,14 @@ from dualarm_cli.cli.options import (
     TimingOption,
     read_duration,
 )
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
     print_message,
     stdout_console,
 )
-from dualarm_cli.cli.score_options import (
+from dualarm_cli.cli.parts.score_options import (
     BaselineOption,
     CacheOption,
     CasesArgument,
@@ -86,7 +86,7 @@ def score_command(
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe
     of these in the order 4, 2, 3, 1. The other cases are planned all the same.
     """
-    from dualarm_cli.cli.score_files import refuse_report, refuse_same_file, write_reports
+    from dualarm_cli.cli.parts.score_files import refuse_report, refuse_same_file, write_reports
     from dualarm_cli.evaluation.request import Request
     from dualarm_cli.scoring import junit as junit_format
     from dualarm_cli.scoring import markdown as markdown_format
@@ -148,7 +148,7 @@ def _former(
         InputError: it cannot be used.
         UsageError: it was planned by other settings, so that nothing can be told from it.
     """
-    from dualarm_cli.cli.score_files import read_former
+    from dualarm_cli.cli.parts.score_files import read_former
 
     if path is None:
         return None
@@ -171,7 +171,7 @@ def _evaluate(
     requests: list[Request], run: Run, store: Store | None, quiet: bool
 ) -> dict[str, Evaluation]:
     """Returns what every case came to; `run` plans what the store does not know."""
-    from dualarm_cli.cli.score_progress import ScoreProgress
+    from dualarm_cli.cli.parts.score_progress import ScoreProgress
     from dualarm_cli.evaluation.answers import answers
 
     def checked(some: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
@@ -216,7 +216,7 @@ def _tell(
 ) -> None:
     """Prints the result; what failed is told on stderr where stdout has no table."""
     from dualarm_cli.scoring.document import score_document
-    from dualarm_cli.scoring.github import github_commands
+    from dualarm_cli.scoring.markdown import github_commands
     from dualarm_cli.scoring.words import reason_lines
 
     if github:
@@ -252,7 +252,7 @@ def _update(
     settings: dict[str, object],
     quiet: bool,
 ) -> None:
-    from dualarm_cli.cli.score_files import write_baseline
+    from dualarm_cli.cli.parts.score_files import write_baseline
 
     if write_baseline(path, verdicts, former, settings):
         if not quiet:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from dualarm_cli.cli.output import JsonOption, print_json, stdout_console
+from dualarm_cli.cli.parts.output import JsonOption, print_json, stdout_console
 
 
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
-    from dualarm_cli.closed_chain import SEAM_SOLVERS
-    from dualarm_cli.path_following import PATH_SOLVERS
-    from dualarm_cli.planning.methods import METHODS
+    from dualarm_cli.kinds.path.following import PATH_SOLVERS
+    from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
-    from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
+    from dualarm_cli.postures import REDUNDANCY_SOLVERS
+    from dualarm_cli.stages.methods import METHODS
     from dualarm_cli.timing import TIMING_SOLVERS
 
     families: list[Any] = [

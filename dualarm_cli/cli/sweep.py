@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from dualarm_cli.cli.parts.output import stderr_console
+
+if TYPE_CHECKING:
+    from dualarm_cli.studies.study_run import Progress
+import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.evaluating import evaluators, open_store, say_unkept
-from dualarm_cli.cli.options import read_duration
-from dualarm_cli.cli.output import (
+from dualarm_cli.cli.parts.evaluating import evaluators, open_store, say_unkept
+from dualarm_cli.cli.parts.options import read_duration
+from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
     print_message,
     stdout_console,
 )
-from dualarm_cli.cli.score_options import (
+from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder, write_folder
+from dualarm_cli.cli.parts.score_options import (
     CacheOption,
     JobsOption,
     NoCacheOption,
@@ -24,14 +35,110 @@ from dualarm_cli.cli.score_options import (
     TimeoutOption,
     refuse_combinations,
 )
-from dualarm_cli.cli.sweep_files import refuse_inputs, refuse_results, write_results
-from dualarm_cli.cli.sweep_progress import progress_bar
-from dualarm_cli.errors import UsageError
+from dualarm_cli.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.model.study import Point, Study
-    from dualarm_cli.studies.rows import Row
+    from dualarm_cli.studies.rows import StudyRow
     from dualarm_cli.studies.study_run import Desk
+
+
+@contextmanager
+def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:
+    """Yields what is told after every point.
+
+    Args:
+        total: how many points there are.
+        quiet: whether to show nothing.
+    """
+    console = stderr_console()
+    if quiet or not console.is_terminal:
+        yield lambda _: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    words = TextColumn("{task.description}")
+    with Bar(TextColumn("planning"), *columns, words, console=console, transient=True) as bar:
+        task = bar.add_task("", total=total)
+
+        def tell(progress: Progress) -> None:
+            known = [f"{progress.known} known already"] if progress.known else []
+            time = None if progress.best is None else progress.best.figures["cycle_time"]
+            best = [] if time is None else [f"best {time:.3f} s"]
+            bar.update(task, completed=progress.done, description=", ".join([*best, *known]))
+
+        yield tell
+
+
+DOCUMENT, TABLE, PARETO, EFFECTS = "study.json", "table.csv", "pareto.png", "sensitivity.png"
+FILES = (DOCUMENT, TABLE, PARETO, EFFECTS)
+
+
+def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
+    """Raises before any work is done where results could not be written anyway."""
+    if out is not None:
+        refuse_folder(out, FILES, force)
+    if csv is None:
+        return
+    if csv.is_dir():
+        raise OutputError(f"--csv {csv}: is a folder; name a file")
+    if not csv.parent.is_dir():
+        raise OutputError(f"--csv {csv}: there is no folder {csv.parent}")
+    if csv.exists() and not force:
+        raise OutputError(f"--csv {csv}: is there already; add --force to replace it")
+
+
+def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> None:
+    """Raises where a result would replace a file that the study was read from, or another result: no --force does."""
+    read = {os.path.realpath(name) for name in inputs}
+    results = {os.path.realpath(Path(out) / name): name for name in FILES} if out else {}
+    named = [(f"--out {out}: its {name}", path) for path, name in results.items()]
+    if csv is not None:
+        named.append((f"--csv {csv}:", os.path.realpath(csv)))
+        if results.get(named[-1][1], TABLE) != TABLE:
+            raise UsageError(f"--csv {csv}: is a file of --out {out} as well; name another")
+    for what, path in named:
+        if path in read:
+            raise UsageError(f"{what} is a file that the study is read from; name another")
+
+
+def write_results(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
+    """Writes the files asked for, and says so unless told to be quiet."""
+    from dualarm_cli.errors import MissingDependencyError
+    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.report.comparison.study_table import study_csv
+    from dualarm_cli.report.figures.study_figure import draw_pareto, draw_sensitivity
+
+    if csv is not None:
+        write_file(csv, study_csv(document), force=True)
+        _say(f"written: {csv}", quiet)
+    if out is None:
+        return
+    files = {TABLE: study_csv(document)}
+    try:
+        if not document["counts"]["planned"]:
+            _say(f"{PARETO} and {EFFECTS} are not drawn: no point has a plan", quiet)
+        else:
+            files[EFFECTS] = draw_sensitivity(document, "png")
+            if len(document["objectives"]) > 1:
+                files[PARETO] = draw_pareto(document, "png")
+            else:
+                _say(f"{PARETO} is not drawn: it takes two objectives", quiet)
+    except MissingDependencyError as error:
+        _say(f"{PARETO} and {EFFECTS} are not drawn: {error}", quiet)
+    for name in {PARETO, EFFECTS} - set(files):
+        # Of an earlier study: it would not go with this one.
+        (Path(out) / name).unlink(missing_ok=True)
+    write_folder(out, files | {DOCUMENT: json_bytes(document)})
+    _say(f"written: {out}", quiet)
+
+
+def _say(text: str, quiet: bool) -> None:
+    if not quiet:
+        print_message(text)
+
 
 DEFAULT_BUDGET = 40
 """Points that --optimise tries where nothing else is said."""
@@ -86,9 +193,9 @@ def sweep_command(
     others. Exit code 4 if this program failed at one, 2 if one's input was bad, 3 if none has a plan, 1 if the
     verifier fails a plan.
     """
-    from dualarm_cli.loading.studies import load_study
-    from dualarm_cli.loading.text_source import recorded_reads
-    from dualarm_cli.reporting.printable import printable
+    from dualarm_cli.files.source.text_source import recorded_reads
+    from dualarm_cli.files.studies.studies import load_study
+    from dualarm_cli.report.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
 
@@ -175,7 +282,7 @@ def _carry_out(
     run: Any,
     store: Any,
     quiet: bool,
-) -> tuple[list[Row], Row]:
+) -> tuple[list[StudyRow], StudyRow]:
     """Returns all rows and the one of the files as they are; says how far it is."""
     from dualarm_cli.studies.search import search
     from dualarm_cli.studies.study_run import Desk
@@ -206,7 +313,7 @@ def _plans(desk: Desk) -> str:
 
 
 def _print(document: dict[str, Any]) -> None:
-    from dualarm_cli.reporting.study_table import (
+    from dualarm_cli.report.comparison.study_table import (
         SENSITIVITY_WORDS,
         rows_table,
         sensitivity_sentences,

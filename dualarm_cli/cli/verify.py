@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dualarm_cli.cli.output import JsonOption, QuietOption, print_json, stdout_console
-from dualarm_cli.reporting.printable import printable
+from dualarm_cli.cli.parts.output import JsonOption, QuietOption, print_json, stdout_console
+from dualarm_cli.report.printable import printable
 
 if TYPE_CHECKING:
     from dualarm_cli.model.job import Job
@@ -44,8 +44,8 @@ def verify_command(
 
     from dualarm_cli.errors import UsageError
     from dualarm_cli.exporting.schedule_reader import read_schedule
-    from dualarm_cli.loading.tasks import load_job
-    from dualarm_cli.reporting.report import verification_document
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.report.report import verification_document
     from dualarm_cli.verification import verify
 
     found = read_schedule(schedule)

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from dualarm_cli.collision.hulls import Hulls
 from dualarm_cli.collision.pair_groups import (
     ROUNDED,
+    Boxes,
     Capsules,
     Frames,
     PairGroup,
+    Rounds,
     Singles,
     pair_group,
 )
-from dualarm_cli.collision.pair_margins import ENOUGH, pair_margins
 from dualarm_cli.collision.reach import can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
@@ -30,6 +33,183 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell, Held
+
+T = TypeVar("T", bound=np.floating[Any])
+
+TINY = 1e-18
+"""Squared lengths below this are points [m²]."""
+PARALLEL = 1e-12
+"""Squared sine of the angle between segments below which they are taken as parallel."""
+
+
+def dot(a: NDArray[T], b: NDArray[T]) -> NDArray[T]:
+    """Returns the scalar products of vectors (3, ...), broadcast, shape (...)."""
+    product: NDArray[T] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+def segment_distance(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
+    """Returns the distance of segments a-b from segments c-d [m], shape (...); exact up to rounding.
+
+    The squared distance is a convex quadratic of both parameters: its minimum is the free one clamped, once along
+    either segment ([Ericson2004] 5.1.9).
+
+    Args:
+        a: ends of the first segments [m], shape (3, ...), broadcast with the others.
+        b: their other ends.
+        c: ends of the second segments.
+        d: their other ends.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = dot(u, u), dot(v, v), dot(u, v)
+    uw, vw = dot(u, w), dot(v, w)
+    denominator = uu * vv - uv * uv
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slanted = denominator > PARALLEL * uu * vv
+        s = np.where(slanted, (uv * vw - vv * uw) / denominator, 0.0)
+        s = np.clip(s, 0.0, 1.0)
+        t = np.where(vv > TINY, (uv * s + vw) / vv, 0.0)
+        t = np.clip(t, 0.0, 1.0)
+        s = np.where(uu > TINY, (uv * t - uw) / uu, 0.0)
+        s = np.clip(s, 0.0, 1.0)
+    apart = w + s * u - t * v
+    return np.sqrt(dot(apart, apart))
+
+
+def box_distance(a: FloatArray, b: FloatArray, half: FloatArray) -> FloatArray:
+    """Returns the distance of segments a-b from boxes about the origin [m], shape (...); exact up to rounding.
+
+    Half the derivative of the squared distance along the segment rises, and is linear between the places where the
+    segment crosses the planes of the sides: it is zero on the straight line between the last of them where it is
+    negative and the first where it is not. Inside, the distance is minus the depth there.
+
+    Args:
+        a: ends in the box's frame [m], shape (3, ...).
+        b: other ends.
+        half: half sides of the box [m], shape (3, ...).
+    """
+    u = b - a
+    low, high = np.zeros(u.shape[1:]), np.ones(u.shape[1:])
+    at_low, at_high = _slope(a, u, half, low), _slope(a, u, half, high)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = [(side - a) / u for side in (half, -half)]
+    for x in (x for crossing in crossings for x in crossing):
+        # What is not between is neither; comparisons with NaN are false.
+        between = (x > low) & (x < high)
+        slope = _slope(a, u, half, np.where(between, x, low))
+        rises = between & (slope >= 0.0)
+        falls = between & (slope < 0.0)
+        high, at_high = np.where(rises, x, high), np.where(rises, slope, at_high)
+        low, at_low = np.where(falls, x, low), np.where(falls, slope, at_low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = low - at_low * (high - low) / (at_high - at_low)
+    x = np.where(at_low >= 0.0, low, np.where(at_high <= 0.0, high, x))
+    return point_box(a + x * u, half)
+
+
+def _slope(a: FloatArray, u: FloatArray, half: FloatArray, x: FloatArray) -> FloatArray:
+    """Returns half the derivative of the squared distance of a + x u from boxes, shape (...)."""
+    point = a + x * u
+    return dot(u, point - np.clip(point, -half, half))
+
+
+def point_box(x: FloatArray, half: FloatArray) -> FloatArray:
+    """Returns the signed distance of points (3, ...) from boxes about the origin [m], shape (...)."""
+    beyond = np.abs(x) - half
+    outside = np.maximum(beyond, 0.0)
+    return np.sqrt(dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)
+
+
+ENOUGH = 0.01
+"""Margins that balls around two solids show to be greater than this are not looked at more closely [m]."""
+
+
+def pair_margins(group: PairGroup, frames: Frames, center: Singles, half: Singles) -> Singles:
+    """Returns the margins of all q pairs of a group's hulls [m], shape (q, n), in n postures.
+
+    Args:
+        group: the pairs.
+        frames: of the group's joints.
+        center: middles of the capsules [m], shape (3, s, n).
+        half: from there to one end [m], shape (3, s, n).
+    """
+    planes = group.planes
+    margins = np.empty((len(group.pairs), center.shape[2]), dtype=np.float32)
+    rounds, flats = len(group.rounds.first), len(planes.hulls)
+    margins[:rounds] = _round_margins(group.rounds, center, half)
+    if flats:
+        height = dot(planes.normal, center[:, planes.hulls])
+        height -= np.abs(dot(planes.normal, half[:, planes.hulls]))
+        margins[rounds : rounds + flats] = height - planes.slack
+    first = rounds + flats
+    for boxes in group.boxes:
+        last = first + len(boxes.hull)
+        margins[first:last] = _box_margins(boxes, frames[boxes.joint], center, half)
+        first = last
+    return margins
+
+
+def _round_margins(pairs: Rounds, center: Singles, half: Singles) -> Singles:
+    """Returns the margins of p pairs of capsules [m], shape (p, n), for middles and half vectors (3, s, n) [m]."""
+    apart = center[:, pairs.first]
+    apart -= center[:, pairs.second]
+    margin = np.sqrt(dot(apart, apart))
+    margin -= pairs.ball
+    near = np.nonzero(margin < ENOUGH)
+    if len(near[0]):
+        ends = []
+        for hulls in (pairs.first, pairs.second):
+            at = slice(None), hulls[near[0]], near[1]
+            middle, to_end = center[at].astype(np.float64), half[at].astype(np.float64)
+            ends += [middle + to_end, middle - to_end]
+        margin[near] = segment_distance(*ends) - pairs.slack[near[0], 0]
+    return margin
+
+
+def _box_margins(
+    boxes: Boxes, frame: tuple[Singles, Singles], center: Singles, half: Singles
+) -> Singles:
+    """Returns the margins of p capsules from boxes [m], shape (p, n), for middles and half vectors (3, s, n) [m].
+
+    By the balls around the capsules, along the axes that the boxes have in common; the nearest ones exactly.
+    """
+    R, p = frame
+    middle = center[:, boxes.hulls]
+    if boxes.joint != WORLD:
+        middle -= p[:, None]
+    apart = _seen(boxes, R, middle)[:, boxes.hull]
+    apart -= boxes.p
+    margin = _from_balls(apart, boxes.half, boxes.ball)
+    pair, row = np.nonzero(margin < ENOUGH)
+    if not len(pair):
+        return margin
+    middle = apart[:, pair, row]
+    to_end = _seen(boxes, R[:, :, row], half[:, boxes.hulls[boxes.hull[pair]], row])
+    ends = [(middle + sign * to_end).astype(np.float64) for sign in (1.0, -1.0)]
+    exact = box_distance(ends[0], ends[1], boxes.half[:, pair, 0].astype(np.float64))
+    margin[pair, row] = exact - boxes.slack[pair, 0]
+    return margin
+
+
+def _from_balls(middle: Singles, half: Singles, ball: Singles) -> Singles:
+    """Returns how far balls about middles (3, ...) are from boxes about the origin at least [m], shape (...)."""
+    outside = np.abs(middle)
+    outside -= half
+    np.maximum(outside, 0.0, out=outside)
+    found: Singles = np.sqrt(dot(outside, outside))
+    found -= ball
+    return found
+
+
+def _seen(boxes: Boxes, R: Singles, x: Singles) -> Singles:
+    """Returns vectors (3, ..., n) along the axes of boxes, of that shape, for rotations (3, 3, n) of their joint."""
+    if boxes.joint != WORLD:
+        x = np.stack([dot(R[:, k], x) for k in range(3)])
+    if boxes.axes is None:
+        return x
+    found: Singles = (boxes.axes @ x.reshape(3, -1)).reshape(x.shape)
+    return found
+
 
 BLOCK = 100_000
 """Pairs in postures that are tested at a time: their arrays stay in the cache."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.evaluation.inputs import path_of
+from dualarm_cli.evaluation.fingerprint import path_of
 from dualarm_cli.evaluation.request import Request, case_name
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation

@@ -12,8 +12,7 @@ from typing import Any
 
 from dualarm_cli.errors import MissingDependencyError, UsageError
 from dualarm_cli.evaluation.crew import Crew
-from dualarm_cli.evaluation.fingerprint import digest, programs
-from dualarm_cli.evaluation.inputs import GONE, hashes_now
+from dualarm_cli.evaluation.fingerprint import GONE, digest, hashes_now, programs
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation, Finding
 

@@ -9,20 +9,20 @@ from dataclasses import replace
 from typing import Any
 
 from dualarm_cli.errors import DualArmError, InfeasibleError, InputError, lacks_memory
-from dualarm_cli.evaluation.inputs import names_of
+from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.loading.text_source import recorded_reads
+from dualarm_cli.files.source.text_source import recorded_reads
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.methods import METHODS
-from dualarm_cli.planning.planner import plan
-from dualarm_cli.planning.redundancy_choice import with_redundancy
-from dualarm_cli.reporting.measures import joint_travel, limiting_times, sliding_joints
-from dualarm_cli.reporting.report import relative_gap, smallest_clearance
+from dualarm_cli.plan.planner import plan
+from dualarm_cli.plan.redundancy_choice import with_redundancy
+from dualarm_cli.report.measures import joint_travel, limiting_times, sliding_joints
+from dualarm_cli.report.report import relative_gap, smallest_clearance
+from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget

@@ -18,8 +18,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dualarm_cli.evaluation.fingerprint import answer_key, canonical, digest, question
-from dualarm_cli.evaluation.inputs import GONE, hashes_now
+from dualarm_cli.evaluation.fingerprint import (
+    GONE,
+    answer_key,
+    canonical,
+    digest,
+    hashes_now,
+    question,
+)
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.exporting.whole_files import write_new
 from dualarm_cli.model.evaluation import REPEATABLE, Evaluation

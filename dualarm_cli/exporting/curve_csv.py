@@ -6,7 +6,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import to_quaternion
-from dualarm_cli.model.discretisation import Points
+from dualarm_cli.model.curves.discretisation import Points
 
 HEADER = "s,x,y,z,qx,qy,qz,qw"
 

@@ -14,8 +14,8 @@ import pinocchio as pin
 from dualarm_cli.errors import InputError
 from dualarm_cli.exporting.json_reader import JsonReader
 from dualarm_cli.exporting.schedule_json import FORMAT
-from dualarm_cli.loading.text_source import read_text
-from dualarm_cli.loading.urdf import read_urdf
+from dualarm_cli.files.robots.urdf import read_urdf
+from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import (

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.srs_limits import LIMIT_SLACK, wrap
+from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK, wrap
 from dualarm_cli.kinematics.wrist_arm import WristArm, WristSolutions
 
 LARGEST_STEP = 0.7

@@ -12,8 +12,8 @@ from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
-from dualarm_cli.kinematics.srs_arm import SrsArm, closed_form
-from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
+from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 from dualarm_cli.kinematics.wrist_arm import with_closed_forms
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.arm_angle_intervals import feasible_arm_angles
-from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs_limits import TURN
+from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_limits import TURN
 
 THIRDS = np.arange(3) * (TURN / 3.0)
 """Arm angles that tell a sinusoid over the arm angle [rad]."""

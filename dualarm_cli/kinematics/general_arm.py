@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.kinematics import srs_limits
 from dualarm_cli.kinematics.platform_chain import align_z
+from dualarm_cli.kinematics.srs import srs_limits
 
 LEAST_JOINTS = 6
 """Joints that an arm needs to hold a tool in any pose."""
@@ -22,7 +22,7 @@ FEW = 64
 
 
 @dataclass(frozen=True)
-class Postures:
+class ReachedPostures:
     """Postures within limits that reach some of m poses."""
 
     pose: IntArray
@@ -242,7 +242,7 @@ class GeneralArm:
         axes, points = z[:, -3:, 0].T, origin[:, -3:, 0].T
         return axes, points, np.eye(3) - axes[:, :, None] * axes[:, None, :]
 
-    def closed_postures(self, R: FloatArray, p: FloatArray) -> Postures | None:
+    def closed_postures(self, R: FloatArray, p: FloatArray) -> ReachedPostures | None:
         """Returns all postures that reach poses where the arm has closed forms; this one has none.
 
         Args:

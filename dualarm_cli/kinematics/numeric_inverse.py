@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.general_arm import GeneralArm, Postures, pose_error
+from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
 
 STARTS, FEW_STARTS = 32, 12
 """Starts of a round per pose, and where a first idea of the solutions will do."""
@@ -39,7 +39,7 @@ def solve_poses(
     *,
     first_only: bool = False,
     thorough: bool = True,
-) -> Postures:
+) -> ReachedPostures:
     """Returns postures within limits that reach flange poses: many for each.
 
     Levenberg's damped least squares with the damping of [Sugihara2011] (half the squared error), from starts that
@@ -95,7 +95,7 @@ def solve_poses(
         open_ = open_[~done[open_]]
     miss[np.bincount(found_pose, minlength=m) > 0] = 0.0
     branch = np.arange(len(found_pose)) - np.searchsorted(found_pose, found_pose)
-    return Postures(found_pose, found_q, branch, miss)
+    return ReachedPostures(found_pose, found_q, branch, miss)
 
 
 def least_distances(arm: GeneralArm, R: FloatArray, p: FloatArray) -> FloatArray:

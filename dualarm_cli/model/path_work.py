@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.curves.tool_path import ToolPath
 from dualarm_cli.model.place import NOWHERE, Place
-from dualarm_cli.model.tool_path import ToolPath
 
 SAME_SHARE = 1e-9
 """Difference of two shares of a way that count as one."""

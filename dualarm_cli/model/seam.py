@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import exp_rotation
-from dualarm_cli.model.feature_curve import MeasuredCurve
+from dualarm_cli.model.curves.feature_curve import MeasuredCurve
+from dualarm_cli.model.curves.tool_path import Poses, ToolPath
 from dualarm_cli.model.place import NOWHERE, Place
-from dualarm_cli.model.tool_path import Poses, ToolPath
 
 RAMP = 1.2
 """Longest time of a ramp of a seam that may not be slower, where its file gives no acceleration, at full speed [s]."""

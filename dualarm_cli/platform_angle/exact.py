@@ -6,11 +6,359 @@ from typing import Any
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.platform_angle.balance import ROOT_TOLERANCE, balanced_angles
-from dualarm_cli.platform_angle.fallback import unbalanced_angles
-from dualarm_cli.platform_angle.problem import Kind, PlatformProblem, cosine_coefficients
-from dualarm_cli.platform_angle.solution import PlatformSolution, build_solution
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.geometry.roots import real_zeros, second_order_zeros
+from dualarm_cli.platform_angle.problem import (
+    REACH_SLACK,
+    Kind,
+    PlatformProblem,
+    cosine_coefficients,
+)
+from dualarm_cli.platform_angle.solution import (
+    PlatformSolution,
+    build_solution,
+    is_degenerate,
+    nearest_turn,
+)
+
+NEARLY_REAL = 1e-3
+"""Imaginary part up to which a zero of the squared equation may stand for a real one: where its two branches
+nearly touch, rounding makes a complex pair of them. The unsquared equation decides."""
+NEWTON_STEPS = 5
+"""Steps on the unsquared equation from each zero of the squared one, at most."""
+SOLVED = 1e-13
+"""Difference of displacements at which a root is as good as it gets [rad]."""
+ROOT_TOLERANCE = 5e-10
+"""Largest difference of displacements at a root [rad]."""
+FALSE_ROOT = 0.05
+"""Difference of displacements beyond which a zero of the squared equation is none of the unsquared [rad]."""
+NEARLY_STRETCHED = 1e-3
+"""Distance of |x| from 1 below which the first step is taken on the squared equation."""
+CLOSE_PAIR = 1e-3
+"""Zeros of the squared equation this near to each other may both be nearest to the same true one [rad]."""
+STIFF = 1e-7
+"""Sine of an elbow angle below which an arm counts as stretched or folded."""
+ALIKE = 1e-11
+"""Difference of displacements below which a sign's equation counts as true at every angle."""
+FIXED_POINT_STEPS = 4
+"""Each gains the factor SQUARE or more."""
+SQUARE = 1e-4
+"""Size of h, relative to the swing of x_1 - m x_2, up to which the squared equation is nearly a square, its zeros
+nearly double and inaccurate."""
+SAME_ROOT = 1e-8
+"""Roots nearer than this are one [rad]."""
+
+
+def balanced_angles(
+    coefficients: FloatArray, elbow_0: FloatArray, angle_0: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Returns all angles at which the elbows move equally: four for s = +1, then four for s = -1.
+
+    Args:
+        coefficients: u, v, w of x_i, shape (n, 2, 3).
+        elbow_0: elbow angles before the move [rad], shape (n, 2).
+        angle_0: platform angle before the move [rad], shape (n,).
+
+    Returns:
+        Angles [rad], at most half a turn from the start, shape (n, 8); which of them are roots; and the moves
+        for which the equation of one sign is true at every angle, so that the start stands for all, shape (n,).
+    """
+    n = len(angle_0)
+    sign, start = np.repeat([1.0, -1.0], n), np.tile(angle_0, 2)
+    arms = np.tile(coefficients.reshape(n, 6).T, 2)  # u1, v1, w1, u2, v2, w2
+    target = np.tile(elbow_0[:, 0], 2) - sign * np.tile(elbow_0[:, 1], 2)
+    mirror, half, alike = _difference_form(arms, target, sign)
+    weight = 4.0 * mirror * half * half
+    zeros, imaginary = second_order_zeros(_squared(arms, mirror, weight))
+    swing = np.hypot(arms[1] - mirror * arms[4], arms[2] - mirror * arms[5])
+    square = np.flatnonzero((np.abs(half) <= SQUARE * swing) & (mirror == sign))
+    if square.size:
+        zeros[square, :2], exist = _first_order(arms[:, square], sign[square], half[square])
+        imaginary[square] = np.inf
+        imaginary[square, :2] = np.where(exist, 0.0, np.inf)
+    # Where every angle is equal the start stands for all, if it is a solution.
+    every = alike | np.tile(is_degenerate(coefficients), 2)
+    zeros[every, 0] = start[every]
+    imaginary[every] = [0.0, np.inf, np.inf, np.inf]
+    row, column = np.nonzero(imaginary <= NEARLY_REAL)
+    # Both factors of the quartic give their zeros side by side: columns 0 and 1, 2 and 3.
+    partner = nearest_turn(zeros - zeros[:, [1, 0, 3, 2]], np.zeros(1))
+    split = np.where(np.abs(partner) < CLOSE_PAIR, [-1.0, 1.0, -1.0, 1.0], 0.0)[row, column]
+    form = np.vstack([arms, sign, target, start, mirror, weight])[:, row]
+    kept, phi = _polish(np.vstack([form, split]), zeros[row, column])
+    row, column = row[kept], column[kept]
+    roots, true = np.zeros_like(zeros), np.zeros(zeros.shape, dtype=np.bool_)
+    roots[row, column], true[row, column] = phi, True
+    true = _distinct(roots, true)
+    return (
+        np.hstack([roots[:n], roots[n:]]),
+        np.hstack([true[:n], true[n:]]),
+        alike[:n] | alike[n:],
+    )
+
+
+def _difference_form(
+    arms: FloatArray, target: FloatArray, sign: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Returns m and h of the squared equation without cancellation, and where it says nothing.
+
+    With m the sign of cos K and h = sin(K/2) for m = 1, cos(K/2) for m = -1, the squared equation is
+
+        (x_1 - m x_2)² + 4 m h² (x_1 x_2 - m (1 - h²)) = 0.
+
+    Arms that move nearly alike and start nearly alike make both terms small, each with all its digits. Where both
+    vanish and m = s, q4_1 - s q4_2 is K at every angle.
+    """
+    mirror = np.where(np.cos(target) >= 0.0, 1.0, -1.0)
+    half = np.where(mirror > 0.0, np.sin(target / 2.0), np.cos(target / 2.0))
+    gap = np.abs(arms[:3] - mirror * arms[3:]).sum(axis=0)
+    alike = (gap <= ALIKE) & (np.abs(half) <= ALIKE) & (mirror == sign)
+    return mirror, half, alike
+
+
+def _squared(arms: FloatArray, mirror: FloatArray, weight: FloatArray) -> FloatArray:
+    """Returns f0 to f4 of the squared equation, shape (m, 5)."""
+    u1, v1, w1, u2, v2, w2 = arms
+    u, v, w = arms[:3] - mirror * arms[3:]
+    # m (1 - h²) with h² = m weight / 4
+    constant = mirror - weight / 4.0
+    rows = np.empty((5, arms.shape[1]))
+    rows[0] = u * u + (v * v + w * w) / 2.0
+    rows[0] += weight * (u1 * u2 + (v1 * v2 + w1 * w2) / 2.0 - constant)
+    rows[1] = 2.0 * u * v + weight * (u1 * v2 + u2 * v1)
+    rows[2] = 2.0 * u * w + weight * (u1 * w2 + u2 * w1)
+    rows[3] = (v * v - w * w + weight * (v1 * v2 - w1 * w2)) / 2.0
+    rows[4] = v * w + weight * (v1 * w2 + w1 * v2) / 2.0
+    return rows.T
+
+
+def _first_order(
+    arms: FloatArray, sign: FloatArray, half: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Returns the zeros of a nearly square equation from its root, (m, 2), and which exist.
+
+    For s = m sums of cosines as products give the unsquared equation itself,
+
+        x_1 - x_2 = -2 h sin((q4_1 + q4_2) / 2)  or  x_1 + x_2 = 2 h cos((q4_1 - q4_2) / 2),
+
+    whose left side is of first order and whose right side is small and changes little: a fixed point.
+    """
+    f0, f1, f2 = (row[:, None] for row in arms[:3] - sign * arms[3:])
+    swing, middle = np.hypot(f1, f2), np.arctan2(f2, f1)
+    u, v, w = (arms[[k, k + 3]][:, :, None] for k in range(3))
+    s, right = sign[:, None], np.zeros((len(half), 2))
+    for _ in range(FIXED_POINT_STEPS):
+        ratio = (right - f0) / np.where(swing > 0.0, swing, 1.0)
+        opening = np.arccos(np.clip(ratio, -1.0, 1.0))
+        phi = middle + opening * [-1.0, 1.0]
+        q = np.arccos(np.clip(u + v * np.cos(phi) + w * np.sin(phi), -1.0, 1.0))
+        mean = np.where(s > 0.0, -np.sin((q[0] + q[1]) / 2.0), np.cos((q[0] - q[1]) / 2.0))
+        right = 2.0 * half[:, None] * mean
+    # At an extremum rounding decides whether there is a zero: the unsquared equation is to say.
+    return phi, (np.abs(ratio) <= 1.0 + 1e-9) & (swing > 0.0)
+
+
+def _polish(form: FloatArray, phi: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Returns which zeros of the squared equation solve q4_1 - s q4_2 = K, and those angles.
+
+    Newton's method on the unsquared equation. With an arm nearly stretched, or just beyond that by the closed
+    form's rounding, the slope there is no help: such zeros first take a step on the squared equation, which is smooth.
+
+    Args:
+        form: u1, v1, w1, u2, v2, w2, s, K, the start angle, m, 4 m h² and the way out of a close pair (-1 and 1; 0 for
+            others) of every zero, shape (12, m).
+        phi: the zeros [rad], shape (m,).
+    """
+    # Wrapped before it is looked at, so that the angle looked at last is the angle given.
+    phi = nearest_turn(phi, form[8])
+    kept: IntArray = np.arange(len(phi))
+    busy, true = kept, np.zeros(len(phi), dtype=np.bool_)
+    for step in range(NEWTON_STEPS + 1):
+        part = form[:, busy]
+        x, slope, difference = _evaluate(part, phi[busy])
+        inside = (np.abs(x) <= 1.0 + 1e-12).all(axis=0)
+        true[busy] = (np.abs(difference) <= ROOT_TOLERANCE) & inside
+        # Most zeros belong to the false branch: they go at once.
+        size = np.abs(difference)
+        near = size < FALSE_ROOT
+        if step == 0:
+            stretched: BoolArray = np.asarray((np.abs(x) > 1.0 - NEARLY_STRETCHED).any(axis=0))
+            near |= stretched
+        on = np.flatnonzero((size > SOLVED) & near)
+        if on.size == 0 or step == NEWTON_STEPS:
+            break
+        busy = busy[on]
+        part, x, slope = part[:, on], x[:, on], slope[:, on]
+        move = _newton_step(part, x, slope, difference[on])
+        if step == 0:
+            some = np.flatnonzero(stretched[on])
+            move[some] = _squared_step(part[:, some], x[:, some], slope[:, some])
+        phi[busy] = nearest_turn(phi[busy] + move, form[8, busy])
+    return kept[true], phi[true]
+
+
+def _evaluate(form: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns x and x' of both arms, shape (2, m), and q4_1 - s q4_2 - K, shape (m,)."""
+    c, s = np.cos(phi), np.sin(phi)
+    # The same sums in the same order as `elbow_cosine`: near a stretched arm the last digit of x shows.
+    x = np.stack([form[0] + form[1] * c + form[2] * s, form[3] + form[4] * c + form[5] * s])
+    slope = np.stack([form[2] * c - form[1] * s, form[5] * c - form[4] * s])
+    q = np.arccos(np.clip(x, -1.0, 1.0))
+    return x, slope, q[0] - form[6] * q[1] - form[7]
+
+
+def _newton_step(
+    form: FloatArray, x: FloatArray, slope: FloatArray, difference: FloatArray
+) -> FloatArray:
+    """Returns Newton's step on q4_1 - s q4_2 = K; none where it would leave the zero it is to polish.
+
+    That is where it is not small, and where an arm is stretched, so that the slope is infinite.
+    """
+    sine = np.sqrt(np.maximum((1.0 - x) * (1.0 + x), 0.0))
+    rate = -slope / np.maximum(sine, STIFF)
+    change = rate[0] - form[6] * rate[1]
+    move = -difference / np.where(np.abs(change) > 1e-9, change, np.inf)
+    good = (np.abs(move) < FALSE_ROOT) & (np.minimum(sine[0], sine[1]) > STIFF)
+    return np.where(good, move, 0.0)
+
+
+def _squared_step(form: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:
+    """Returns steps to a zero of the squared equation's local quadratic [rad].
+
+    The nearer one; of a close pair each member goes to one of its own. Exact for simple and for double zeros
+    alike; none where it is not small.
+    """
+    mirror, weight, swing = form[9], form[10], x - form[[0, 3]]
+    gap, gap_1 = x[0] - mirror * x[1], slope[0] - mirror * slope[1]
+    gap_2 = mirror * swing[1] - swing[0]
+    f = gap * gap + weight * (x[0] * x[1] - (mirror - weight / 4.0))
+    f1 = 2.0 * gap * gap_1 + weight * (slope[0] * x[1] + x[0] * slope[1])
+    f2 = 2.0 * (gap_1 * gap_1 + gap * gap_2)
+    f2 += weight * (2.0 * slope[0] * slope[1] - swing[0] * x[1] - x[0] * swing[1])
+    root = np.sqrt(np.maximum(f1 * f1 - 2.0 * f * f2, 0.0))
+    larger = f1 + np.where(f1 < 0.0, -root, root)
+    nearer = -2.0 * f / np.where(larger == 0.0, np.inf, larger)
+    own = (form[11] * root - f1) / np.where(f2 == 0.0, np.inf, f2)
+    step = np.where(form[11] == 0.0, nearer, own)
+    return np.where(np.abs(step) < FALSE_ROOT, step, 0.0)
+
+
+def _distinct(angle: FloatArray, valid: BoolArray) -> BoolArray:
+    """Returns which roots are valid and not equal to one before them."""
+    several = np.flatnonzero(valid.sum(axis=1) > 1)
+    some, angle = valid[several], angle[several]
+    for k in range(1, angle.shape[1]):
+        for i in range(k):
+            turn = np.abs(nearest_turn(angle[:, k] - angle[:, i], np.zeros(1)))
+            some[:, k] &= ~(some[:, i] & (turn < SAME_ROOT))
+    valid[several] = some
+    return valid
+
+
+HAIR = 1e-12
+"""How far inside its limit a boundary is put, so that rounding does not put it out of reach."""
+FALLBACK_KINDS = np.repeat(
+    np.array([Kind.START, Kind.STATIONARY_SAME, Kind.STATIONARY_OPPOSITE, Kind.BOUNDARY]),
+    [1, 6, 6, 8],
+)
+
+
+def unbalanced_angles(
+    coefficients: FloatArray, angle_0: FloatArray
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Returns candidates for moves without a balance: angles [rad], kinds and validity, (n, 21).
+
+    On every interval of platform angles in which both arms reach, q4_1 - s q4_2 has its extrema at the ends or
+    where its derivative vanishes; the candidates are all of these, for both signs. If the angle
+    changes no elbow, the start is the one candidate.
+
+    Args:
+        coefficients: u, v, w of x_i, shape (n, 2, 3).
+        angle_0: platform angle before the move [rad], shape (n,).
+    """
+    degenerate = is_degenerate(coefficients)
+    boundary, exists = _boundaries(coefficients)
+    # Both arms reach some angle if they reach an end of one arm's interval, or if there are no ends.
+    reached = _reached(coefficients, boundary) & exists
+    open_ = _reached(coefficients, np.zeros((len(angle_0), 1)))[:, 0] & ~exists.any(axis=1)
+    some = np.flatnonzero((reached.any(axis=1) | open_) & ~degenerate)
+    stationary = np.zeros((len(angle_0), 6))
+    valid = np.zeros((2, *stationary.shape), dtype=np.bool_)
+    if some.size:
+        stationary[some], valid[0, some], valid[1, some] = _stationary(coefficients[some])
+    return (
+        np.hstack([angle_0[:, None], stationary, stationary, boundary]),
+        FALLBACK_KINDS,
+        np.hstack([degenerate[:, None], valid[0], valid[1], exists & ~degenerate[:, None]]),
+    )
+
+
+def _boundaries(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Returns the angles at which an arm is just stretched or folded, shape (n, 8), and which exist.
+
+    An arm that comes within rounding of its limit without passing it has its boundary where it is nearest.
+    """
+    angles, exist = [], []
+    for arm in (0, 1):
+        u, v, w = coefficients[:, arm].T
+        swing, middle = np.hypot(v, w), np.arctan2(w, v)
+        for limit in (1.0 - HAIR, HAIR - 1.0):
+            exists = (np.abs(limit - u) <= swing + REACH_SLACK) & (swing > 0.0)
+            ratio = np.where(exists, limit - u, 0.0) / np.where(exists, swing, 1.0)
+            half = np.arccos(np.clip(ratio, -1.0, 1.0))
+            angles += [middle - half, middle + half]
+            exist += [exists, exists]
+    return np.column_stack(angles), np.column_stack(exist)
+
+
+def _reached(coefficients: FloatArray, angle: FloatArray) -> BoolArray:
+    """Returns whether both arms reach at angles [rad] (n, k), shape (n, k)."""
+    u, v, w = (coefficients[:, None, :, k] for k in range(3))
+    x = u + v * np.cos(angle)[..., None] + w * np.sin(angle)[..., None]
+    return np.asarray((np.abs(x) <= 1.0 + REACH_SLACK).all(axis=-1))
+
+
+def _stationary(coefficients: FloatArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Returns the stationary points of q4_1 - q4_2 and q4_1 + q4_2: angles (n, 6), and whose they are."""
+    zeros = real_zeros(stationary_polynomial(coefficients))
+    u, v, w = (coefficients[..., k][:, :, None] for k in range(3))
+    c, s = np.cos(zeros.angle)[:, None], np.sin(zeros.angle)[:, None]
+    x = u + v * c + w * s
+    # q4_1' ∓ q4_2' = 0 is x_1' sin q4_2 = ± x_2' sin q4_1.
+    slope = (w * c - v * s) * np.sqrt(np.clip(1.0 - x[:, ::-1] ** 2, 0.0, None))
+    same = slope[:, 0] * slope[:, 1] >= 0.0
+    return zeros.angle, zeros.exists & same, zeros.exists & ~same
+
+
+def stationary_polynomial(coefficients: FloatArray) -> FloatArray:
+    """Returns x_1'² (1 - x_2²) - x_2'² (1 - x_1²), whose order-four parts cancel, shape (n, 7).
+
+    With D = x_1' x_2 - x_1 x_2' (of order one) it is x_1'² - x_2'² - D (x_1' x_2 + x_1 x_2'); columns are
+    1, cos, sin, cos 2, sin 2, cos 3, sin 3. Our own derivation.
+    """
+    # Laurent coefficients in z = e^{i phi}: x = (v + i w)/2 z^-1 + u + (v - i w)/2 z.
+    u, v, w = (coefficients[..., i] for i in range(3))
+    x = np.stack([(v + 1j * w) / 2.0, u + 0j, (v - 1j * w) / 2.0], axis=-1)
+    dx = x * np.array([-1j, 0.0, 1j])
+    x1, x2, d1, d2 = x[:, 0], x[:, 1], dx[:, 0], dx[:, 1]
+    one, other = _product(d1, x2), _product(x1, d2)
+    D = (one - other)[:, 1:4]
+    f = np.zeros((len(x), 7), dtype=np.complex128)
+    f[:, 1:6] = _product(d1 - d2, d1 + d2)
+    f -= _product(D, one + other)
+    columns = [f[:, 3].real]
+    for k in (1, 2, 3):
+        columns += [2.0 * f[:, 3 + k].real, -2.0 * f[:, 3 + k].imag]
+    return np.column_stack(columns)
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Returns products of Laurent polynomials, row by row."""
+    out = np.zeros((len(a), a.shape[1] + b.shape[1] - 1), dtype=np.complex128)
+    for k in range(a.shape[1]):
+        out[:, k : k + b.shape[1]] += a[:, k : k + 1] * b
+    return out
+
 
 CHUNK = 4096
 """Moves solved at a time: their arrays stay in the processor's cache."""

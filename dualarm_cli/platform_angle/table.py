@@ -15,7 +15,7 @@ from dualarm_cli.platform_angle.solution import PlatformSolution
 
 
 @dataclass(frozen=True)
-class Row:
+class MethodRow:
     """One candidate of one method."""
 
     method: str
@@ -38,7 +38,7 @@ class Row:
         return None if one is None or two is None else abs(two) - abs(one)
 
 
-def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> list[Row]:
+def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> list[MethodRow]:
     """Returns the candidates of one move: roots by their angle, then the others as they come.
 
     For `linearised` that is the order of [Bottin2021] Table 2.
@@ -55,7 +55,7 @@ def candidate_rows(method: str, solution: PlatformSolution, move: int = 0) -> li
     order = sorted(columns, key=lambda k: (0, angles[k]) if is_root[k] else (1, 0.0))
     best = int(solution.best[move])
     return [
-        Row(
+        MethodRow(
             method,
             Kind(int(kinds[k])),
             float(angles[k]),

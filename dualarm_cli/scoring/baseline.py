@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.loading.text_source import quote, read_bytes
+from dualarm_cli.files.source.text_source import quote, read_bytes
 from dualarm_cli.model.evaluation import Evaluation
 
 FORMAT = "dualarm.scores/1"

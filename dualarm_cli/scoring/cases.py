@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation.request import case_name
-from dualarm_cli.loading.text_source import MAX_FILE_BYTES, quote
+from dualarm_cli.files.source.text_source import MAX_FILE_BYTES, quote
 
 _TASKS = re.compile(
     rb"""^(?:\xef\xbb\xbf)?[\s{]*(['"]?)dualarm\1\s*:\s*['"]?tasks/""", re.MULTILINE

@@ -4,12 +4,141 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.scoring.baseline import Recorded
-from dualarm_cli.scoring.causes import why_slower
 from dualarm_cli.scoring.verdict import STATES, State, Verdict
+
+RATES = ("velocity", "acceleration", "jerk")
+SAME = 1e-9
+"""Limits that differ by less than this share are the same."""
+GREW = 1e-3
+"""Growth of a share of the time that is worth a word [s]."""
+MOST_LIMITS = 3
+"""Most changed limits that are spelt out."""
+MOST_FILES = 4
+"""Most changed files that are named."""
+_PARTS = {
+    "lines": "straight lines take",
+    "dwells": "dwells take",
+    "paths": "paths take",
+    "seams": "seams take",
+    "other": "waiting takes",
+    "platform": "the platform takes",
+    "left": "the left arm takes",
+    "right": "the right arm takes",
+}
+"""How shares of the time are called that are no joint's."""
+
+
+@dataclass(frozen=True)
+class Tightened:
+    """One limit of one joint that allows less than it did."""
+
+    joint: str
+    """The joint."""
+    text: str
+    """What it was and what it is."""
+    share: float
+    """What is left of it, as a share; smaller is tighter."""
+
+
+def why_slower(before: Recorded, now: Evaluation) -> str:
+    """Returns a sentence with both cycle times, the joint that takes more of them, and what has changed for it.
+
+    Of the joints that may do less than they did, the one whose share of the time has grown most is named first. Where
+    none of those has grown, the plan avoids them: they are named with their limits, and then the share that has grown.
+
+    Args:
+        before: what the case came to then.
+        now: what it comes to, with a plan.
+    """
+    time = now.cycle_time or 0.0
+    share = f" ({(time / before.cycle_time - 1.0) * 100:+.1f} %)" if before.cycle_time > 0.0 else ""
+    grown = _grown(before.limiting, now.limiting)
+    tightened = _tightened(before.limits, now)
+    joints = {limit.joint for limit in tightened}
+    blamed = next((name for name in grown if name in joints), "")
+    parts = []
+    if blamed:
+        parts.append(_takes_more(blamed, before.limiting, now.limiting))
+        own = [limit for limit in tightened if limit.joint == blamed]
+        parts += [f"its {limit.text}" for limit in own[:MOST_LIMITS]]
+        if rest := [limit for limit in tightened if limit.joint != blamed]:
+            parts.append(f"also {_listed(rest)}")
+    elif tightened:
+        parts.append(_listed(tightened))
+        if grown:
+            taken = _takes_more(grown[0], before.limiting, now.limiting)
+            parts.append(f"so the plan goes another way: {taken}")
+    elif grown:
+        parts.append(_takes_more(grown[0], before.limiting, now.limiting))
+    parts.append(_input_files(before.inputs, now.inputs))
+    return f"cycle time {before.cycle_time:.3f} s -> {time:.3f} s{share}: {'; '.join(parts)}"
+
+
+def _grown(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
+    """Returns what takes more of the time than it did, most first."""
+    growth = {name: now.get(name, 0.0) - before.get(name, 0.0) for name in {*before, *now}}
+    return sorted((n for n in growth if growth[n] > GREW), key=lambda n: (-growth[n], n))
+
+
+def _takes_more(name: str, before: Mapping[str, float], now: Mapping[str, float]) -> str:
+    subject = _PARTS.get(name, f"{name} takes")
+    return f"{subject} more of it ({before.get(name, 0.0):.3f} s -> {now.get(name, 0.0):.3f} s)"
+
+
+def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> list[Tightened]:
+    """Returns the limits that allow less than they did, the tightest first."""
+    found = []
+    for joint in sorted(now.limits):
+        then, limits, slides = before.get(joint), now.limits[joint], joint in now.sliding
+        if then is None:
+            continue
+        for name in RATES:
+            old, new = then.get(name, math.inf), limits.get(name, math.inf)
+            if new < old * (1.0 - SAME):
+                unit = _unit(name, slides)
+                text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
+                found.append(Tightened(joint, text, new / old if math.isfinite(old) else 0.0))
+        for name, sign in (("lower", 1.0), ("upper", -1.0)):
+            old, new = then.get(name, -sign * math.inf), limits.get(name, -sign * math.inf)
+            if sign * (new - old) > SAME:
+                unit = "m" if slides else "deg"
+                text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
+                found.append(Tightened(joint, text, 1.0))
+    return sorted(found, key=lambda limit: (limit.share, limit.joint))
+
+
+def _unit(name: str, slides: bool) -> str:
+    power = {"velocity": "s", "acceleration": "s²", "jerk": "s³"}[name]
+    return f"{'m' if slides else 'deg'}/{power}"
+
+
+def _shown(value: float, slides: bool) -> str:
+    if not math.isfinite(value):
+        return "none"
+    return f"{value if slides else math.degrees(value):.6g}"
+
+
+def _listed(limits: list[Tightened]) -> str:
+    """Returns the first of some limits, and how many more there are."""
+    text = ", ".join(f"{limit.joint}'s {limit.text}" for limit in limits[:MOST_LIMITS])
+    more = len(limits) - MOST_LIMITS
+    return text + (f" and {more} more" if more > 0 else "")
+
+
+def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Returns which files are others than they were."""
+    changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
+    if not changed:
+        return "no file has changed, so it is dualarm or one of its libraries"
+    more = len(changed) - MOST_FILES
+    tail = f" and {more} more" if more > 0 else ""
+    return f"changed since: {', '.join(changed[:MOST_FILES])}{tail}"
+
 
 FLOOR = 1e-3
 """Cycle times that differ by less are the same, whatever share that is [s]: the last digits differ between machines."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.reporting.printable import one_line
+from dualarm_cli.report.printable import one_line
 from dualarm_cli.scoring.verdict import Verdict, words
 from dualarm_cli.scoring.words import change_words, clearance_words, cycle_words, gap_words
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli import __version__
-from dualarm_cli.loading.diagnostics import MAX_SHOWN
+from dualarm_cli.files.source.diagnostics import MAX_SHOWN
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.study import Amount, Objective, Parameter, Study
 from dualarm_cli.studies.requests import input_problems
-from dualarm_cli.studies.rows import TOGETHER, Ranking, Row, rank
+from dualarm_cli.studies.rows import TOGETHER, Ranking, StudyRow, rank
 from dualarm_cli.studies.sensitivity import (
     Factor,
-    Sensitivity,
+    StudySensitivity,
     numeric_factor,
     sensitivity,
     word_factor,
@@ -31,7 +31,7 @@ _TOGETHER = {sum: "sum", max: "largest", min: "least"}
 
 
 def study_document(
-    study: Study, rows: Sequence[Row], reference: Row, method: Mapping[str, Any]
+    study: Study, rows: Sequence[StudyRow], reference: StudyRow, method: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Returns the whole document, JSON-ready; SI units but for parameters, which have their own.
 
@@ -95,7 +95,7 @@ def _value(level: Any) -> Any:
     return level.number if isinstance(level, Amount) else level
 
 
-def _counts(rows: Sequence[Row], ranking: Ranking) -> dict[str, int]:
+def _counts(rows: Sequence[StudyRow], ranking: Ranking) -> dict[str, int]:
     counts = {"points": len(rows), "planned": len(ranking.rows), "pareto": len(ranking.pareto)}
     for row in rows:
         if not row.is_planned:
@@ -103,7 +103,7 @@ def _counts(rows: Sequence[Row], ranking: Ranking) -> dict[str, int]:
     return counts
 
 
-def _row(study: Study, row: Row, ranking: Ranking, place: int | None) -> dict[str, Any]:
+def _row(study: Study, row: StudyRow, ranking: Ranking, place: int | None) -> dict[str, Any]:
     names = [parameter.name for parameter in study.parameters]
     return {
         "rank": place,
@@ -116,7 +116,7 @@ def _row(study: Study, row: Row, ranking: Ranking, place: int | None) -> dict[st
     }
 
 
-def _figures(row: Row) -> dict[str, Any]:
+def _figures(row: StudyRow) -> dict[str, Any]:
     """Returns what a row came to, and each task file's share of it."""
     return {**row.figures, "jobs": [_job(evaluation) for evaluation in row.evaluations]}
 
@@ -135,7 +135,7 @@ def _job(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def _reasons(study: Study, row: Row) -> list[str]:
+def _reasons(study: Study, row: StudyRow) -> list[str]:
     """Returns why a row has no plan, as sentences."""
     if row.status == "bad_input":
         problems = input_problems(study, row.point)
@@ -149,9 +149,9 @@ def _reasons(study: Study, row: Row) -> list[str]:
     ]
 
 
-def _failures(failed: Sequence[Row], reasons: Mapping[int, list[str]]) -> list[dict[str, Any]]:
+def _failures(failed: Sequence[StudyRow], reasons: Mapping[int, list[str]]) -> list[dict[str, Any]]:
     """Returns what failed: rows of one status whose first lines differ in numbers only, counted together."""
-    groups: dict[tuple[str, str], list[Row]] = {}
+    groups: dict[tuple[str, str], list[StudyRow]] = {}
     for row in failed:
         first = reasons[row.number][0] if reasons[row.number] else ""
         kind = _NUMBER.sub("#", first.partition("\n")[0])
@@ -169,7 +169,7 @@ def _failures(failed: Sequence[Row], reasons: Mapping[int, list[str]]) -> list[d
 
 
 def _sensitivity(
-    study: Study, objective: Objective, rows: Sequence[Row], searched: bool
+    study: Study, objective: Objective, rows: Sequence[StudyRow], searched: bool
 ) -> dict[str, Any]:
     """Returns what an objective depends on, by all rows that have it."""
     known = [(row, value) for row in rows if (value := row.figures[objective.name]) is not None]
@@ -177,7 +177,7 @@ def _sensitivity(
     factors = [_factor(p, k, [row for row, _ in known]) for k, p in enumerate(study.parameters)]
     stepped = all(parameter.span is None for parameter in study.parameters)
     values = np.array([value for _, value in known], dtype=np.float64)
-    found: Sensitivity = sensitivity(factors, values, stepped, objective.step)
+    found: StudySensitivity = sensitivity(factors, values, stepped, objective.step)
     notes = list(found.notes)
     if searched and not found.is_grid:
         notes.append("the search tried good points more often than others")
@@ -203,7 +203,7 @@ def _sensitivity(
     }
 
 
-def _factor(parameter: Parameter, k: int, rows: Sequence[Row]) -> Factor:
+def _factor(parameter: Parameter, k: int, rows: Sequence[StudyRow]) -> Factor:
     """Returns a parameter as columns of numbers."""
     levels = [row.point[k] for row in rows]
     if not parameter.is_numeric:

@@ -7,11 +7,11 @@ from typing import Any
 
 from dualarm_cli.errors import Diagnostic, InputError, UnknownSolverError
 from dualarm_cli.evaluation.request import Request
-from dualarm_cli.loading.amounts import read_amount, scaled, shifted
-from dualarm_cli.loading.overrides import Override
-from dualarm_cli.loading.quantities import QuantityError
-from dualarm_cli.loading.tasks import load_job
-from dualarm_cli.loading.text_source import quote
+from dualarm_cli.files.source.amounts import read_amount, scaled, shifted
+from dualarm_cli.files.source.overrides import Override
+from dualarm_cli.files.source.quantities import QuantityError
+from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.study import Amount, Level, Parameter, Point, Study, Target
 
 
@@ -26,8 +26,8 @@ def check_settings(study: Study) -> None:
         return
     # All methods take a second to load, which a study of known plans has no other need for.
     from dualarm_cli.model.settings import PlanSettings
-    from dualarm_cli.planning.methods import METHODS
-    from dualarm_cli.planning.redundancy_choice import with_redundancy
+    from dualarm_cli.plan.redundancy_choice import with_redundancy
+    from dualarm_cli.stages.methods import METHODS
     from dualarm_cli.timing import TIMING_SOLVERS
 
     checks: dict[str, Callable[[str], object]] = {

@@ -7,10 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.evaluation import STATUSES, Evaluation, Status
 from dualarm_cli.model.study import OBJECTIVES, Objective, Point
-from dualarm_cli.studies.pareto import pareto_set
+
+_BLOCK = 256
+
+
+def pareto_set(costs: FloatArray) -> BoolArray:
+    """Returns which rows no other row dominates, shape (n,).
+
+    Equal rows do not dominate each other.
+
+    Args:
+        costs: shape (n, k), the smaller the better; finite.
+    """
+    count = len(costs)
+    kept = np.ones(count, dtype=bool)
+    for start in range(0, count, _BLOCK):
+        own = costs[start : start + _BLOCK, None, :]
+        at_least = np.all(costs <= own, axis=2)
+        better = np.any(costs < own, axis=2)
+        kept[start : start + _BLOCK] = ~np.any(at_least & better, axis=1)
+    return kept
+
 
 _WORST_FIRST: tuple[Status, ...] = (
     "internal_error",
@@ -33,7 +53,7 @@ TOGETHER: Mapping[str, Callable[[Sequence[float]], float]] = {
 
 
 @dataclass(frozen=True)
-class Row:
+class StudyRow:
     """A point and what came of it."""
 
     number: int
@@ -77,7 +97,7 @@ class Row:
 class Ranking:
     """Rows with a plan, best first."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[StudyRow, ...]
     """The Pareto set first, by the first objective, then the others by it; what cannot be ranked last."""
     pareto: frozenset[int]
     """Numbers of the rows of the Pareto set."""
@@ -85,7 +105,7 @@ class Ranking:
     """How many rows have a plan but not all figures."""
 
 
-def rank(rows: Sequence[Row], objectives: Sequence[Objective]) -> Ranking:
+def rank(rows: Sequence[StudyRow], objectives: Sequence[Objective]) -> Ranking:
     """Returns the rows that have a plan, best first.
 
     Args:

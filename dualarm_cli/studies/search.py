@@ -17,7 +17,7 @@ import numpy as np
 from dualarm_cli.errors import MissingDependencyError
 from dualarm_cli.model.study import Amount, Parameter, Point, Sampling, Study
 from dualarm_cli.studies.points import sample_shares
-from dualarm_cli.studies.rows import Row
+from dualarm_cli.studies.rows import StudyRow
 
 BATCH = 8
 """Points that are asked for at a time."""
@@ -28,7 +28,7 @@ DRAWS = 200
 _NO_PLAN = 1e9
 """What a point without a plan is told to cost; that there is none counts first."""
 
-Rows = Callable[[Sequence[Point], Sequence[Row]], list[Row]]
+Rows = Callable[[Sequence[Point], Sequence[StudyRow]], list[StudyRow]]
 """Evaluates points, given the rows that there are already."""
 
 
@@ -40,7 +40,7 @@ def require_optuna() -> None:
         raise MissingDependencyError("optuna", "optimise")
 
 
-def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[Row]:
+def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[StudyRow]:
     """Returns the rows of the points that were tried, in their order, no point twice.
 
     The first ones are spread over the ranges; then come those of which good rows make it likely that they are good.
@@ -57,7 +57,7 @@ def search(study: Study, budget: int, seed: int, evaluate: Rows) -> list[Row]:
     """
     require_optuna()
     searcher = _Searcher(study, budget, seed)
-    rows: list[Row] = []
+    rows: list[StudyRow] = []
     while len(rows) < budget:
         points = searcher.ask(min(BATCH, budget - len(rows)))
         if not points:
@@ -106,7 +106,7 @@ class _Searcher:
             points.append(point)
         return points
 
-    def tell(self, row: Row) -> None:
+    def tell(self, row: StudyRow) -> None:
         """Takes what came of a point."""
         costs = row.costs(self._study.objectives)
         if costs is None:

@@ -66,7 +66,7 @@ class Influence:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class StudySensitivity:
     """What an objective depends on."""
 
     plans: int
@@ -116,7 +116,7 @@ def word_factor(name: str, chosen: Sequence[int], count: int) -> Factor:
 
 def sensitivity(
     factors: Sequence[Factor], values: FloatArray, stepped: bool, step: float = 0.0
-) -> Sensitivity:
+) -> StudySensitivity:
     """Returns what an objective depends on.
 
     Args:
@@ -136,7 +136,7 @@ def sensitivity(
         none = tuple(
             Influence(f.name, 0.0 if count > 1 else None, None, None, None) for f in factors
         )
-        return Sensitivity(count, grid, none, (), None, (f"no sensitivity: {why}",))
+        return StudySensitivity(count, grid, none, (), None, (f"no sensitivity: {why}",))
     slopes, linear_share = _regression(factors, values)
     influences = [
         Influence(
@@ -151,7 +151,7 @@ def sensitivity(
     influences.sort(key=lambda one: -(one.share or 0.0))
     pairs = _pairs(varied, values) if grid else ()
     notes = _notes(count, factors, linear_share, grid, whole)
-    return Sensitivity(count, grid, tuple(influences), pairs, linear_share, notes)
+    return StudySensitivity(count, grid, tuple(influences), pairs, linear_share, notes)
 
 
 def _is_grid(factors: Sequence[Factor], count: int) -> bool:

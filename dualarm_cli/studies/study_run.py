@@ -11,7 +11,7 @@ from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation
 from dualarm_cli.model.study import Point, Study
 from dualarm_cli.studies.requests import point_requests, reference_requests
-from dualarm_cli.studies.rows import Row
+from dualarm_cli.studies.rows import StudyRow
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Progress:
     """Points that there are."""
     known: int
     """Plans that the store knew."""
-    best: Row | None
+    best: StudyRow | None
     """The best row so far by the first objective."""
 
 
@@ -45,7 +45,9 @@ class Desk:
     seen: dict[str, str] = field(default_factory=dict)
     """Hashes by path of the files that plans were made from."""
 
-    def rows(self, study: Study, points: Sequence[Point], done: Sequence[Row] = ()) -> list[Row]:
+    def rows(
+        self, study: Study, points: Sequence[Point], done: Sequence[StudyRow] = ()
+    ) -> list[StudyRow]:
         """Returns a row for each point, in the order of the points.
 
         Args:
@@ -58,27 +60,27 @@ class Desk:
         """
         asked = [point_requests(study, point) for point in points]
         found = self._evaluated(
-            asked, lambda k, e: Row(len(done) + k, points[k], e), study, list(done)
+            asked, lambda k, e: StudyRow(len(done) + k, points[k], e), study, list(done)
         )
         return [found[k] for k in range(len(points))]
 
-    def reference(self, study: Study) -> Row:
+    def reference(self, study: Study) -> StudyRow:
         """Returns what the files come to as they are; its number is -1."""
         asked = [reference_requests(study)]
-        return self._evaluated(asked, lambda _, e: Row(-1, (), e), study, None)[0]
+        return self._evaluated(asked, lambda _, e: StudyRow(-1, (), e), study, None)[0]
 
     def _evaluated(
         self,
         asked: Sequence[Sequence[Request]],
-        made: Callable[[int, tuple[Evaluation, ...]], Row],
+        made: Callable[[int, tuple[Evaluation, ...]], StudyRow],
         study: Study,
-        done: list[Row] | None,
-    ) -> dict[int, Row]:
+        done: list[StudyRow] | None,
+    ) -> dict[int, StudyRow]:
         """Returns rows by place; each is made as soon as all its requests are answered."""
         owners = [(k, j) for k, requests in enumerate(asked) for j in range(len(requests))]
         flat = [request for requests in asked for request in requests]
         parts: dict[int, dict[int, Evaluation]] = {k: {} for k in range(len(asked))}
-        found: dict[int, Row] = {}
+        found: dict[int, StudyRow] = {}
         best = min((row for row in done or () if row.is_planned), key=_first(study), default=None)
         for answer in answers(flat, self.run, self.store, self.seen):
             k, j = owners[answer.index]
@@ -99,10 +101,10 @@ class Desk:
         return found
 
 
-def _first(study: Study) -> Callable[[Row], float]:
+def _first(study: Study) -> Callable[[StudyRow], float]:
     """Returns what rows are compared by: the first objective."""
 
-    def cost(row: Row) -> float:
+    def cost(row: StudyRow) -> float:
         costs = row.costs(study.objectives[:1])
         return float("inf") if costs is None else costs[0]
 

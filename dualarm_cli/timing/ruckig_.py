@@ -10,7 +10,7 @@ from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold
-from dualarm_cli.timing.phases import PHASES, Phases, transfer_trajectory
+from dualarm_cli.timing.double_s import PHASES, Phases, transfer_trajectory
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 

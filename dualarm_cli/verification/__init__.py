@@ -25,28 +25,28 @@ from dualarm_cli.verification.motion_checks import (
     check_time,
     not_checked,
 )
-from dualarm_cli.verification.order_checks import check_order, check_precedence, check_windows
-from dualarm_cli.verification.path_checks import check_paths
-from dualarm_cli.verification.seam_checks import check_seams
-from dualarm_cli.verification.segment_checks import check_segment_kinds
-from dualarm_cli.verification.sequence_checks import (
+from dualarm_cli.verification.order_checks import (
     check_arms,
     check_bound,
     check_dwells,
     check_ends,
+    check_order,
+    check_precedence,
     check_segments,
+    check_windows,
 )
-from dualarm_cli.verification.stage_checks import check_pairing, check_stages
+from dualarm_cli.verification.path_checks import check_paths, check_torques
+from dualarm_cli.verification.seam_checks import check_seams
+from dualarm_cli.verification.stage_checks import check_pairing, check_segment_kinds, check_stages
 from dualarm_cli.verification.tool_change_checks import check_tool_changes
 from dualarm_cli.verification.tool_checks import (
     check_events,
     check_lines,
     check_platform_still,
     check_targets,
+    check_tool_speed,
 )
 from dualarm_cli.verification.tool_model import ToolModel
-from dualarm_cli.verification.tool_speed import check_tool_speed
-from dualarm_cli.verification.torque_checks import check_torques
 
 OF_JOBS = (
     "events_at_targets",

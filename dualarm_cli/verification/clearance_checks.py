@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect, insort
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
+import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.collision.solids import (
@@ -14,6 +17,7 @@ from dualarm_cli.collision.solids import (
     cell_solids,
     pairs_that_must_keep_apart,
 )
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, StageClearance
@@ -22,8 +26,38 @@ from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, 
 from dualarm_cli.verification.handover_checks import HandoverSpan, handover_spans
 from dualarm_cli.verification.line_spans import LineSpan, line_spans, spans_of
 from dualarm_cli.verification.motion_checks import judge, not_checked
-from dualarm_cli.verification.stretches import edges_of, stages_of
 from dualarm_cli.verification.tool_model import ToolModel
+
+
+def edges_of(schedule: Schedule) -> FloatArray:
+    """Returns the starts and ends of the stages and of the motion [s]; one stretch where no stages are stated."""
+    time = schedule.trajectory.time
+    first, last = float(time[0]), float(time[-1])
+    edges = sorted({first, *(s.start for s in schedule.stages if first < s.start < last)})
+    for end in sorted(stage.end for stage in schedule.stages):
+        # An end that only rounding parts from where the next stage starts is no edge of its own.
+        place = bisect(edges, end)
+        near = (*edges[place - 1 : place + 1], last)
+        if first < end < last and all(abs(end - edge) > tol.SAME_TIME for edge in near):
+            insort(edges, end)
+    return np.array([*edges, last])
+
+
+def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
+    """Returns the stages that each stretch between two edges is part of.
+
+    What is between stages counts with the last that has begun: no motion is left out.
+    """
+    starts = np.array([stage.start for stage in schedule.stages])
+    ends = np.array([stage.end for stage in schedule.stages])
+    found = []
+    for start, end in pairwise(edges.tolist()):
+        inside = np.flatnonzero((starts <= start) & (end <= ends + tol.SAME_TIME)).tolist()
+        begun = np.flatnonzero(starts <= start)
+        last = int(begun[np.argmax(starts[begun])]) if len(begun) else 0
+        found.append(inside or [last])
+    return found
+
 
 NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"

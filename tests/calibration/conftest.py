@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.calibration import CalibrationProblem
+from dualarm_cli.files.calibration.points import load_points
 from dualarm_cli.geometry.rotations import exp_rotation
-from dualarm_cli.loading.points import load_points
 from dualarm_cli.model.touches import Touches
 
 Problem = Callable[..., CalibrationProblem]

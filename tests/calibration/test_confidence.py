@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS, CalibrationProblem
-from dualarm_cli.calibration.confidence import interval_factor, region_limit
-from dualarm_cli.calibration.frame import relative_pose
-from dualarm_cli.calibration.rigid import fit_rigid, pose_covariance, residual_variance
+from dualarm_cli.calibration.rigid import (
+    fit_rigid,
+    pose_covariance,
+    relative_pose,
+    residual_variance,
+)
+from dualarm_cli.calibration.spread import interval_factor, region_limit
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.model.touches import Touches
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS, CalibrationProblem
-from dualarm_cli.calibration.consistency import check_consistency
-from dualarm_cli.calibration.judgement import judge
+from dualarm_cli.calibration.judgement import check_consistency, judge
 
 Problem = Callable[..., CalibrationProblem]
 FILES = 400

@@ -7,16 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dualarm_cli.calibration.calibrate import calibrate
-from dualarm_cli.calibration.confidence import half_widths, region_limit
-from dualarm_cli.calibration.joint_fit import Side, fit_tools_and_pose
-from dualarm_cli.calibration.observability import look
+from dualarm_cli.calibration.calibrate import Side, calibrate, fit_tools_and_pose
 from dualarm_cli.calibration.rigid import fit_rigid
-from dualarm_cli.calibration.tips import Flanges, flange_poses, second_joint_height, touched_points
-from dualarm_cli.calibration.tool_fit import HEIGHT, fit_tool
+from dualarm_cli.calibration.spread import half_widths, look, region_limit
+from dualarm_cli.calibration.tool_fit import (
+    HEIGHT,
+    Flanges,
+    fit_tool,
+    flange_poses,
+    second_joint_height,
+    touched_points,
+)
 from dualarm_cli.errors import InfeasibleError, UsageError
+from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
-from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.touches import Touches, TouchSide
 
 R_TRUE, T_TRUE = exp_rotation(np.array([0.02, -0.04, -0.14])), np.array([-2.79, 0.24, -0.05])

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from dualarm_cli.calibration import CALIBRATION_SOLVERS, CalibrationProblem
 from dualarm_cli.calibration.calibrate import calibrate
-from dualarm_cli.calibration.frame import point_frame
-from dualarm_cli.calibration.rigid import fit_rigid
+from dualarm_cli.calibration.rigid import fit_rigid, point_frame
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
 from dualarm_cli.model.touches import Touches

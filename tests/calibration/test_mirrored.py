@@ -8,7 +8,7 @@ import pytest
 
 from dualarm_cli.calibration.calibrate import calibrate
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.loading.points import load_points
+from dualarm_cli.files.calibration.points import load_points
 
 POINTS = """\
 dualarm: points/1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.loading.cells import load_cell
+from dualarm_cli.files.cells.cells import load_cell
 
 COORDINATES = """\
 dualarm: points/1

@@ -111,7 +111,7 @@ def test_without_task_files_the_bundled_ones_are_compared(
     monkeypatch, planar, tasks_folder, capsys
 ):
     """By the names of their folders; here only two of them, to be quick."""
-    import dualarm_cli.loading.bundled as bundled
+    import dualarm_cli.files.source.bundled as bundled
 
     assert sorted(bundled.bundled_tasks()) == sorted(
         entry.name for entry in tasks_folder.iterdir() if (entry / "tasks.yaml").is_file()

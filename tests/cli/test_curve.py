@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 
 TASKS = """\
 dualarm: tasks/1

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from dualarm_cli.cli.run import run
-from dualarm_cli.path_following import PATH_SOLVERS
-from dualarm_cli.redundancy import REDUNDANCY_SOLVERS
+from dualarm_cli.kinds.path.following import PATH_SOLVERS
+from dualarm_cli.postures import REDUNDANCY_SOLVERS
 
 CELL = """\
 dualarm: cell/1

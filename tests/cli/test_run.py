@@ -18,7 +18,7 @@ import pytest
 from dualarm_cli.cli import plan as cli_plan
 from dualarm_cli.cli import run as run_module
 from dualarm_cli.cli.run import run
-from dualarm_cli.planning import planner
+from dualarm_cli.plan import planner
 
 AT_ONCE = 6.0
 """Two seconds by the contract [s]; the rest is for a machine that does other things meanwhile."""
@@ -190,7 +190,7 @@ def test_json_also_on_failure(capsys):
 
 def test_an_internal_error_is_exit_4(monkeypatch, capsys):
     """A bug is said to be one; it does not look like a regression."""
-    import dualarm_cli.loading.bundled as bundled
+    import dualarm_cli.files.source.bundled as bundled
 
     def broken():
         raise ZeroDivisionError("seven")

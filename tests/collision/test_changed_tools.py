@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.solids import cell_solids, pairs_that_must_keep_apart
-from dualarm_cli.loading.cells import load_cell
+from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.shape import Shape
 

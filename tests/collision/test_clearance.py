@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.collision.quick_test import QuickTest
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.shape import Shape
 

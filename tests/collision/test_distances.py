@@ -6,8 +6,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.distances import box_distance, segment_distance
 from dualarm_cli.collision.hulls import is_rough
+from dualarm_cli.collision.quick_test import box_distance, segment_distance
 from dualarm_cli.collision.solids import WORLD, Solid
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.gripping import too_near
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.collision.lying import too_near
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.shape import Shape

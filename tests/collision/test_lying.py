@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.collision.lying import part_reaches
 from dualarm_cli.collision.quick_test import OVERLAP
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Cell, Obstacle
 from dualarm_cli.model.shape import Shape
 

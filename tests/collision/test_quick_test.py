@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.collision.quick_test import QuickTest
 from dualarm_cli.collision.solids import cell_solids, geometry_model, pairs_that_must_keep_apart
 from dualarm_cli.collision.tree import JointTree
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.shape import Shape
 

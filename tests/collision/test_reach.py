@@ -16,7 +16,7 @@ from dualarm_cli.collision.solids import (
     geometry_model,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 
 
 @pytest.mark.parametrize("name", ["04_packing", "05_two_robots", "07_two_shelves"])

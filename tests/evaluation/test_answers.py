@@ -8,7 +8,7 @@ import pytest
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.evaluation.answers import answers
-from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.fingerprint import hashes_now
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation
 

@@ -18,8 +18,7 @@ import pytest
 from dualarm_cli.errors import UsageError
 from dualarm_cli.evaluation import cluster as module
 from dualarm_cli.evaluation.cluster import Cluster, evaluate_there
-from dualarm_cli.evaluation.fingerprint import digest, programs
-from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.fingerprint import digest, hashes_now, programs
 from dualarm_cli.model.evaluation import Evaluation
 
 distributed = pytest.importorskip("distributed")

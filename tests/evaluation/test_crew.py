@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.evaluation import crew as crew_module
-from dualarm_cli.evaluation import worker_process as module
+from dualarm_cli.evaluation import crew as module
 from dualarm_cli.evaluation.crew import Crew, WorkersFailedError, usable_cores
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.model.evaluation import Evaluation
@@ -212,7 +212,7 @@ BUSY = (
 """A worker that is the real one but for what it does, which takes long."""
 PARENT = """
 import sys, threading, time
-import dualarm_cli.evaluation.worker_process as module
+import dualarm_cli.evaluation.crew as module
 from dualarm_cli.evaluation.crew import Crew
 from dualarm_cli.evaluation.request import Request
 module._START = sys.argv[1] + module._START

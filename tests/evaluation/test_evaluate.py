@@ -13,10 +13,10 @@ import pytest
 from dualarm_cli.evaluation import evaluate as module
 from dualarm_cli.evaluation.evaluate import evaluate, settings_of
 from dualarm_cli.evaluation.request import Request, case_name
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.budget import Kept
 from dualarm_cli.model.evaluation import Evaluation
-from dualarm_cli.planning.planner import plan
+from dualarm_cli.plan.planner import plan
 
 
 def test_the_figures_are_those_of_the_plan(cells, request_for):

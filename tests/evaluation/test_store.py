@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dualarm_cli.evaluation import fingerprint
-from dualarm_cli.evaluation.inputs import hashes_now
+from dualarm_cli.evaluation.fingerprint import hashes_now
 from dualarm_cli.evaluation.store import Store
 from dualarm_cli.model.evaluation import Evaluation, Finding
 

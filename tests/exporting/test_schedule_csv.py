@@ -9,7 +9,7 @@ import io
 import numpy as np
 import pytest
 
-from dualarm_cli.exporting.schedule_csv import to_csv
+from dualarm_cli.exporting.files import to_csv
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_every_number_reads_back_to_the_same_double(schedule, sampled):
 
 def test_long_tables_are_the_same_as_short_ones_put_together(sampled, monkeypatch):
     """Written in blocks of three rows and in one."""
-    from dualarm_cli.exporting import schedule_csv
+    from dualarm_cli.exporting import files as schedule_csv
 
     whole = written(sampled, 100.0)
     monkeypatch.setattr(schedule_csv, "BLOCK", 3)

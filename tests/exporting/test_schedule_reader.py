@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.errors import InputError
-from dualarm_cli.exporting import json_reader, json_stream
+from dualarm_cli.exporting import json_reader
+from dualarm_cli.exporting import json_reader as json_stream
 from dualarm_cli.exporting.schedule_reader import read_schedule, torn_files
 from dualarm_cli.verification import verify
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dualarm_cli.geometry.real_zeros import derivative, polynomial_value, real_zeros
+from dualarm_cli.geometry.roots import derivative, polynomial_value, real_zeros
 
 
 def with_zeros(zeros):

@@ -9,8 +9,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.loading.tasks import load_job
 
 Script = Callable[[str], ModuleType]
 

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.loading.cells import load_cell
-from dualarm_cli.loading.robots import load_robot
-from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 Script = Callable[[str], ModuleType]

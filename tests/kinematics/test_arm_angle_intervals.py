@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.kinematics.arm_angle_intervals import (
+from dualarm_cli.kinematics.srs.arm_angle_intervals import (
     ArmAngleIntervals,
     _cuts,
     feasible_arm_angles,
 )
-from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 TURN = 2 * np.pi
 

@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.cell_model import CellModel, find_false_kinds
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.wrist_arm import WristArm
-from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
 
 ROOT = Path(__file__).parents[2]

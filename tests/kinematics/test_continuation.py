@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.continuation import follow_lines, moved_along, spare_directions
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import CURVE_STEP, branches, self_motions
-from dualarm_cli.kinematics.srs_limits import wrap
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.kinematics.srs.srs_limits import wrap
 
 
 def arm_of(general_robots, name, side="left"):

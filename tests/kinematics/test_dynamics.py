@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.dynamics import Dynamics
-from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
 
 

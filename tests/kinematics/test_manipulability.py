@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.manipulability import (
     manipulability,
     manipulability_rates,
 )
 from dualarm_cli.kinematics.whole_body import WholeBody, bracket
-from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
 
 STEP = 1e-5

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.kinematics.arm_angle_plane import reference_directions
-from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.arm_angle_curves import reference_directions
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 EXACT = 1e-9
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from dualarm_cli.errors import UnsupportedError
-from dualarm_cli.kinematics.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs_canonical import SrsCanonical
-from dualarm_cli.kinematics.srs_geometry import SrsGeometry
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_geometry import SrsCanonical, SrsGeometry
 
 
 def test_known_arms_are_exact_with_their_published_links(chains):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.kinematics.srs_limits import (
+from dualarm_cli.kinematics.srs.srs_limits import (
     nearest_turns,
     some_turn_within,
     within_limits,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.kinematics.arm_angle_plane import ArmPlane
-from dualarm_cli.kinematics.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.arm_angle_curves import ArmPlane
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 
 EXACT = 1e-9
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.kinematics.point_postures import point_postures
-from dualarm_cli.kinematics.point_reach import point_miss
-from dualarm_cli.kinematics.three_axes import ThreeAxes
+from dualarm_cli.kinematics.three_axes import ThreeAxes, point_miss, point_postures
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
 KINDS = ("elbow", "elbow_meeting", "meeting", "parallel", "any")

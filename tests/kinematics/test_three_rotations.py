@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.kinematics.platform_chain import rotation_z
-from dualarm_cli.kinematics.three_rotations import three_turns
+from dualarm_cli.kinematics.wrist_arm import three_turns
 
 
 def turned(R12, R23, q):

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.whole_body import (
     WholeBody,
     bracket,
@@ -15,8 +17,6 @@ from dualarm_cli.kinematics.whole_body import (
     screw_rates,
     tool_drift,
 )
-from dualarm_cli.loading.robots import load_robot
-from dualarm_cli.loading.tasks import load_job
 from dualarm_cli.model.cell import Cell, Tool
 
 STEP = 1e-6

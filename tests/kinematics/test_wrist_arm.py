@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
-from dualarm_cli.kinematics.srs_limits import wrap
+from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.kinematics.wrist_arm import WristArm, with_closed_forms
 
 KINDS = ("elbow", "elbow_meeting", "meeting", "parallel", "any")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipe
 
-from dualarm_cli.model.arc_length import ArcLength
+from dualarm_cli.model.curves.arc_length import ArcLength
 
 EVEN = np.linspace(0.0, 1.0, 257)
 

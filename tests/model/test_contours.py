@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.model.contours import Contour, Ellipse, Saddle, SphereArc
-from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.curves.contours import Contour, Ellipse, Saddle, SphereArc
+from dualarm_cli.model.curves.point_spline import PointSpline
 
 STEP = 1e-6
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from dualarm_cli.model import discretisation
-from dualarm_cli.model.contours import Ellipse, Saddle, Segment, SphereArc
-from dualarm_cli.model.discretisation import Points, by_euler, by_length, judge, step_lengths
-from dualarm_cli.model.feature_curve import FeatureCurve, PoseCurve
-from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.curves import discretisation
+from dualarm_cli.model.curves.contours import Ellipse, LineContour, Saddle, SphereArc
+from dualarm_cli.model.curves.discretisation import Points, by_euler, by_length, judge, step_lengths
+from dualarm_cli.model.curves.feature_curve import FeatureCurve, PoseCurve
+from dualarm_cli.model.curves.point_spline import PointSpline
 
 HERE = pin.SE3.Identity()
 TURN = 2.0 * np.pi
@@ -97,7 +97,7 @@ def test_a_circle_s_chords_and_turns_by_hand():
 def test_a_line_has_no_error_at_all():
     """No curvature, no turn, axes the same."""
     line = FeatureCurve(
-        Segment(np.zeros(3), np.array([0.1, 0.2, 0.0]), np.array([0.0, 0.0, 1.0])), HERE
+        LineContour(np.zeros(3), np.array([0.1, 0.2, 0.0]), np.array([0.0, 0.0, 1.0])), HERE
     )
     for points in (by_length(line, 1e-3), by_euler(line, 1e-3)):
         quality = judge(line, points)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.special import ellipe
 
-from dualarm_cli.model.contours import Ellipse, Saddle, Segment, SphereArc
-from dualarm_cli.model.feature_curve import (
+from dualarm_cli.model.curves.contours import Ellipse, LineContour, Saddle, SphereArc
+from dualarm_cli.model.curves.feature_curve import (
     FeatureCurve,
     PoseCurve,
     contour_frames,
@@ -21,7 +21,7 @@ from dualarm_cli.model.feature_curve import (
     sharpest_bend,
     sharpest_roll,
 )
-from dualarm_cli.model.point_spline import PointSpline
+from dualarm_cli.model.curves.point_spline import PointSpline
 
 HERE = pin.SE3.Identity()
 TURN = 2.0 * np.pi
@@ -249,7 +249,7 @@ def test_a_reversed_curve_is_the_same_curve_from_its_end(contour, share):
 def test_the_curve_s_own_pose_places_points_and_frames():
     """A line of 0.2 m along x, turned by 90 degrees about z and moved."""
     place = pin.SE3(pin.utils.rotate("z", np.pi / 2), np.array([1.0, 2.0, 3.0]))
-    line = Segment(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.array([0.3, 0.0, 5.0]))
+    line = LineContour(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.array([0.3, 0.0, 5.0]))
     curve = FeatureCurve(line, place)
     R, p = curve.at(np.array([0.05]))
     assert curve.length == pytest.approx(0.2, rel=1e-13)
@@ -426,7 +426,7 @@ def test_closed_poses_turn_as_fast_where_they_end_as_where_they_begin(turns):
 
 def test_what_cannot_have_a_frame_is_found():
     """A normal along a line; a spline that turns back; a thin ellipse; normals that change sides. Others are smooth."""
-    line = Segment(np.zeros(3), np.array([0.0, 0.0, 0.2]), np.array([0.1, 0.0, 1.0]))
+    line = LineContour(np.zeros(3), np.array([0.0, 0.0, 0.2]), np.array([0.1, 0.0, 1.0]))
     assert least_lean(line) == pytest.approx(np.arctan(0.1))
     x = np.array([1.0, 0.0, 0.0])
     along = PointSpline(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0.1, 0]]), np.zeros(3) + x)

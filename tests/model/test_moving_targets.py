@@ -13,9 +13,9 @@ import pytest
 
 import dualarm_cli.model
 from dualarm_cli.model.conveyor import Conveyor, OnBelt
+from dualarm_cli.model.job import Dwell, PoseTarget, Stop
 from dualarm_cli.model.place import NOWHERE
 from dualarm_cli.model.shape import Hull, Shape
-from dualarm_cli.model.stop import Dwell, PoseTarget, Stop
 from dualarm_cli.model.touches import TouchSide
 
 BELT = Conveyor("belt", np.array([0.3, 0.0, -0.4]))

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
-from dualarm_cli.model.stop import PoseTarget
 from dualarm_cli.model.trajectory import Trajectory
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.contours import Segment
-from dualarm_cli.model.feature_curve import FeatureCurve
+from dualarm_cli.model.curves.contours import LineContour
+from dualarm_cli.model.curves.feature_curve import FeatureCurve
+from dualarm_cli.model.curves.tool_path import Line, ToolPath
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork, longest_ramp
-from dualarm_cli.model.tool_path import Line, ToolPath
 
 LINE = FeatureCurve(
-    Segment(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])), pin.SE3.Identity()
+    LineContour(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
+    pin.SE3.Identity(),
 )
 
 

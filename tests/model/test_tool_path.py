@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.model.tool_path import TURN_LENGTH, Line, Spline, ToolPath, Turn
+from dualarm_cli.model.curves.tool_path import TURN_LENGTH, Line, Spline, ToolPath, Turn
 
 DOWN = pin.utils.rotate("x", np.pi)
 

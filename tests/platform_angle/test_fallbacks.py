@@ -9,7 +9,7 @@ import pytest
 
 from dualarm_cli.geometry.roots import first_order_zeros
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, Kind, PlatformProblem, elbow_angles
-from dualarm_cli.platform_angle.fallback import stationary_polynomial, unbalanced_angles
+from dualarm_cli.platform_angle.exact import stationary_polynomial, unbalanced_angles
 from dualarm_cli.platform_angle.problem import cosine_coefficients, elbow_cosine
 
 STEP = 1e-6

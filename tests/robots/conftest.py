@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.bundled import robots_folder
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import robots_folder
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.loading.robots import load_robot
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.robots.robots import load_robot
 
 # [Bottin2021], Table 1 [m, rad].
 R0, ALPHA, LINK, PHI0 = 0.050, math.radians(120), 0.070, math.radians(-30)

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.bundled import bundled_robots, robots_folder
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 from dualarm_cli.model.robot import Arm, Robot
 
 Axes = Callable[[pin.Model, tuple[str, ...], np.ndarray], tuple[np.ndarray, ...]]

@@ -17,8 +17,8 @@ from dualarm_cli.collision.solids import (
     geometry_model,
     pairs_that_must_keep_apart,
 )
-from dualarm_cli.loading.bundled import bundled_robots
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import bundled_robots
 from dualarm_cli.model.cell import Cell, Tool
 
 Segment = tuple[np.ndarray, np.ndarray, float]

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.robots.robots import load_robot
 
 Axes = Callable[[pin.Model, tuple[str, ...], np.ndarray], tuple[np.ndarray, ...]]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.cells import load_cell
-from dualarm_cli.loading.robots import load_robot
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robots import load_robot
 
 # Table 6 [rad], and the printed points [m] with their minus signs restored.
 TABLE_6 = {

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from dualarm_cli.scoring.causes import why_slower
+from dualarm_cli.scoring.gate import why_slower
 
 DEG = math.pi / 180.0
 

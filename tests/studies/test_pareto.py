@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dualarm_cli.studies.pareto import pareto_set
+from dualarm_cli.studies.rows import pareto_set
 
 COSTS = st.tuples(st.integers(0, 40), st.integers(1, 4)).flatmap(
     # Few different numbers, so that there are ties and equal rows.

@@ -11,11 +11,11 @@ import pytest
 from dualarm_cli.errors import InputError
 from dualarm_cli.evaluation.evaluate import settings_of
 from dualarm_cli.exporting.schedule_json import to_json
-from dualarm_cli.loading.studies import load_study
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.studies.studies import load_study
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Provenance
 from dualarm_cli.model.study import Study
-from dualarm_cli.planning.planner import plan
+from dualarm_cli.plan.planner import plan
 from dualarm_cli.studies.points import study_points
 from dualarm_cli.studies.requests import (
     check_settings,

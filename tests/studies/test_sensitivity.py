@@ -11,10 +11,15 @@ from hypothesis import strategies as st
 
 from dualarm_cli.model.study import Sampling
 from dualarm_cli.studies.points import sample_shares
-from dualarm_cli.studies.sensitivity import Sensitivity, numeric_factor, sensitivity, word_factor
+from dualarm_cli.studies.sensitivity import (
+    StudySensitivity,
+    numeric_factor,
+    sensitivity,
+    word_factor,
+)
 
 
-def _grid(function, *levels) -> Sensitivity:
+def _grid(function, *levels) -> StudySensitivity:
     """Returns the sensitivity of a function on a whole grid."""
     points = np.array(list(product(*levels)), dtype=np.float64)
     values = np.array([function(*point) for point in points])
@@ -22,7 +27,7 @@ def _grid(function, *levels) -> Sensitivity:
     return sensitivity(factors, values, stepped=True)
 
 
-def _of(found: Sensitivity, name: str):
+def _of(found: StudySensitivity, name: str):
     return next(one for one in found.influences if one.parameter == name)
 
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from dualarm_cli.evaluation.inputs import names_of
+from dualarm_cli.evaluation.fingerprint import names_of
 from dualarm_cli.evaluation.request import Request
 from dualarm_cli.evaluation.store import Store
-from dualarm_cli.loading.text_source import read_bytes, recorded_reads
+from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
 from dualarm_cli.model.evaluation import Evaluation, Finding
 from dualarm_cli.studies.document import study_document
 from dualarm_cli.studies.points import study_points
-from dualarm_cli.studies.rows import Row, rank
+from dualarm_cli.studies.rows import StudyRow, rank
 from dualarm_cli.studies.study_run import Desk
 
 
@@ -112,8 +112,8 @@ def test_the_files_as_they_are_are_planned_without_replacements(make_study, coun
     assert (reference.figures["cycle_time"], reference.number) == (99.0, -1)
 
 
-def _row(number: int, *evaluations: Evaluation) -> Row:
-    return Row(number, (), evaluations)
+def _row(number: int, *evaluations: Evaluation) -> StudyRow:
+    return StudyRow(number, (), evaluations)
 
 
 def _planned(**figures: float) -> Evaluation:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dualarm_cli.timing.interpolation import (
+from dualarm_cli.timing.shapes import (
     differentiation_matrix,
     interpolate_samples,
     lagrange_basis,

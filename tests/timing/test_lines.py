@@ -11,8 +11,8 @@ from dualarm_cli.timing.line_profile import (
     distinct_operators,
     estimate_line_durations,
     estimate_operators,
+    joint_line_durations,
 )
-from dualarm_cli.timing.line_rates import joint_line_durations
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.spline import largest_rates

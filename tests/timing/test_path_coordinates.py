@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.timing.path_coordinates import PathCoordinates
+from dualarm_cli.timing.line_profile import PathCoordinates
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.shapes import symmetric_grid
 

@@ -9,8 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.timing.steady_profile import PathRates, Ramp, SteadyProfile
-from dualarm_cli.timing.steady_search import fastest_profile, profile_of_duration, steady_limit
+from dualarm_cli.timing.steady_search import (
+    PathRates,
+    Ramp,
+    SteadyProfile,
+    fastest_profile,
+    profile_of_duration,
+    steady_limit,
+)
 
 PLACES = 641
 

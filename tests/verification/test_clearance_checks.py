@@ -10,13 +10,13 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
-from dualarm_cli.loading.meshes import read_hull
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.robots.meshes import read_hull
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _worked
 

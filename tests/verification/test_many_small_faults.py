@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning import stop_motion
-from dualarm_cli.planning.lines import solve_line
-from dualarm_cli.planning.planner import plan
-from dualarm_cli.redundancy.candidates import flange_poses
+from dualarm_cli.motion import stop_motion
+from dualarm_cli.motion.stop_motion import solve_line
+from dualarm_cli.plan.planner import plan
+from dualarm_cli.postures.candidates import flange_poses
 from dualarm_cli.timing.problem import LineProblem
 from dualarm_cli.verification import verify
 

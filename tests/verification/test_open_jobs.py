@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 OTHER = {"left": "right", "right": "left"}

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.path_checks import (
     NAMES,

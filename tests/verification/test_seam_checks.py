@@ -10,18 +10,23 @@ import pinocchio as pin
 import pytest
 from scipy.special import erf
 
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.seam import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _worked
 from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.seam_checks import NAMES, _part_off, check_seams
-from dualarm_cli.verification.seam_places import _turned_away, on_seam
+from dualarm_cli.verification.seam_checks import (
+    NAMES,
+    _part_off,
+    _turned_away,
+    check_seams,
+    on_seam,
+)
 from dualarm_cli.verification.tool_model import ToolModel
 
 SDA10F = """\

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.segment_checks import check_segment_kinds, first_move
+from dualarm_cli.verification.stage_checks import check_segment_kinds, first_move
 
 FIRST, APPROACH, DWELL, SECOND, LAST_DWELL, BACK = 0, 1, 2, 4, 6, 8
 """Numbers of the left arm's segments."""

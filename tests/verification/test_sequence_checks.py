@@ -10,7 +10,7 @@ import pytest
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.sequence_checks import check_dwells
+from dualarm_cli.verification.order_checks import check_dwells
 from dualarm_cli.verification.tool_model import ToolModel
 
 

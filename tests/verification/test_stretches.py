@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dualarm_cli.verification.stretches import edges_of, stages_of
+from dualarm_cli.verification.clearance_checks import edges_of, stages_of
 
 
 def with_stages(schedule, spans):

@@ -18,14 +18,14 @@ import pytest
 
 from dualarm_cli.collision.solids import cell_solids
 from dualarm_cli.errors import InputError
-from dualarm_cli.loading.tasks import load_job
+from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.planning.planner import plan_without_bound
+from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 KINDS = ("transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam")

@@ -11,7 +11,7 @@ import pytest
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.robot import Arm
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.torque_checks import check_torques
+from dualarm_cli.verification.path_checks import check_torques
 
 MASS, LENGTH, GRAVITY = 2.0, 0.5, 9.81
 URDF = """\

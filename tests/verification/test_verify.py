@@ -15,9 +15,9 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.handover_checks import NAMES as HANDOVER_NAMES
+from dualarm_cli.verification.path_checks import NAME
 from dualarm_cli.verification.path_checks import NAMES as PATH_NAMES
 from dualarm_cli.verification.seam_checks import NAMES as SEAM_NAMES
-from dualarm_cli.verification.torque_checks import NAME
 
 NAMES = (*PATH_NAMES, *SEAM_NAMES, *HANDOVER_NAMES)
 """Checks of paths, seams and hand-overs."""

@@ -1,0 +1,1 @@
+"""A lower bound on the cycle time of every plan of given stages."""

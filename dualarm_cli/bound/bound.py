@@ -1,0 +1,408 @@
+"""A lower bound on every rest-to-rest plan of a sequence: dynamic programming over cells that cover all postures.
+
+What is proven, up to rounding in floating point (enclosures are widened by a thousand times as much). Of a plan that
+keeps the stages, let an arm be at each stop in some cell where its approach begins (at the target if there is none)
+and in some cell where its retract ends, both over one cell of the platform's angle, as the platform is still in
+between. `bound_cells` leaves out no posture, so that these cells exist. Then
+
+- the transfer takes at least the rest-to-rest time of the slowest joint, or of the platform, over the gap between the
+  two cells (times grow with the distance);
+- approach, dwell and retract take at least the dwell and the larger of the lines' own bounds (`bound_lines`) and of
+  the rest-to-rest time from one cell to the other: two motions from rest to rest, one after the other, are one;
+- a stage lasts as long as the slower arm, so at least as long as the other arm needs for the same two cells of the
+  platform with whatever postures suit it best.
+
+The least sum over all sequences of cells, found backwards stage by stage for each arm, is a bound; the larger one of
+both arms' counts. Our own; the proposal to bound pairs of cells instead of nodes stems from interval methods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dualarm_cli.bound.cells import Resolution
+from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, StopWork, Times, stop_boxes, stop_work
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.potentials import LAST_JOINT, platform_columns, transfer_table
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import TransferChain
+from dualarm_cli.stages.search.transfer_table import TransferTable
+
+FEW = 4_000_000
+"""So many pairs are looked at one and all, and kept."""
+RUN = 32
+"""Most cells of one run."""
+ROWS = 64
+"""Rows of a block of pairs: small enough for the cache."""
+FIRST = 24
+"""Runs with the least bounds are looked at first: a share of 1/FIRST of all."""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Cells next to each other in platform cell, branch and arm angle, and the boxes around them; b of them."""
+
+    first: IntArray
+    """Number of the first cell of each, shape (b,)."""
+    size: IntArray
+    """How many cells it has, shape (b,)."""
+    boxes: PostureBoxes
+    """Around each."""
+
+    @classmethod
+    def of(cls, cells: PostureBoxes) -> Runs:
+        """Returns the runs of cells that are in order."""
+        n = len(cells.index)
+        change = (np.diff(cells.index) != 0) | (np.diff(cells.kind) != 0)
+        begins = np.concatenate([[True], change])
+        start = np.maximum.accumulate(np.where(begins, np.arange(n), 0))
+        first = np.flatnonzero((np.arange(n) - start) % RUN == 0)
+        boxes = PostureBoxes(
+            cells.index[first],
+            cells.kind[first],
+            np.minimum.reduceat(cells.low, first, axis=1),
+            np.maximum.reduceat(cells.high, first, axis=1),
+            np.minimum.reduceat(cells.line, first),
+        )
+        return cls(first, np.diff(np.append(first, n)), boxes)
+
+    def rows(self, number: int) -> slice:
+        """Returns where the cells of one run are."""
+        first = int(self.first[number])
+        return slice(first, first + int(self.size[number]))
+
+    def cells(self, chosen: BoolArray) -> IntArray:
+        """Returns the numbers of the cells of chosen runs."""
+        return np.flatnonzero(np.repeat(chosen, self.size))
+
+    def least(self, values: Times) -> Times:
+        """Returns the least value in each run, shape (b,)."""
+        least: Times = np.minimum.reduceat(values, self.first)
+        return least
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Transfers from some cells (n) to others (m)."""
+
+    table: TransferTable
+    """Their times."""
+    before: PostureBoxes
+    """Where they begin."""
+    after: PostureBoxes
+    """Where they end."""
+    without: tuple[int, ...]
+    """Coordinates that do not count."""
+
+    @cached_property
+    def few(self) -> bool:
+        """Whether all pairs are looked at."""
+        return len(self.before.index) * len(self.after.index) <= FEW
+
+    @cached_property
+    def every(self) -> Times:
+        """Least time of every pair [s], shape (n, m)."""
+        return self._times(slice(None), slice(None))
+
+    @cached_property
+    def runs(self) -> tuple[Runs, Runs, Times]:
+        """Runs of both sides, and the least time between any two [s]."""
+        rows, columns = Runs.of(self.before), Runs.of(self.after)
+        a, b = rows.boxes, columns.boxes
+        return (
+            rows,
+            columns,
+            self.table.gap_times(a.low, a.high, b.low, b.high, self.without),
+        )
+
+    def _times(self, rows: slice, columns: IntArray | slice) -> Times:
+        a, b = self.before, self.after
+        return self.table.gap_times(
+            a.low[:, rows], a.high[:, rows], b.low[:, columns], b.high[:, columns], self.without
+        )
+
+    def by_cells(self, work: Times, cells: int) -> Times:
+        """Returns the least of transfer and work for every pair of platform cells [s], (g, g), infinite for none.
+
+        Args:
+            work: least work of each cell where a transfer ends [s], shape (m,).
+            cells: number g of platform cells.
+        """
+        table = np.full((cells, cells), np.inf, dtype=np.float32)
+        if self.few:
+            columns, first = np.unique(self.after.index, return_index=True)
+            least = np.minimum.reduceat(self.every + work, first, axis=1)
+            rows, first = np.unique(self.before.index, return_index=True)
+            table[np.ix_(rows, columns)] = np.minimum.reduceat(least, first, axis=0)
+            return table
+        origins, goals, times = self.runs
+        least_work = goals.least(work)
+        index = goals.boxes.index
+        _, group = np.unique(index, return_index=True)
+        sizes = np.diff(np.append(group, len(index)))
+        for k, cell in enumerate(origins.boxes.index):
+            best = table[cell]
+            bound = times[k] + least_work
+            # The most promising run of every platform cell first, then all that may still be better.
+            promising = bound <= np.repeat(np.minimum.reduceat(bound, group), sizes)
+            promising &= bound < best[index]
+            self._lower(best, origins.rows(k), goals.cells(promising), work)
+            rest = (bound < best[index]) & ~promising
+            self._lower(best, origins.rows(k), goals.cells(rest), work)
+        return table
+
+    def _lower(self, best: Times, rows: slice, columns: IntArray, work: Times) -> None:
+        """Lowers one row of `by_cells` to the least of some pairs."""
+        if len(columns):
+            least = self._times(rows, columns).min(axis=0) + work[columns]
+            index, first = np.unique(self.after.index[columns], return_index=True)
+            best[index] = np.minimum(best[index], np.minimum.reduceat(least, first))
+
+    def least_from(self, own: Times, floor: Times, beyond: Times) -> Times:
+        """Returns min over the pairs of max(transfer + own, floor + beyond), shape (n,).
+
+        Args:
+            own: from each cell where a transfer ends, the arm's work and all the rest [s], shape (m,).
+            floor: least length of the stage for every pair of platform cells [s], shape (g, g).
+            beyond: from each cell where a transfer ends, all the rest alone [s], shape (m,).
+        """
+        index = self.after.index
+        result = np.empty(len(self.before.index), dtype=np.float32)
+        if self.few:
+            for k in range(0, len(result), ROWS):
+                rows = slice(k, k + ROWS)
+                floors = floor[self.before.index[rows]][:, index] + beyond
+                result[rows] = np.maximum(self.every[rows] + own, floors).min(axis=1)
+            return result
+        origins, goals, times = self.runs
+        least_own, least_beyond = goals.least(own), goals.least(beyond)
+        number = len(goals.first) // FIRST
+        for k, cell in enumerate(origins.boxes.index):
+            rows, floors = origins.rows(k), floor[cell]
+            bound = np.maximum(times[k] + least_own, floors[goals.boxes.index] + least_beyond)
+            promising = bound <= np.partition(bound, number)[number]
+            best = np.full(origins.size[k], np.inf, dtype=np.float32)
+            for chosen in (promising, ~promising):
+                some = goals.cells(chosen & (bound < best.max()))
+                if len(some):
+                    sums = self._times(rows, some)
+                    sums += own[some]
+                    np.maximum(sums, floors[index[some]] + beyond[some], out=sums)
+                    best = np.minimum(best, sums.min(axis=1))
+            result[rows] = best
+        return result
+
+
+ASSUMPTIONS = (
+    "lower bound: holds for every plan that keeps the order and pairing of the stages, is at rest at the ends of all "
+    "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly, whatever "
+    "platform angles, postures, yaws and timing it takes",
+)
+RESOLUTIONS = {
+    "quick": Resolution(np.radians(20.0), 9, 2),
+    "normal": Resolution(np.radians(15.0), 9, 3),
+    "thorough": Resolution(np.radians(5.0), 36, 3),
+}
+"""By effort."""
+ROUNDED_DOWN = 1.0 - 1e-5
+"""What a bound in single precision is multiplied by."""
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class LowerBound:
+    """No plan is faster."""
+
+    value: float | None
+    """Least cycle time [s]; infinite where the cells prove that a stop cannot be reached, None where none is known."""
+    assumptions: tuple[str, ...]
+    """What a plan must be like for the bound to hold, in sentences."""
+
+
+@dataclass
+class _Arm:
+    """One arm while the stages are gone through backwards."""
+
+    table: TransferTable
+    chain: TransferChain
+    stops: StopTable
+    here: StopBoxes | None = None
+    """The last stop that has not been dealt with; None if there is none left."""
+    passed: float = 0.0
+    """Least time of all stages that have been dealt with, from the cell that suits it best [s]."""
+    more: Times | None = None
+    """How much longer it takes at least from each cell where a transfer begins [s]; None before the last stop."""
+
+    def pass_by(self, length: Times) -> None:
+        """Takes least times of a stage and all that follows, from each cell, beyond what has passed."""
+        least = float(length.min())
+        self.passed += least
+        # Small numbers, so that a thousand stages do not add up rounding.
+        self.more = length - np.float32(least) if np.isfinite(least) else np.zeros_like(length)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What one arm has to do in a stage."""
+
+    pairs: Pairs | None
+    """Its transfers; None for a free start, which takes none."""
+    known: bool
+    """Whether the platform's cell before is the one where its transfer begins (else stages lie between)."""
+    work: StopWork
+    by_cells: Times
+    """Least length of the stage for every pair of platform cells [s], shape (g, g), infinite for none."""
+
+
+def lower_bound(problem: SequenceProblem, effort: str) -> LowerBound:
+    """Returns a bound on the cycle time of every rest-to-rest plan that keeps the stages; see the module.
+
+    Args:
+        problem: the sequence.
+        effort: one of RESOLUTIONS: finer cells give a better bound.
+    """
+    value = _backward(problem, RESOLUTIONS[effort]) if problem.stages else 0.0
+    return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
+
+
+def platform_edges(problem: SequenceProblem, step: float) -> FloatArray:
+    """Returns the borders of the platform's cells [rad], shape (g + 1,), over all angles that it may have.
+
+    Args:
+        problem: the sequence.
+        step: most of a cell's width [rad].
+    """
+    if not problem.turns:
+        return np.zeros(2)
+    low, high = problem.platform_range
+    if not _turns_tell(problem):
+        here = float(problem.platform_start[0])
+        low, high = here - 0.5 * TURN, here + 0.5 * TURN
+    return np.linspace(low, high, max(1, int(np.ceil((high - low) / step - 1e-9))) + 1)
+
+
+def _turns_tell(problem: SequenceProblem) -> bool:
+    """Returns whether cells are of platform angles, rather than of angles modulo a turn, which need no time."""
+    low, high = problem.platform_range
+    return high - low <= 2.0 * TURN
+
+
+def _backward(problem: SequenceProblem, resolution: Resolution) -> float:
+    edges = platform_edges(problem, resolution.step)
+    arms = [
+        _Arm(transfer_table(problem, work), TransferChain.of(work), StopTable.of(work))
+        for work in problem.arms
+    ]
+
+    def cells_of(a: int, stage: int) -> StopBoxes | None:
+        if stage < 0:
+            return None
+        return stop_boxes(problem, a, arms[a].stops, arms[a].table, stage, edges, resolution)
+
+    for a, arm in enumerate(arms):
+        if len(arm.chain.active):
+            arm.here = cells_of(a, int(arm.chain.active[-1]))
+    for k in range(problem.stages - 1, -1, -1):
+        stages = {}
+        for a, arm in enumerate(arms):
+            if arm.here is not None and problem.arms[a].stops[k] is not None:
+                if not arm.here.possible:
+                    return np.inf
+                before = cells_of(a, int(arm.chain.previous[k]))
+                if before is not None and not before.possible:
+                    return np.inf
+                stages[a] = _stage(problem, a, arm, k, before, len(edges) - 1)
+                if arm.more is None:
+                    arm.pass_by(_return_times(problem, a, arm))
+                arm.here = before
+        for a, arm in enumerate(arms):
+            if a in stages:
+                others = [stage.by_cells for b, stage in stages.items() if b != a]
+                arm.pass_by(_least_from(arm, stages[a], others))
+            else:
+                arm.passed += min((float(s.by_cells.min()) for s in stages.values()), default=0.0)
+    return max(arm.passed for arm in arms)
+
+
+def _return_times(problem: SequenceProblem, a: int, arm: _Arm) -> Times:
+    """Returns how long the return takes at least from each cell of the last stop [s], 0 where there is none.
+
+    A free start is closed to wherever the first transfer would end: that may be no way at all.
+    """
+    stop = arm.here
+    assert stop is not None  # an arm without stops has nothing to return from
+    if not problem.returns or problem.free_start:
+        return np.zeros(len(stop.retract.index), dtype=np.float32)
+    last = int(arm.chain.active[-1]) == problem.stages - 1
+    without = _untold(problem, stop.free_last, last)
+    start = _start(problem, a, arm.table)
+    return arm.table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
+        :, 0
+    ]
+
+
+def _untold(problem: SequenceProblem, free_last: bool, adjacent: bool) -> tuple[int, ...]:
+    """Returns the coordinates that do not count: joint 7 where yaw is free, the platform where it may turn between."""
+    told = adjacent and _turns_tell(problem)
+    return (
+        *((LAST_JOINT,) if free_last else ()),
+        *(() if told else platform_columns(problem)),
+    )
+
+
+def _start(problem: SequenceProblem, a: int, table: TransferTable) -> PostureBoxes:
+    """Returns the start as the only cell; of the platform's grid it takes the first place, for both arms alike."""
+    q = problem.arms[a].start[None]
+    if problem.turns:
+        q = np.column_stack([q, problem.platform_start[None]])
+    zero = np.zeros(1, dtype=np.int64)
+    return PostureBoxes(zero, zero, *table.box(q, q), np.zeros(1, dtype=np.float32))
+
+
+def _stage(
+    problem: SequenceProblem,
+    a: int,
+    arm: _Arm,
+    k: int,
+    before: StopBoxes | None,
+    cells: int,
+) -> _Stage:
+    """Returns an arm's transfers into stage k, and its work there; the platform's grid has so many cells."""
+    stop = arm.here
+    assert stop is not None  # callers ask for active stages only
+    work = stop_work(arm.table, stop)
+    came = int(arm.chain.previous[k])
+    if came < 0 and k == 0 and problem.free_start:
+        table = np.full((cells, cells), np.inf, dtype=np.float32)
+        columns, first = np.unique(stop.approach.index, return_index=True)
+        table[:, columns] = np.minimum.reduceat(work.least, first)
+        return _Stage(None, False, work, table)
+    known = came == k - 1
+    origin = _start(problem, a, arm.table) if before is None else before.retract
+    if not known:
+        origin = replace(origin, index=np.zeros_like(origin.index))
+    free_last = stop.free_last or (before is not None and before.free_last)
+    without = _untold(problem, free_last, known)
+    pairs = Pairs(arm.table, origin, stop.approach, without)
+    by_cells = pairs.by_cells(work.least, cells)
+    return _Stage(pairs, known, work, by_cells if known else np.tile(by_cells[0], (cells, 1)))
+
+
+def _least_from(arm: _Arm, stage: _Stage, others: list[Times]) -> Times:
+    """Returns the least time from every cell before to the end, beyond what has passed, shape (n before,).
+
+    max(transfer + work, other) + rest, over all retract cells, is at least the larger of the two sums' minima.
+    """
+    assert arm.more is not None  # the return has been dealt with
+    own, beyond = stage.work.with_rest(arm.more)
+    floor = np.zeros_like(stage.by_cells)
+    for other in others:
+        np.maximum(floor, other if stage.known else other.min(axis=0), out=floor)
+    if stage.pairs is None:
+        least = np.maximum(own, floor.min(axis=0)[stage.work.index] + beyond)
+        return least.min(keepdims=True)
+    return stage.pairs.least_from(own, floor, beyond)

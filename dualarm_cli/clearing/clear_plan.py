@@ -1,0 +1,447 @@
+"""A method's quickest plan that keeps clear: blind first, then with clearance, then without what would not do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.clearing.clearing import Cleared, Clearing
+from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
+from dualarm_cli.collision.lying import too_near
+from dualarm_cli.errors import BlockedError, InfeasibleError, millimetres
+from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.motion.motion import Motion, realise
+from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.motion.waiting import transfer_ends
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.timing import TimingSolver
+
+
+def check_start(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses a start in which something touches: no motion begins there.
+
+    Raises:
+        InfeasibleError: with the posture, the bodies and what is missing.
+    """
+    job, cell = problem.job, holding.cell
+    if job.start == "free":
+        return
+    position = np.array(job.cell.robot.postures[job.start])
+    held = holding.before[0]
+    one, other, margin = cell.nearest(position, held)
+    if margin < 0.0:
+        raise InfeasibleError(
+            f"start: in posture '{job.start}' {one} and {other} lack {millimetres(margin)} of "
+            f"clearance; start in another posture (`start: free` leaves it open), move what is in the way, or allow "
+            "the pair less"
+        )
+
+
+def check_parts(problem: MethodProblem, holding: Holding) -> None:
+    """Refuses parts that reach into something where they are picked or placed, and tools at stands: no posture helps.
+
+    Raises:
+        InfeasibleError: with task, part or tool, obstacle and depth, of all of them.
+    """
+    lines = []
+    stages = problem.job.stages()
+    for (k, arm), (depth, into) in holding.misfits.items():
+        task, stop = stages[k][arm]
+        if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
+            continue  # between the turns that were tried there are others
+        what = f"tool '{task.tool}'" if task.is_change else f"part '{task.part}'"
+        lines.append(
+            f"{stop.place}: task '{task.id}': where {arm} has to {stop.action.split('_')[0]} it or on the line there, "
+            f"{what} reaches {millimetres(depth)} into '{into}', at best"
+        )
+    if lines:
+        raise InfeasibleError(
+            "no posture helps where a part or a tool reaches into something:\n  "
+            + "\n  ".join(lines)
+            + "\nwhat helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
+            "`allowed_contacts` for the two"
+        )
+
+
+def check_grips(problem: MethodProblem) -> None:
+    """Refuses hand-overs in which tools or part are too near to each other: no posture changes that.
+
+    Raises:
+        InfeasibleError: with task, bodies and what is missing, of all of them.
+    """
+    tasks = problem.job.tasks
+    takes = {task.id: task.stops[0] for task in tasks if task.stops[0].action == "take"}
+    lines = []
+    for task in tasks:
+        work, give = task.handover, task.stops[-1]
+        if work is None or give.action != "give":
+            continue
+        lengths = takes[task.id].approach, give.retract
+        for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
+            lines.append(
+                f"{work.place}: task '{task.id}': {one.where} {' and '.join(one.bodies)} lack "
+                f"{millimetres(one.margin)} of clearance"
+            )
+    if lines:
+        raise InfeasibleError(
+            "no posture helps where tools and part are too near to each other in a hand-over:\n  "
+            + "\n  ".join(lines)
+            + "\nwhat helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
+            "(`clearances`) for the two"
+        )
+
+
+ADVICE = (
+    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in which "
+    "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
+)
+"""What a person can do about it."""
+
+
+MANY = 0.02
+"""Share of stages; where lines touch in more of them, another order is better than mending."""
+
+
+def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
+    """Refuses many stages in which both arms' lines touch: no mending helps them as much as another order.
+
+    Args:
+        clearing: the job.
+        plans: its stages.
+        motion: theirs.
+
+    Raises:
+        BlockedError: with those stages.
+    """
+    apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
+    if len(apart) > max(1.0, MANY * len(plans)):
+        raise BlockedError(why_blocked(clearing, Cleared(plans, motion, apart)), apart)
+
+
+def why_blocked(clearing: Clearing, found: Cleared | None) -> str:
+    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
+    head = (
+        "no plan was found that keeps clear by other postures, platform angles, waits, detours or "
+        "paths of the whole robot"
+    )
+    if found is None:
+        return head
+    lines, cell = [], clearing.holding.cell
+    for k in found.blocked:
+        samples = stage_samples(found.motion, k, k, clearing.holding)
+        margins = cell.margins(samples.position, samples.held)
+        worst = int(np.argmin(margins))
+        one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
+        stage = found.motion.stages[k]
+        when = (stage.end - stage.start) * worst / (len(margins) - 1)
+        places = ", ".join(
+            f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
+        )
+        lines.append(
+            f"{places or 'return'}: {one} and {other} lack {millimetres(min(0.0, margin))} of clearance "
+            f"{when:.2f} s into stage {k + 1}"
+        )
+    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}{_standing(clearing.job, found)}"
+
+
+def _standing(job: Job, found: Cleared) -> str:
+    """Returns which arms stand where they started in stages that do not keep clear, as their work begins later."""
+    words = ""
+    for arm in job.cell.robot.arms:
+        first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
+        if found.blocked and min(found.blocked) < first:
+            where = "home" if job.start == "free" else job.start
+            words += (
+                f"; the {arm.name} arm stands in posture '{where}' before stage {first + 1}, its first: a bare `move` "
+                "before its other tasks takes it out of the way"
+                + (" (in stage 1 it starts there: `start: free`)" if job.start == "free" else "")
+            )
+    return words
+
+
+COSTLY = 1.5
+"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
+
+
+def bars_of(clearing: Clearing, tried: Cleared) -> list[Barred]:
+    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
+    found = []
+    everything = tuple(range(len(clearing.job.cell.robot.joints)))
+    # With a cap on the tools' speed all takes longer than the search thinks.
+    thought = sum(plan.duration for plan in tried.plans) / clearing.holding.pace
+    slow = clearing.holding.pace
+    if thought > 0.0:
+        slow = max(slow, tried.motion.trajectory.duration / thought)
+    for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
+        if not plan.detours and not plan.waits and plan.path is None:
+            continue
+        straight = clearing.alone(replace(plan, detours={}, waits={}, path=None))
+        cost = stage.end - stage.start - straight.trajectory.duration
+        if cost > COSTLY * slow:
+            found.append(Barred(k, everything, plan.start, plan.arrival, cost))
+    for k in tried.blocked:
+        plan, stage = tried.plans[k], tried.motion.stages[k]
+        samples = stage_samples(tried.motion, k, k, clearing.holding)
+        margins = clearing.holding.cell.margins(samples.position, samples.held)
+        ends = transfer_ends(tried.motion.segments, stage.start, stage.end)
+        length = stage.end - stage.start
+        arrived = (min(ends, default=stage.end) - stage.start) / length if length > 0 else 0.0
+        worst = int(np.argmin(margins)) / (len(margins) - 1)
+        start = None if plan.stops and worst >= arrived else plan.start
+        found.append(Barred(k, _joints_at_fault(clearing, samples), start, plan.arrival))
+    return found
+
+
+def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ...]:
+    """Returns the columns of the arm that does not keep clear by itself, or else of all joints."""
+    model, cell = clearing.model, clearing.holding.cell
+    for a, name in enumerate(cell.arms):
+        if not alone_clear(cell, samples, a):
+            return (*model.platform_columns, *model.arms[name].columns)
+    return tuple(range(samples.position.shape[1]))
+
+
+NEGLIGIBLE = 0.005
+"""Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
+FEW = 0.34
+"""Share of stages; a blind plan with more that do not keep clear is not mended."""
+DEAR = 0.25
+"""Share of the cycle time; where keeping clear costs more that is said."""
+SHOWN = 5e-4
+"""Costs that are shown as more than nothing [s]."""
+RIVALS = 0.08
+"""Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
+ROUNDS = 3
+"""So many times a method decides anew without the stages that would not do."""
+
+
+@dataclass(frozen=True)
+class ClearedPlan:
+    """A method's plan, mended and timed."""
+
+    decided: Decided
+    """What it came from."""
+    cleared: Cleared
+    """The plan that keeps clear."""
+    blind: float
+    """Duration of the method's plan where nothing has to keep clear [s]."""
+    replanned: bool
+    """Whether other postures or platform angles were needed."""
+    checked: bool = True
+    """Whether anything had to keep clear."""
+
+    @property
+    def cost(self) -> float | None:
+        """How much longer the plan is than the blind one [s]; None where nothing had to keep clear."""
+        if not self.checked:
+            return None
+        return self.cleared.motion.trajectory.duration - self.blind
+
+
+def quickest_clear(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool = True,
+    crossing: bool = True,
+) -> ClearedPlan:
+    """Returns the quickest plan of a method that keeps clear.
+
+    The method decides as if nothing could touch; where that plan keeps clear, or mending it costs next to nothing, it
+    is the plan. Otherwise the method decides anew with clearance, and again without stages that do not keep clear when
+    they are timed, whatever is done about them.
+
+    Args:
+        problem: what the method is asked.
+        solve: the method.
+        timing: how motions are timed.
+        progress: is told what is being done.
+        clear: whether anything has to keep clear.
+        crossing: whether arms have to keep clear of one another.
+
+    Raises:
+        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
+    """
+    model, job = problem.model, problem.job
+    holding = None
+    if clear:
+        # What no plan can mend is told before one is looked for.
+        holding = Holding.of(job, crossing=crossing)
+        check_start(problem, holding)
+        check_parts(problem, holding)
+        check_grips(problem)
+    blind = solve(problem)
+    progress("timing the motion")
+    known = Known()
+    timed = _timed(problem, blind, timing, known)
+    reference = timed[0][1].trajectory.duration
+    if holding is None:
+        return ClearedPlan(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
+    clearing = Clearing(model, job, holding, timing, problem.seed, known, problem.paths)
+    best = None
+    for plans, motion in timed:
+        if best is not None and best.is_done_within(motion.trajectory.duration):
+            break
+        touching = clearing.touching(plans, motion)
+        if not touching:
+            best = Cleared(plans, motion, ())
+        elif len(touching) <= max(1, FEW * len(plans)):
+            progress("keeping clear")
+            best = _better(best, clearing.cleared(plans, motion, touching, give_up=True))
+    if best is not None and not best.blocked:
+        cost = best.motion.trajectory.duration - reference
+        if cost <= NEGLIGIBLE * reference:
+            return ClearedPlan(blind, best, reference, replanned=False)
+    found = ClearedPlan(blind, best, reference, replanned=False) if best is not None else None
+    blind_plan = timed[0]
+    asked = replace(
+        problem,
+        holding=holding,
+        blind=tuple(blind_plan[0]),
+        touching=tuple(clearing.touching(*blind_plan)),
+    )
+    failure: InfeasibleError | None = None
+    decided = blind
+    before: list[StagePlan] | None = None
+    for _ in range(ROUNDS):
+        progress("deciding again, keeping clear")
+        try:
+            decided = solve(asked)
+        except InfeasibleError as error:
+            failure = error
+            break
+        timed = _timed(problem, decided, timing, known)
+        if not problem.patient:
+            refuse_touching_lines(clearing, *timed[0])
+        tried = _cleared(clearing, timed)
+        if found is None or _badness(tried) < _badness(found.cleared):
+            found = ClearedPlan(decided, tried, reference, replanned=True)
+        bars = bars_of(clearing, tried)
+        # Only a method over the whole sequence does something else with what is known now.
+        if decided.hopeless or not bars or (tried.blocked and not problem.patient):
+            break
+        if before is not None and same_postures(decided.stages, before):
+            break
+        before = decided.stages
+        asked = replace(
+            asked,
+            barred=(*asked.barred, *bars),
+            blind=tuple(before),
+            touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
+        )
+    if found is not None and decided.simpler is not None and _is_dear(found):
+        progress("looking at simpler plans")
+        simpler = Decided([], alternatives=tuple(decided.simpler()))
+        found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
+    if found is not None and not found.cleared.blocked:
+        return found
+    blocked = () if found is None else found.cleared.blocked
+    words = why_blocked(clearing, None if found is None else found.cleared)
+    alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
+    raise failure or BlockedError(words, blocked, alone=alone)
+
+
+def _is_dear(found: ClearedPlan) -> bool:
+    """Returns whether simpler plans are worth a look: this one does not keep clear, or at a cost."""
+    return bool(found.cleared.blocked) or (found.cost or 0.0) > RIVALS * found.blind
+
+
+def _with_rivals(
+    found: ClearedPlan, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
+) -> ClearedPlan:
+    """Returns the best of what was found and of simpler plans after mending."""
+    if not timed:
+        return found
+    tried = _cleared(clearing, timed, None if found.cleared.blocked else found.cleared)
+    if _badness(tried) < _badness(found.cleared):
+        return replace(found, decided=Decided(tried.plans), cleared=tried, replanned=True)
+    return found
+
+
+def _touching(
+    clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]], plan: list[StagePlan]
+) -> list[int]:
+    """Returns the stages that do not keep clear of one of several timed plans."""
+    [motion] = [motion for stages, motion in timed if stages is plan]
+    return clearing.touching(plan, motion)
+
+
+def _timed(
+    problem: MethodProblem, decided: Decided, timing: TimingSolver, known: Known
+) -> list[tuple[list[StagePlan], Motion]]:
+    """Returns a method's plans with their motions, quickest first."""
+    plans = [stages for stages in (decided.stages, *decided.alternatives) if stages]
+    timed = [
+        (stages, realise(problem.model, problem.job, stages, timing, known)) for stages in plans
+    ]
+    return sorted(timed, key=lambda one: one[1].trajectory.duration)
+
+
+def _cleared(
+    clearing: Clearing,
+    timed: list[tuple[list[StagePlan], Motion]],
+    best: Cleared | None = None,
+) -> Cleared:
+    """Returns the best of some plans after mending, or one that is known if that is better."""
+    for plans, motion in timed:
+        if best is not None and best.is_done_within(motion.trajectory.duration):
+            break
+        best = _better(best, clearing.cleared(plans, motion, clearing.touching(plans, motion)))
+    assert best  # a method always has a plan of its own
+    return best
+
+
+def _better(one: Cleared | None, other: Cleared) -> Cleared:
+    return other if one is None or _badness(other) < _badness(one) else one
+
+
+def _badness(found: Cleared) -> tuple[int, float]:
+    return len(found.blocked), found.motion.trajectory.duration
+
+
+def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
+    """Returns what was done for clearance, and what it cost against the plan where nothing could touch.
+
+    Args:
+        found: a plan.
+        first: number of its first stage.
+    """
+    done = []
+    for k, stage in enumerate(found.cleared.plans, first):
+        done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
+        for arm, detour in stage.detours.items():
+            waits = f" and waits there {detour.pause:.2f} s" if detour.pause else ""
+            done.append(f"{arm} makes a detour{waits} in stage {k}")
+        if stage.path is not None:
+            done.append(f"all joints follow a free path in stage {k}")
+    if found.replanned:
+        done.insert(0, "other postures or platform angles were taken")
+    if found.cost is None or (not done and abs(found.cost) < SHOWN):
+        return []
+    if not done:
+        done.append("a slower plan was taken that touches nothing")
+    costs = f"this costs {found.cost:.3f} s"
+    if found.cost < 0.0:
+        shorter = f"it is {-found.cost:.3f} s shorter"
+        costs = f"{shorter}: the method does not find the quickest plan of all"
+    notes = [
+        f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) {costs}"
+    ]
+    if found.cost > DEAR * found.blind:
+        notes.append(
+            f"clearance costs {found.cost / found.blind:.0%} of the cycle time: other methods, see `dualarm compare "
+            "solvers`, or another cell layout may do better"
+        )
+    if any(stage.waits or stage.detours or stage.path is not None for stage in found.cleared.plans):
+        notes.append(
+            "sensitivity: transfers that wait or are bent to keep clear count as straight ones there, and what "
+            "they take longer as constant"
+        )
+    return notes

@@ -1,0 +1,486 @@
+"""Stages that do not keep clear when they are timed: waits, curves, stopovers, and paths of the whole robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.clearing.stage_samples import (
+    KEPT,
+    ArmWay,
+    StageContext,
+    StageSamples,
+    alone_clear,
+    apart,
+    arm_ways,
+    combined,
+    keeps_clear,
+    missing_clearance,
+    stage_samples,
+    tool_times,
+    which_keep_clear,
+)
+from dualarm_cli.clearing.transfer_paths import transfer_path
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.motion.bent_transfers import curve, quick_curves
+from dualarm_cli.motion.motion import Motion, realise
+from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.motion.transfers import largest_tool_speed
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import Detour, StagePlan
+from dualarm_cli.stages.method import PathBudget
+from dualarm_cli.timing import TimingSolver
+
+SPREADS = (0.2, 0.4, 0.7, 1.1)
+"""Standard deviations of random postures about the way [rad]."""
+DRAWN = 120
+"""Random postures of each spread."""
+LEG_SAMPLES = 13
+"""Points of each way to and from a posture that is stopped at."""
+STOPS = 24
+"""So many postures that are stopped at, nearest first, are timed."""
+WAITED = 12
+"""So many postures to wait at, nearest first, are timed."""
+SHARES = (0.0, 0.5, 1.0)
+"""Shares of the way to the posture after which the other arm leaves."""
+PAUSE = 25
+"""Pauses are found to so many instants."""
+
+
+def quickest_stop(
+    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+) -> StagePlan | None:
+    """Returns the stage in which an arm goes by the quickest posture found at which it stops, None for none."""
+    start, goal, posture = _drawn(context, name)
+    limits = context.job.cell.robot.limits.select(context.model.arms[name].arm.joints)
+    posture = posture[((posture >= limits.lower) & (posture <= limits.upper)).all(axis=1)]
+    share = np.linspace(0.0, 1.0, LEG_SAMPLES)[:, None]
+    out = start + share * (posture[:, None] - start)
+    on = posture[:, None] + share * (goal - posture[:, None])
+    legs = np.concatenate([out, on[:, 1:]], axis=1)
+    way = context.ways[name]
+    straight = start + np.linspace(0.0, 1.0, legs.shape[1])[:, None] * (goal - start)
+    lack = missing_clearance(context, name, way, straight, with_other)(legs)
+    length = sum(
+        (np.abs(leg[:, -1] - leg[:, 0]) / limits.velocity).max(axis=1) for leg in (out, on)
+    )
+    best, least = None, np.inf
+    order = np.argsort(np.where(lack == 0.0, length, np.inf), kind="stable")
+    for k in order[: min(STOPS, int((lack == 0.0).sum()))]:
+        detour = Detour(posture[k : k + 1], 0.0)
+        ways = {**context.ways, name: context.way_by(name, detour)}
+        stage = combined(context.model, context.samples, ways, {})
+        if len(stage.position) < least and clear(stage):
+            least = len(stage.position)
+            best = replace(context.plan, detours={**context.plan.detours, name: detour})
+    return best
+
+
+def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
+    """Returns the stage in which an arm waits aside while the other one passes, None where nothing tried keeps clear.
+
+    The arm goes to a posture that is free while the other one does what it does; the other one leaves meanwhile; then
+    the arm goes on. Of postures, shares and pauses the shortest stage is taken.
+
+    Args:
+        context: the stage.
+        name: the arm that makes way.
+    """
+    [other] = [key for key in context.model.arms if key != name]
+    cell, passing = context.cell, context.ways[other].end
+    best, least = None, np.iinfo(np.int64).max
+    for posture in _asides(context, name):
+        there = context.way_by(name, Detour(posture[None], 0.0))
+        turn = int(np.argmin(np.abs(there.q - posture).max(axis=1)))
+
+        def stage(pause: int, delay: int, there: ArmWay = there, turn: int = turn) -> StageSamples:
+            q = np.concatenate(
+                [there.q[:turn], np.repeat(there.q[turn : turn + 1], pause, 0), there.q[turn:]]
+            )
+            held = np.concatenate(
+                [
+                    there.held[:turn],
+                    np.repeat(there.held[turn : turn + 1], pause),
+                    there.held[turn:],
+                ]
+            )
+            meets = None if there.meets is None else there.meets + pause
+            ways = {**context.ways, name: ArmWay(q, held, there.arrival + pause, meets)}
+            return combined(context.model, context.samples, ways, {other: delay})
+
+        for share in SHARES:
+            delay = round(share * turn)
+            longest = PAUSE * (1 + (passing + delay) // PAUSE)
+            if len(stage(0, delay).position) >= least or not apart(cell, stage(longest, delay)):
+                continue
+            low, high = 0, longest
+            while high - low > PAUSE:
+                middle = (low + high) // 2
+                if apart(cell, stage(middle, delay)):
+                    high = middle
+                else:
+                    low = middle
+            length = len(stage(high, delay).position)
+            if length < least:
+                least = length
+                waits = {other: delay * context.samples.step} if delay else {}
+                best = replace(
+                    context.plan,
+                    waits=waits,
+                    detours={name: Detour(posture[None], high * context.samples.step)},
+                )
+    return best
+
+
+def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns where an arm's transfer begins and ends, and random postures (k, n) about the way between."""
+    arm = context.model.arms[name]
+    start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
+    random = np.random.default_rng(context.seed)
+    share = random.uniform(0.25, 0.75, (len(SPREADS) * DRAWN, 1))
+    spread = np.repeat(SPREADS, DRAWN)[:, None]
+    posture = start + share * (goal - start) + random.normal(size=(len(share), len(start))) * spread
+    return start, goal, posture
+
+
+def _asides(context: StageContext, name: str) -> list[FloatArray]:
+    """Returns postures of one arm that are free while the other one does what it does, the nearest ones first."""
+    arm = context.model.arms[name]
+    limits = context.job.cell.robot.limits.select(arm.arm.joints)
+    start, goal, drawn = _drawn(context, name)
+    home = context.job.cell.robot.postures["home"][arm.columns]
+    every = np.clip(np.vstack([start, home, drawn]), limits.lower, limits.upper)
+    way = np.maximum(np.abs(every - start), np.abs(goal - every)) / limits.velocity
+    every = every[np.argsort(way.max(axis=1), kind="stable")]
+    times = np.linspace(0, len(context.samples.position) - 1, 12).astype(int)
+    rows = np.tile(context.samples.position[times], (len(every), 1))
+    rows[:, arm.columns] = np.repeat(every, len(times), axis=0)
+    held = np.tile(context.samples.held[times], (len(every), 1))
+    held[:, context.cell.arms.index(name)] = context.ways[name].held[0]
+    free = (context.cell.margins(rows, held) >= KEPT).reshape(len(every), -1).all(axis=1)
+    return list(every[np.flatnonzero(free)[:WAITED]])
+
+
+TIMED = 3
+"""So many curves, quickest first, are timed."""
+ROUNDS = (17, 49, 49)
+"""Points at which curves are looked at, round by round: more, and with a better idea of what the others do then."""
+
+
+def quickest_curve(
+    context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
+) -> StagePlan | None:
+    """Returns the stage with the quickest of some curves of one arm that keep clear, None for none.
+
+    Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
+    curve is timed; the best ones are timed, and looked at again. Where there is none, a posture to stop at is.
+
+    Args:
+        context: the stage.
+        name: the arm.
+        clear: whether a stage with another way of the arm keeps clear.
+        with_other: whether the other arm counts while curves are looked for.
+    """
+    arm, way = context.model.arms[name], context.ways[name]
+    start, goal = context.plan.start[arm.columns], context.plan.arrival[arm.columns]
+    limits = context.job.cell.robot.limits.scaled(context.job.speed).select(arm.arm.joints)
+    pace = 1.0 / context.job.speed
+    least = way.arrival * context.samples.step
+    points = start + np.linspace(0.0, 1.0, ROUNDS[0])[:, None] * (goal - start)
+    for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
+        missing = missing_clearance(context, name, way, points, with_other)
+        tool = tool_times(context, name, way, points)
+        found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed, tool)
+        timed = []
+        for controls in found[:TIMED]:
+            detour = Detour(controls, None)
+            try:
+                timed.append(context.way_by(name, detour))
+            except InfeasibleError:
+                # With the platform's motion the tool is too fast at any speed of the arm.
+                continue
+            stage = combined(context.model, context.samples, {**context.ways, name: timed[-1]}, {})
+            if clear(stage):
+                return replace(context.plan, detours={**context.plan.detours, name: detour})
+        if not timed:
+            break
+        # What the others do while the arm is where is known better now.
+        way, points = timed[0], curve(start, found[0], goal, later)
+    return quickest_stop(context, name, clear, with_other)
+
+
+DELAY_STEP = 0.02
+"""Delays are multiples of this at full speed [s]."""
+SHORT_DELAY = 0.1
+"""No curve is looked for where a delay of so much, at full speed, serves [s]."""
+MENDS = 4
+"""A stage is mended so many times: one arm after the other, then both."""
+
+
+@dataclass(frozen=True)
+class Cleared:
+    """A plan whose stages were mended where they did not keep clear."""
+
+    plans: list[StagePlan]
+    """Its stages."""
+    motion: Motion
+    """Their motion."""
+    blocked: tuple[int, ...]
+    """Stages that do not keep clear by anything that was tried."""
+
+    def is_done_within(self, duration: float) -> bool:
+        """Returns whether the whole plan keeps clear and takes no longer than a duration [s]."""
+        return not self.blocked and self.motion.trajectory.duration <= duration
+
+
+@dataclass(frozen=True)
+class Clearing:
+    """What mending is done with."""
+
+    model: CellModel
+    """The job's cell."""
+    job: Job
+    """What is to be done."""
+    holding: Holding
+    """What has to keep clear."""
+    timing: TimingSolver
+    """How transfers and curves are timed."""
+    seed: int
+    """Of what is tried at random."""
+    known: Known = field(default_factory=Known)
+    """What is timed already: mended stages keep their lines."""
+    paths: PathBudget | None = None
+    """How many searches for paths may fail; None for as many as there are."""
+    seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
+    """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
+
+    def timed(self, plans: list[StagePlan]) -> Motion:
+        """Returns the motion of all stages."""
+        return realise(self.model, self.job, plans, self.timing, self.known)
+
+    def alone(self, plan: StagePlan) -> Motion:
+        """Returns the motion of one stage by itself."""
+        return realise(self.model, self.job, [plan], self.timing, self.known, windows=False)
+
+    def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
+        """Returns the stages of a motion of unmended plans that do not keep clear."""
+        keys = [_stage_key(k, plan) for k, plan in enumerate(plans)]
+        news = [k for k, key in enumerate(keys) if key not in self.seen]
+        stages = [stage_samples(motion, k, k, self.holding) for k in news]
+        for k, clear in zip(news, which_keep_clear(self.holding.cell, stages), strict=True):
+            self.seen[keys[k]] = bool(clear)
+        return [k for k, key in enumerate(keys) if not self.seen[key]]
+
+    def cleared(
+        self,
+        plans: Sequence[StagePlan],
+        motion: Motion,
+        touching: Sequence[int],
+        *,
+        give_up: bool = False,
+    ) -> Cleared:
+        """Returns a plan whose stages are mended where they do not keep clear.
+
+        Args:
+            plans: its stages.
+            motion: theirs.
+            touching: the stages that do not keep clear.
+            give_up: whether nothing more is mended after the first stage that cannot be.
+        """
+        found, blocked = list(plans), []
+        for k in touching:
+            mended = self._mended(plans[k], k)
+            if mended is None:
+                blocked.append(k)
+                if give_up:
+                    return Cleared(list(plans), motion, tuple(touching))
+            else:
+                found[k] = mended
+        if len(blocked) == len(touching):
+            return Cleared(found, motion, tuple(blocked))
+        return Cleared(found, self.timed(found), tuple(blocked))
+
+    def fails_alone(self, found: Cleared, k: int) -> bool:
+        """Returns whether an arm does not keep clear in a stage of a plan whatever the other one does."""
+        samples = stage_samples(found.motion, k, k, self.holding)
+        cell = self.holding.cell
+        return not all(alone_clear(cell, samples, a) for a in range(len(cell.arms)))
+
+    def side_by_side(self, plans: Sequence[StagePlan], touching: Sequence[int]) -> list[int]:
+        """Returns the stages of two arms in which these touch where they work, not on their ways only."""
+        return [
+            k
+            for k in touching
+            if k < len(plans)
+            and len(plans[k].stops) == 2
+            and not _lines_apart(self._context(plans[k], k))
+        ]
+
+    def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
+        """Returns a stage that keeps clear, None where nothing that was tried does."""
+        tried, first = plan, self._context(plan, k)
+        if not all(_mendable(first, a) for a in range(len(first.cell.arms))):
+            return None
+        for _ in range(MENDS):
+            context = first if tried is plan else self._context(tried, k)
+            found = self._next(context)
+            if found is tried and (tried is plan or self._within_cap(tried)):
+                return tried
+            if found is None or found is tried:
+                break
+            tried = found
+        # On a path all arrive together: where their lines then meet there is no use in looking for one.
+        path = self._path(plan, k) if _lines_apart(first) else None
+        if path is None:
+            return None
+        samples = self._context(path, k).samples
+        return path if keeps_clear(self.holding.cell, samples) else None
+
+    def _within_cap(self, plan: StagePlan) -> bool:
+        """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
+        if self.job.tool_speed is None:
+            return True
+        whole = self.alone(plan).trajectory
+        fastest = largest_tool_speed(
+            self.model, list(self.model.arms), lambda time: whole.at(time)[0], whole.duration
+        )
+        return fastest <= self.job.tool_speed
+
+    def _context(self, plan: StagePlan, k: int) -> StageContext:
+        motion = self.alone(plan)
+        samples = stage_samples(motion, 0, k, self.holding)
+        ways = arm_ways(self.model, motion, 0, samples)
+        joints = self.job.cell.robot.platform
+        platform = motion.trajectory.select(joints) if joints else None
+        return StageContext(
+            self.model,
+            self.job,
+            self.holding.cell,
+            plan,
+            samples,
+            ways,
+            platform,
+            self.timing,
+            self.seed,
+        )
+
+    def _next(self, context: StageContext) -> StagePlan | None:
+        """Returns the stage with one thing mended, the same where there is nothing, None where that cannot be."""
+        cell, samples = context.cell, context.samples
+        for a, name in enumerate(cell.arms):
+            if alone_clear(cell, samples, a):
+                continue
+            if name in context.plan.detours:
+                return None
+
+            def clear(stage: StageSamples, a: int = a) -> bool:
+                return alone_clear(cell, stage, a)
+
+            return quickest_curve(context, name, clear, with_other=False)
+        if apart(cell, samples):
+            return context.plan
+        if context.plan.waits:
+            return None
+        return self._made_apart(context)
+
+    def _made_apart(self, context: StageContext) -> StagePlan | None:
+        """Returns the shortest stage found in which the arms keep clear of each other."""
+        delayed = _least_delay(context)
+        if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY * self.holding.pace:
+            return delayed
+        tries = [delayed] if delayed is not None else []
+
+        def clear(stage: StageSamples) -> bool:
+            return keeps_clear(context.cell, stage)
+
+        free = [name for name in context.cell.arms if name not in context.plan.detours]
+        curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
+        tries += [one for one in curves if one is not None]
+        if not tries and not context.plan.detours:
+            stopovers = (quickest_stopover(context, name) for name in free)
+            tries += [one for one in stopovers if one is not None]
+        tries = [one for one in tries if self._within_cap(one)]
+        if not tries:
+            return None
+        lengths = [self.alone(one).trajectory.duration for one in tries]
+        return tries[int(np.argmin(lengths))]
+
+    def _path(self, plan: StagePlan, k: int) -> StagePlan | None:
+        """Returns the stage with all joints along one path found by random trees, None where none was found."""
+        if self.paths is not None and self.paths.left <= 0:
+            return None
+        last = len(self.holding.before) - 1
+        held = self.holding.before[k] if k <= last else self.holding.after[last]
+        path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)
+        if path is None:
+            if self.paths is not None:
+                self.paths.left -= 1
+            return None
+        return replace(plan, path=path, waits={}, detours={})
+
+
+def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:
+    """Returns all that the motion of an unmended stage depends on, its number first."""
+    postures = [plan.start, plan.arrival, plan.end]
+    for stop in plan.stops.values():
+        made = stop.posture
+        postures += [
+            made.q_target,
+            np.array([made.psi_target, made.psi_approach, made.psi_retract]),
+        ]
+    return (k, *(posture.tobytes() for posture in postures))
+
+
+def _mendable(context: StageContext, a: int) -> bool:
+    """Returns whether an arm keeps clear at both ends of its transfer and from there on."""
+    name = context.cell.arms[a]
+    arrival = context.ways[name].arrival
+    first, rest = context.samples.position[:1], context.samples.position[arrival:]
+    held = context.samples.held
+    rows = StageSamples(np.concatenate([first, rest]), np.concatenate([held[:1], held[arrival:]]))
+    return bool(
+        (context.cell.own_margins(a, rows.position, rows.held[:, a], ground=True) >= KEPT).all()
+    )
+
+
+def _lines_apart(context: StageContext) -> bool:
+    """Returns whether the arms keep clear of each other if all of them begin their lines at once."""
+    first = {
+        name: way.arrival if way.meets is None else way.meets for name, way in context.ways.items()
+    }
+    rests = {name: way.q[first[name] :] for name, way in context.ways.items()}
+    length = max(len(rest) for rest in rests.values())
+    position = np.tile(context.plan.arrival, (length, 1))
+    held = np.empty((length, len(rests)), dtype=np.int64)
+    for a, (name, rest) in enumerate(rests.items()):
+        rows = np.minimum(np.arange(length), len(rest) - 1)
+        position[:, context.model.arms[name].columns] = rest[rows]
+        held[:, a] = context.ways[name].held[first[name] :][rows]
+    return bool((context.cell.cross_margins(position, held) >= 0.0).all())
+
+
+def _least_delay(context: StageContext) -> StagePlan | None:
+    """Returns the stage with the delay of one arm that makes it shortest, None where no delay serves."""
+    for delay, name in _delays(context):
+        stage = combined(context.model, context.samples, context.ways, {name: delay})
+        if keeps_clear(context.cell, stage):
+            return replace(context.plan, waits={name: delay * context.samples.step})
+    return None
+
+
+def _delays(context: StageContext) -> Iterator[tuple[int, str]]:
+    """Yields delays and arms, those that make the stage shortest first."""
+    shift = max(1, round(DELAY_STEP / (context.job.speed * context.samples.step)))
+    tries = []
+    for name, way in context.ways.items():
+        others = max((w.end for other, w in context.ways.items() if other != name), default=0)
+        for delay in range(shift, max(others, 1) + shift, shift):
+            tries.append((max(way.end + delay, others), delay, name))
+    for _, delay, name in sorted(tries):
+        yield delay, name

@@ -1,0 +1,430 @@
+"""A stage at many instants: everybody's joints and what the arms hold, and whether all of it keeps clear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Event
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
+from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.transfers import PLATFORM
+from dualarm_cli.motion.waiting import transfer_ends
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.stage_plan import Detour, StagePlan
+from dualarm_cli.timing import TimingSolver
+
+STEP = 0.004
+"""Time between the instants at full speed, but for stages of minutes [s]."""
+MOST = 20_000
+"""Instants of a stage at most."""
+KEPT = 0.0005
+"""What is asked for beyond the required clearance, for what is between the instants [m]."""
+NEAR = 0.008
+"""Between two instants of which one has less than this to spare it is looked at more closely [m]; times their number
+where instants have been left out between the two."""
+COARSE = 8
+"""Every so many instants are looked at first."""
+BETWEEN = 8
+"""Instants that are looked at there."""
+SAME_TIME = 1e-9
+"""Instants nearer than this are one [s]."""
+LINES = ("approach", "dwell", "retract")
+"""Segments on which a part may touch what stands still."""
+
+Margins = Callable[[FloatArray, IntArray], FloatArray]
+"""Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
+
+
+@dataclass(frozen=True)
+class StageSamples:
+    """One stage at t instants a step apart."""
+
+    position: FloatArray
+    """All joints [rad], shape (t, columns)."""
+    held: IntArray
+    """What each arm holds, shape (t, arms)."""
+    step: float = STEP
+    """Time between the instants [s]."""
+
+
+@dataclass(frozen=True)
+class ArmWay:
+    """What one arm does in a stage, by itself."""
+
+    q: FloatArray
+    """Its joints [rad], shape (t, 7)."""
+    held: IntArray
+    """What it holds, shape (t,)."""
+    arrival: int
+    """Number of the instant at which its transfer is over."""
+    meets: int | None = None
+    """In a hand-over the instant at which the lines of both begin, when the other one has arrived as well."""
+
+    @property
+    def end(self) -> int:
+        """Number of the instant after which it does not move."""
+        return last_motion(self.q)
+
+
+def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> StageSamples:
+    """Returns one stage of a motion.
+
+    Args:
+        motion: of some stages.
+        number: which of them.
+        stage: its number in the job, that of the return being the number of all others.
+        holding: what the arms hold.
+    """
+    this = motion.stages[number]
+    step = max(STEP * holding.pace, (this.end - this.start) / MOST)
+    count = max(2, int(np.ceil((this.end - this.start) / step - 1e-9)) + 1)
+    time = np.minimum(this.start + step * np.arange(count), this.end)
+    held = np.empty((count, len(holding.cell.arms)), dtype=np.int64)
+    last = len(holding.before) - 1
+    for a, arm in enumerate(holding.cell.arms):
+        if stage > last:
+            held[:, a] = holding.after[last, a]
+            continue
+        held[:, a] = holding.before[stage, a]
+        event = _event_of(motion, number, arm)
+        if event is None:
+            continue
+        held[time >= event.changes_held - SAME_TIME, a] = holding.after[stage, a]
+        if holding.handing[stage]:
+            continue
+        start, end = _on_lines(motion, [arm], this.start, this.end)
+        # With no approach (or no retract) the part lies where it is picked (or placed) at that very instant as well.
+        first = start - SAME_TIME if start == event.time else start + SAME_TIME
+        inside = (time >= first) & (time <= end - SAME_TIME)
+        held[inside, a] |= 1
+    if stage <= last and holding.handing[stage]:
+        # Both at once: from where the taking tool approaches until the giving one is away.
+        start, end = _on_lines(motion, holding.cell.arms, this.start, this.end)
+        inside = (time >= start - SAME_TIME) & (time <= end + SAME_TIME)
+        held[inside] = holding.cell.at_stops(
+            held[inside], np.ones(int(inside.sum()), dtype=np.bool_)
+        )
+    return StageSamples(motion.trajectory.at(time)[0], held, step)
+
+
+def _event_of(motion: Motion, number: int, arm: str) -> Event | None:
+    """Returns the event of an arm in one stage of a motion, if it works there: it may lie on the border of two."""
+    left = [event for event in motion.events if event.arm == arm]
+    for k, stage in enumerate(motion.stages[: number + 1]):
+        works = bool(left) and left[0].task in stage.tasks
+        # A task may be both arms', each with stages of its own.
+        if works and left[0].time + left[0].dwell <= stage.end + SAME_TIME:
+            event = left.pop(0)
+            if k == number:
+                return event
+    return None
+
+
+def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
+    """Returns when arms are on the lines of their stops in a stage from start to end [s]; an empty span for never."""
+    parts = [
+        part
+        for part in motion.segments
+        if part.arm in arms
+        and part.kind in LINES
+        and part.start >= start - SAME_TIME
+        and part.end <= end + SAME_TIME
+    ]
+    return min((p.start for p in parts), default=np.inf), max(
+        (p.end for p in parts), default=-np.inf
+    )
+
+
+def arm_ways(
+    model: CellModel, motion: Motion, number: int, samples: StageSamples
+) -> dict[str, ArmWay]:
+    """Returns what each arm does in one stage of a motion.
+
+    Args:
+        model: the cell.
+        motion: of some stages.
+        number: which of them.
+        samples: of that stage.
+    """
+    this = motion.stages[number]
+    ways: dict[str, ArmWay] = {}
+    for a, (name, arm) in enumerate(model.arms.items()):
+        own = [part for part in motion.segments if part.arm == name]
+        ends = transfer_ends(own, this.start, this.end + samples.step)
+        arrival = round((max(ends, default=this.start) - this.start) / samples.step)
+        arrival = min(arrival, len(samples.position) - 1)
+        ways[name] = ArmWay(samples.position[:, arm.columns], samples.held[:, a], arrival)
+    span = this.start - SAME_TIME, this.end + SAME_TIME
+    if any(part.action == "give" and span[0] <= part.start <= span[1] for part in motion.segments):
+        # Whoever is early waits: that is part of neither's lines.
+        meets = max(way.arrival for way in ways.values())
+        ways = {name: replace(way, meets=meets) for name, way in ways.items()}
+    return ways
+
+
+def combined(
+    model: CellModel,
+    samples: StageSamples,
+    ways: Mapping[str, ArmWay],
+    delays: Mapping[str, int],
+) -> StageSamples:
+    """Returns a stage with other ways of its arms, some of them late.
+
+    Args:
+        model: the cell.
+        samples: of the stage as it was, for the platform.
+        ways: of every arm.
+        delays: instants that an arm waits before it leaves, by arm.
+    """
+    ways = {name: _late(way, delays.get(name, 0)) for name, way in ways.items()}
+    if all(way.meets is not None for way in ways.values()):
+        met = max(way.arrival for way in ways.values())
+        ways = {name: _meeting(way, met) for name, way in ways.items()}
+    length = max(*(way.end + 1 for way in ways.values()), 2)
+    length = max(length, last_motion(samples.position[:, model.platform_columns]) + 1)
+    rows = np.minimum(np.arange(length), len(samples.position) - 1)
+    position = samples.position[rows]
+    held = np.empty((length, len(ways)), dtype=np.int64)
+    for a, (name, way) in enumerate(ways.items()):
+        own = np.minimum(np.arange(length), len(way.q) - 1)
+        position[:, model.arms[name].columns] = way.q[own]
+        held[:, a] = way.held[own]
+    return StageSamples(position, held, samples.step)
+
+
+def _late(way: ArmWay, delay: int) -> ArmWay:
+    """Returns an arm's way some instants later."""
+    if not delay:
+        return way
+    meets = None if way.meets is None else way.meets + delay
+    rows = np.maximum(np.arange(len(way.q) + delay) - delay, 0)
+    return ArmWay(way.q[rows], way.held[rows], way.arrival + delay, meets)
+
+
+def _meeting(way: ArmWay, met: int) -> ArmWay:
+    """Returns an arm's way in which its lines begin at an instant not before its arrival."""
+    assert way.meets is not None  # asked for only in hand-overs
+    wait = np.full(met - way.arrival, way.arrival)
+    rows = np.concatenate([np.arange(way.arrival), wait, np.arange(way.meets, len(way.q))])
+    return ArmWay(way.q[rows], way.held[rows], way.arrival, met)
+
+
+def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:
+    """Returns whether everything keeps clear of everything in a stage."""
+    return bool(which_keep_clear(cell, [samples])[0])
+
+
+def which_keep_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
+    """Returns in which of s stages everything keeps clear of everything, shape (s,)."""
+    kept = np.ones(len(stages), dtype=np.bool_)
+    kinds = [_cross(cell), *(_own(cell, a) for a in range(len(cell.arms)))]
+    for margins in kinds:
+        left = np.flatnonzero(kept).tolist()
+        kept[left] = _kept([stages[k] for k in left], margins)
+    return kept
+
+
+def apart(cell: CellClearance, samples: StageSamples) -> bool:
+    """Returns whether the arms keep clear of each other."""
+    return bool(_kept([samples], _cross(cell))[0])
+
+
+def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
+    """Returns whether one arm keeps clear of itself and of all that is not the other arm."""
+    return bool(_kept([samples], _own(cell, a))[0])
+
+
+def _cross(cell: CellClearance) -> Margins:
+    return cell.cross_margins
+
+
+def _own(cell: CellClearance, a: int) -> Margins:
+    def margins(position: FloatArray, held: IntArray) -> FloatArray:
+        return cell.own_margins(a, position, held[:, a], ground=True)
+
+    return margins
+
+
+def _kept(stages: Sequence[StageSamples], margins: Margins) -> BoolArray:
+    """Returns in which of s stages all margins are kept, shape (s,).
+
+    At every COARSE-th instant first, then at all of them about those that have little to spare, or between which what
+    is held changes, and then between these.
+    """
+    kept = np.ones(len(stages), dtype=np.bool_)
+    if not len(stages):
+        return kept
+    position = np.concatenate([stage.position for stage in stages])
+    held = np.concatenate([stage.held for stage in stages])
+    length = np.array([len(stage.position) for stage in stages])
+    last = np.cumsum(length) - 1
+    stage = np.repeat(np.arange(len(stages)), length)
+    within = np.arange(len(position)) - (last - length + 1)[stage]
+
+    def looked_at(rows: IntArray, q: FloatArray, numbers: IntArray) -> FloatArray:
+        found = margins(q, numbers)
+        kept[stage[rows[found < KEPT]]] = False
+        return found
+
+    rows = np.flatnonzero((within % COARSE == 0) | (within == length[stage] - 1))
+    margin = np.full(len(position), np.inf)
+    margin[rows] = looked_at(rows, position[rows], held[rows])
+    first, second = rows[:-1], rows[1:]
+    close = np.minimum(margin[first], margin[second]) < NEAR * (second - first)
+    # A part on a line counts only where it reaches into something: how far it is from that says nothing.
+    close |= ((held[first] != held[second]) | (held[first] % 2 == 1)).any(axis=1)
+    close &= (stage[first] == stage[second]) & kept[stage[first]]
+    steps = (first[close, None] + np.arange(1, COARSE)).ravel()
+    rows = steps[steps < np.repeat(second[close], COARSE - 1)]
+    margin[rows] = looked_at(rows, position[rows], held[rows])
+    tight = np.flatnonzero(np.minimum(margin[:-1], margin[1:]) < NEAR)
+    tight = tight[(stage[tight] == stage[tight + 1]) & kept[stage[tight]]]
+    # Between two instants joints are taken to go straight.
+    share = ((np.arange(BETWEEN) + 1.0) / (BETWEEN + 1.0))[None, :, None]
+    way = position[tight, None] + share * (position[tight + 1] - position[tight])[:, None]
+    rows = np.repeat(tight, BETWEEN)
+    looked_at(rows, way.reshape(-1, position.shape[1]), held[rows])
+    return kept
+
+
+def last_motion(position: FloatArray) -> int:
+    """Returns the number of the instant after which nothing moves, of joints (t, columns)."""
+    moves = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1, initial=0.0) > 0.0)
+    return int(moves[-1]) + 1 if len(moves) else 0
+
+
+SPARE = 0.004
+"""What curves keep beyond the required clearance, for what is between their points [m]."""
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """One stage and all that its ways are measured by."""
+
+    model: CellModel
+    """The job's cell."""
+    job: Job
+    """What is to be done."""
+    cell: CellClearance
+    """Hulls and pairs."""
+    plan: StagePlan
+    """The stage."""
+    samples: StageSamples
+    """Its motion."""
+    ways: dict[str, ArmWay]
+    """What each arm does in it."""
+    platform: Trajectory | None
+    """What the platform does in it; None where there is none."""
+    timing: TimingSolver
+    """How transfers and curves are timed."""
+    seed: int
+    """Of what is tried at random."""
+
+    def way_by(self, name: str, detour: Detour) -> ArmWay:
+        """Returns an arm's way by a posture."""
+        limits = self.job.cell.robot.limits.scaled(self.job.speed)
+        columns = {arm: self.model.arms[arm].columns for arm in self.model.arms}
+        if self.platform is not None:
+            columns[PLATFORM] = self.model.platform_columns
+        plan = replace(self.plan, detours={name: detour})
+        pieces = detour_pieces(
+            self.model,
+            plan,
+            name,
+            columns,
+            limits,
+            self.timing,
+            self.job.tool_speed,
+            self.platform,
+        )
+        base = self.ways[name]
+        rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
+        out = np.concatenate([base.q[:1], *rows])
+        # A line begins when the platform is there as well.
+        wait = max(0, self._platform_arrival() - len(out))
+        lines = base.arrival if base.meets is None else base.meets
+        rest = base.q[lines:]
+        q = np.concatenate([out, np.repeat(rest[:1], wait, axis=0), rest])
+        held = np.concatenate([np.full(len(out) + wait, base.held[0]), base.held[lines:]])
+        there = len(out) + wait
+        return ArmWay(q, held, there, None if base.meets is None else there)
+
+    def _platform_arrival(self) -> int:
+        turned = self.samples.position[:, self.model.platform_columns]
+        moves = np.flatnonzero((turned[1:] != turned[:-1]).any(axis=1))
+        return int(moves[-1]) + 1 if len(moves) else 0
+
+
+def missing_clearance(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray, with_other: bool
+) -> Missing:
+    """Returns what curves of an arm lack of the clearance beside what all others do about then.
+
+    Args:
+        context: the stage.
+        name: the arm.
+        way: what is known of how it gets along a curve.
+        points: of that curve [rad], shape (s, n).
+        with_other: whether the other arm counts.
+    """
+    stage, instants = _meanwhile(context, name, way, points)
+    a = context.cell.arms.index(name)
+
+    def missing(curves: FloatArray) -> FloatArray:
+        rows = _beside(context, name, stage.position[instants], curves)
+        held = np.tile(stage.held[instants], (len(curves), 1))
+        margin = context.cell.own_margins(a, rows, held[:, a])
+        if with_other:
+            margin = np.minimum(margin, context.cell.cross_margins(rows, held))
+        lack: FloatArray = np.maximum(SPARE - margin, 0.0).reshape(curves.shape[:2])
+        # The ends are what they are.
+        return lack[:, 1:-1].mean(axis=1)
+
+    return missing
+
+
+def tool_times(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray
+) -> ToolTimes | None:
+    """Returns how long an arm's tool needs at least along curves under its cap; None without one.
+
+    Arguments as of `missing_clearance`.
+    """
+    cap = context.job.tool_speed
+    if cap is None:
+        return None
+    stage, instants = _meanwhile(context, name, way, points)
+
+    def times(curves: FloatArray) -> FloatArray:
+        rows = _beside(context, name, stage.position[instants], curves)
+        tip = context.model.tool_position(name, rows).reshape(*curves.shape[:2], 3)
+        length: FloatArray = np.linalg.norm(np.diff(tip, axis=1), axis=2).sum(axis=1)
+        return length / cap
+
+    return times
+
+
+def _meanwhile(
+    context: StageContext, name: str, way: ArmWay, points: FloatArray
+) -> tuple[StageSamples, IntArray]:
+    """Returns a stage with another way of an arm, and about when in it the arm is at points (s, 7) of its curve."""
+    stage = combined(context.model, context.samples, {**context.ways, name: way}, {})
+    moving = way.q[: way.arrival + 1]
+    far = np.abs(moving[None] - points[:, None]).max(axis=2)
+    instants: IntArray = np.maximum.accumulate(np.argmin(far, axis=1))
+    return stage, instants
+
+
+def _beside(context: StageContext, name: str, others: FloatArray, curves: FloatArray) -> FloatArray:
+    """Returns all joints with an arm on curves (c, s, 7) and all others at (s, columns), shape (c s, columns) [rad]."""
+    rows = np.tile(others, (len(curves), 1))
+    rows[:, context.model.arms[name].columns] = curves.reshape(-1, curves.shape[-1])
+    return rows

@@ -1,0 +1,1 @@
+"""What commands share: options, output, result files, interrupts, progress."""

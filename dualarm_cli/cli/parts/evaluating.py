@@ -1,0 +1,65 @@
+"""Where plans of many jobs come from: processes or a cluster, and the store of answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dualarm_cli.cli.parts.output import print_message
+
+if TYPE_CHECKING:
+    from dualarm_cli.evaluation.answers import Run
+    from dualarm_cli.evaluation.cluster import Cluster
+    from dualarm_cli.evaluation.crew import Crew
+    from dualarm_cli.evaluation.request import Request
+    from dualarm_cli.evaluation.store import Store
+    from dualarm_cli.model.evaluation import Evaluation
+
+
+def open_store(cache: Path | None, no_cache: bool) -> Store | None:
+    """Returns the store of answers, None for none."""
+    from dualarm_cli.evaluation.store import DEFAULT_FOLDER, Store
+
+    return None if no_cache else Store(cache or Path(DEFAULT_FOLDER))
+
+
+@contextmanager
+def evaluators(jobs: int | None, scheduler: str | None, timeout: float | None) -> Iterator[Run]:
+    """Yields what evaluates requests: processes of this machine, or a cluster, opened with the first requests.
+
+    Args:
+        jobs: processes on this machine, started when there is work for them; None for one per core.
+        scheduler: address of a Dask cluster instead.
+        timeout: how long one request may take [s]; None for no limit.
+    """
+    with ExitStack() as stack:
+        opened: list[Crew | Cluster] = []
+
+        def run(requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
+            if not opened:
+                opened.append(_open(jobs, scheduler, timeout))
+                stack.callback(opened[0].close)
+            return opened[0].run(requests)
+
+        yield run
+
+
+def _open(jobs: int | None, scheduler: str | None, timeout: float | None) -> Crew | Cluster:
+    if scheduler is not None:
+        from dualarm_cli.evaluation.cluster import Cluster
+
+        return Cluster(scheduler, timeout)
+    from dualarm_cli.evaluation.crew import Crew, usable_cores
+
+    return Crew(jobs or usable_cores(), timeout)
+
+
+def say_unkept(store: Store | None) -> None:
+    """Says once that answers could not be kept, if that is so."""
+    if store is not None and store.problem:
+        print_message(
+            f"warning: answers could not be kept in {store.folder}: {store.problem}; the results are whole, but are "
+            "planned again the next time"
+        )

@@ -1,0 +1,96 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualarm_cli.errors import UsageError
+
+
+class Effort(StrEnum):
+    """How hard to try: more time for a smaller gap."""
+
+    quick = "quick"
+    normal = "normal"
+    thorough = "thorough"
+
+
+EffortOption = Annotated[
+    Effort, typer.Option("--effort", help="How hard to try: more planning time for a faster plan.")
+]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of all randomness.")
+]
+
+PlatformOption = Annotated[
+    str | None,
+    typer.Option(
+        "--platform",
+        help="Method that chooses the platform angles.",
+        show_default="sequence; sampled where an arm is not SRS",
+    ),
+]
+RedundancyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--redundancy",
+        help="Redundancy solver of stops, or of paths.",
+        show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
+    ),
+]
+TimingOption = Annotated[str, typer.Option("--timing", help="Timing solver.")]
+TimeLimitOption = Annotated[
+    str | None,
+    typer.Option(
+        "--time-limit",
+        metavar="DURATION",
+        help="How long to search for orders at most (30, '30 s', '2 min'): what is found then depends on the machine.",
+        show_default="as long as --effort says",
+    ),
+]
+
+
+def read_time_limit(text: str | None) -> float | None:
+    """Returns a time limit [s], None where there is none; see `read_duration`."""
+    return read_duration("--time-limit", text)
+
+
+def read_duration(option: str, text: str | None) -> float | None:
+    """Returns the duration that an option gives [s], None where it is not given.
+
+    Raises:
+        UsageError: it is no duration above 0.
+    """
+    from dualarm_cli.files.source.quantities import TIME, QuantityError, parse_quantity
+
+    if text is None:
+        return None
+    try:
+        limit = parse_quantity(text, TIME, "30 or '2 min'")
+    except QuantityError as error:
+        raise UsageError(f"{option}: {error}") from error
+    if limit <= 0.0:
+        raise UsageError(f"{option} {text}: must be above 0 s; write one such as 30 or '2 min'")
+    return limit
+
+
+def refuse_plot(plot: Path, force: bool) -> None:
+    """Raises before any work is done where a figure could not be written anyway.
+
+    Raises:
+        UsageError: the name or the folder is wrong, or the file is there already.
+        MissingDependencyError: matplotlib is not installed.
+    """
+    from dualarm_cli.report.figures.figures import FIGURE_KINDS, require_matplotlib
+
+    if plot.suffix.lower().lstrip(".") not in FIGURE_KINDS:
+        raise UsageError(f"--plot {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
+    if not plot.parent.is_dir():
+        raise UsageError(f"--plot {plot}: there is no folder {plot.parent}")
+    if plot.exists() and not force:
+        raise UsageError(f"--plot {plot}: is there already; add --force to replace it")
+    require_matplotlib()

@@ -1,0 +1,183 @@
+"""Options of `dualarm score`, and which of them go together."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualarm_cli.errors import UsageError
+
+DEFAULT_REGRESSION = 1e-3
+"""By what share a cycle time may be longer where nobody says: plans are the same every time."""
+MOST_JOBS = 1024
+"""Most processes that may be asked for."""
+_ADDRESS = re.compile(r"((tcp|tls|ucx|wss?)://)?(\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}/?")
+"""Host and port, with the protocol if need be."""
+
+CasesArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="TASKS...",
+        help="Task files, folders of them, or patterns such as 'cells/**/tasks.yaml' (in quotes).",
+        show_default=False,
+    ),
+]
+BaselineOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--baseline", help="Scores to compare with (dualarm.scores/1).", show_default=False
+    ),
+]
+RegressionOption = Annotated[
+    str | None,
+    typer.Option(
+        "--max-regression",
+        metavar="SHARE",
+        help="By how much a cycle time may be longer than in the baseline (2%, 0.02); 1 ms is always allowed.",
+        show_default="0.1%",
+    ),
+]
+UpdateOption = Annotated[
+    bool,
+    typer.Option("--update-baseline", help="Write the baseline anew: what there is now is good."),
+]
+SubsetOption = Annotated[
+    bool,
+    typer.Option("--subset", help="Leave out cases of the baseline that are not named here."),
+]
+JobsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        min=1,
+        max=MOST_JOBS,
+        help="Processes that plan at the same time.",
+        show_default="all usable cores",
+    ),
+]
+TimeoutOption = Annotated[
+    str | None,
+    typer.Option(
+        "--timeout",
+        metavar="DURATION",
+        help="How long one plan may take (60, '60 s', '5 min'); it is tried twice.",
+        show_default="no limit",
+    ),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Plan on a Dask cluster, such as tcp://10.0.0.1:8786.",
+        show_default=False,
+    ),
+]
+CacheOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--cache",
+        help="Folder of its own that answers are kept in: what has not changed is not planned again.",
+        show_default=".dualarm-cache",
+    ),
+]
+NoCacheOption = Annotated[
+    bool, typer.Option("--no-cache", help="Plan everything, and keep nothing.")
+]
+JunitOption = Annotated[
+    Path | None, typer.Option("--junit", help="JUnit XML file to write.", show_default=False)
+]
+MarkdownOption = Annotated[
+    Path | None, typer.Option("--markdown", help="Markdown file to write.", show_default=False)
+]
+GithubOption = Annotated[
+    bool,
+    typer.Option(
+        "--github",
+        help="Annotations for GitHub on stderr, and the Markdown into the step's summary.",
+    ),
+]
+
+
+def read_regression(text: str | None) -> float:
+    """Returns by what share a cycle time may be longer.
+
+    Raises:
+        UsageError: it is no share, or negative, or a number above 1 that may be meant as percent.
+    """
+    from dualarm_cli.files.source.quantities import FRACTION, QuantityError, parse_quantity
+
+    if text is None:
+        return DEFAULT_REGRESSION
+    try:
+        share = parse_quantity(text, FRACTION, "2% or 0.02")
+    except QuantityError as error:
+        raise UsageError(f"--max-regression: {error}") from error
+    if share < 0.0:
+        raise UsageError(f"--max-regression {text}: must be 0 or more; write one such as 2%")
+    if share >= 1.0 and "%" not in text:
+        # Taken as it stands, it would leave the gate wide open.
+        raise UsageError(
+            f"--max-regression {text}: is {share * 100:g} %; write {share:g}% or {share * 100:g}%, whichever is meant"
+        )
+    return share
+
+
+def refuse_combinations(
+    *,
+    baseline: Path | None,
+    regression: str | None,
+    update: bool,
+    subset: bool,
+    jobs: int | None,
+    scheduler: str | None,
+    cache: Path | None,
+    no_cache: bool,
+) -> None:
+    """Raises where options do not go together: none of them is passed over in silence.
+
+    Raises:
+        UsageError: with both, and what to do.
+    """
+    if baseline is None:
+        needing = {
+            "--max-regression": regression is not None,
+            "--update-baseline": update,
+            "--subset": subset,
+        }
+        for option, given in needing.items():
+            if given:
+                raise UsageError(f"{option} needs --baseline FILE, such as --baseline scores.json")
+    if update and regression is not None:
+        raise UsageError(
+            "--max-regression does not go with --update-baseline, which takes every cycle time as it is"
+        )
+    if scheduler is not None and jobs is not None:
+        raise UsageError(
+            "--jobs does not go with --scheduler: the cluster's workers are as many as were started"
+        )
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise UsageError(
+            f"--scheduler '{scheduler}': is no address; write one such as tcp://10.0.0.1:8786"
+        )
+    if no_cache and cache is not None:
+        raise UsageError("--cache does not go with --no-cache; keep one")
+    if cache is not None and cache.exists() and not cache.is_dir():
+        raise UsageError(f"--cache {cache}: is a file; name a folder")
+    if cache is not None and _belongs_to_others(cache):
+        raise UsageError(
+            f"--cache {cache}: has other files in it, and git would not see them any more; name a folder of its own, "
+            f"such as {cache / '.dualarm-cache'}"
+        )
+
+
+def _belongs_to_others(folder: Path) -> bool:
+    """Returns whether a folder holds something, but no cache."""
+    try:
+        names = {path.name for path in folder.iterdir()}
+    except OSError:
+        return False
+    return bool(names) and not names & {"answers", "files", "making"}

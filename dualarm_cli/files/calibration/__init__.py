@@ -1,0 +1,1 @@
+"""Files of touched points, and of the base that a calibration writes."""

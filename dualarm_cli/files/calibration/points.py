@@ -1,0 +1,276 @@
+"""Files of touched points, and of base poses that calibrations write: their schema and what they say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from dualarm_cli.errors import InputError
+from dualarm_cli.files.robots.robot_joints import POSITION_SLACK
+from dualarm_cli.files.robots.robot_pair import why_not_a_pair_member
+from dualarm_cli.files.robots.robots import build_robot, find_robot
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.documents import read_document, validate
+from dualarm_cli.files.source.fields import Name, Pose, Quantity, Section, Vector3, refuse, to_se3
+from dualarm_cli.files.source.projects import BadReferenceError, Project
+from dualarm_cli.files.source.quantities import LENGTH, QuantityError, parse_quantity
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.touches import Touches, TouchSide
+
+Noise = Annotated[float, Quantity(LENGTH, 1e-9, 0.1)]
+
+
+class TipSection(Section):
+    """The touching tip of a tool."""
+
+    xyz: Vector3 = Field(description="Tip in the flange frame [m].")
+
+
+class ToucherSection(Section):
+    """A robot that touches."""
+
+    robot: Name = Field(description="Bundled robot's name, or path of a robot file; one arm.")
+    tcp: TipSection = Field(
+        default=TipSection(xyz=[0.0, 0.0, 0.0]),
+        description="Tip of its tool; default: the flange's origin.",
+    )
+
+
+class ReadingSection(Section):
+    """What one robot says of one point: coordinates, joints, or both."""
+
+    xyz: Vector3 | None = Field(
+        default=None, description="Coordinates in the robot's base frame [m]."
+    )
+    joints: list[Any] | None = Field(
+        default=None, description="Joint readings, base to flange [rad]; needs the robot above."
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> ReadingSection:
+        if self.xyz is None and self.joints is None:
+            raise refuse("no reading; give xyz, joints or both", code="E202")
+        return self
+
+
+class TouchedPointSection(Section):
+    """A point that both robots have touched."""
+
+    name: Name = Field(description="What it is called.")
+    left: ReadingSection = Field(description="What the left robot says of it.")
+    right: ReadingSection = Field(description="What the right robot says of it.")
+
+
+class PointsFile(Section):
+    """Points that two robots have touched, for `dualarm calibrate`."""
+
+    dualarm: Literal["points/1"] = Field(description="Kind and version of the file.")
+    left: ToucherSection | None = Field(
+        default=None, description="The left robot; needed for joint readings."
+    )
+    right: ToucherSection | None = Field(
+        default=None, description="The right robot; needed for joint readings."
+    )
+    noise: Noise | None = Field(
+        default=None,
+        description="Standard deviation of each coordinate of a touched point [m]; without it the residuals tell.",
+    )
+    origin: Name | None = Field(
+        default=None,
+        description="Which of the first three points is the origin of the frame method; the second by default.",
+    )
+    fit: list[Literal["tool", "base_height"]] = Field(
+        default_factory=list,
+        max_length=2,
+        description="What is unknown of the robots and found along with the transform.",
+    )
+    points: list[TouchedPointSection] = Field(
+        min_length=1, max_length=1000, description="The points."
+    )
+
+
+class BaseFile(Section):
+    """Where a robot's base stands, as `dualarm calibrate --out` writes it."""
+
+    dualarm: Literal["base/1"] = Field(description="Kind and version of the file.")
+    relative_to: Literal["left", "right"] | None = Field(
+        default=None,
+        description="The robot of the pair in whose base frame the pose is given; without it: in the cell.",
+    )
+    base: Pose = Field(description="The root link's pose.")
+
+
+@dataclass(frozen=True)
+class LoadedTouches:
+    """Touched points, and what is known of their loading."""
+
+    touches: Touches
+    """The points."""
+    inputs: Mapping[str, str]
+    """SHA-256 of every file that was read, by its name within the project."""
+
+
+def load_points(path: str | Path) -> LoadedTouches:
+    """Returns the touched points of a file.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: everything wrong with it and the robot files that it names.
+    """
+    project = Project.of(Path(path))
+    document = read_document(project, Path(path), str(path), "points/1")
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    model = validate(document, PointsFile, findings)
+    if model is None:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    reader = _PointsReader(project, Path(path), document, findings)
+    names = reader.names(model)
+    origin = reader.origin(model, names)
+    left, right = reader.side("left", model), reader.side("right", model)
+    findings.raise_if_any()
+    fit = tuple(dict.fromkeys(model.fit))
+    return LoadedTouches(
+        Touches(names, left, right, model.noise, origin, fit), dict(project.inputs)
+    )
+
+
+class _PointsReader:
+    """Turns one file into nouns, noting every error."""
+
+    def __init__(
+        self, project: Project, path: Path, document: Document, findings: Findings
+    ) -> None:
+        self._project, self._path = project, path
+        self._document, self._findings = document, findings
+
+    def names(self, model: PointsFile) -> tuple[str, ...]:
+        """Returns the points' names, which must differ."""
+        first: dict[str, int] = {}
+        for k, point in enumerate(model.points):
+            loc = ("points", k, "name")
+            if point.name in first:
+                message = f"duplicate point {quote(point.name)}, first at line {first[point.name]}"
+                self._findings.add(self._document, loc, message, "E102")
+            first.setdefault(point.name, self._document.place(loc)[0])
+        return tuple(point.name for point in model.points)
+
+    def origin(self, model: PointsFile, names: tuple[str, ...]) -> int:
+        """Returns which of the first three points is the origin of the frame method."""
+        if model.origin is None:
+            return 1
+        if model.origin not in names[:3]:
+            known = suggest(model.origin, list(names[:3]), "the first three points are")
+            message = f"{quote(model.origin)} cannot be the origin{known}"
+            self._findings.add(self._document, ("origin",), message)
+            return 1
+        return names.index(model.origin)
+
+    def side(self, side: str, model: PointsFile) -> TouchSide:
+        """Returns what one robot says of all points."""
+        section: ToucherSection | None = getattr(model, side)
+        robot = self._robot(side, section) if section is not None else None
+        readings: list[ReadingSection] = [getattr(point, side) for point in model.points]
+        xyz = np.full((len(readings), 3), math.nan)
+        joints = np.full((len(readings), len(robot.joints) if robot is not None else 0), math.nan)
+        for k, reading in enumerate(readings):
+            if reading.xyz is not None:
+                xyz[k] = reading.xyz
+            loc: Loc = ("points", k, side, "joints")
+            if reading.joints is not None and section is None:
+                message = f"joint readings need the robot; give `{side}: {{robot: …}}` at the top"
+                self._findings.add(self._document, loc, message, key=True)
+            elif reading.joints is not None and robot is not None:
+                values = self._joints(loc, reading.joints, robot)
+                joints[k] = values if values is not None else math.nan
+        tcp = np.zeros(3) if section is None else np.array(section.tcp.xyz)
+        return TouchSide(robot, tcp, joints, xyz)
+
+    def _robot(self, side: str, section: ToucherSection) -> Robot | None:
+        loc: Loc = (side, "robot")
+        try:
+            place = find_robot(self._project, section.robot, self._path, self._document.source.name)
+            robot, _ = build_robot(place)
+        except BadReferenceError as error:
+            self._findings.add(self._document, loc, str(error), "E500")
+            return None
+        except InputError as error:
+            self._findings.extend(error.diagnostics)
+            return None
+        problem = why_not_a_pair_member(robot)
+        if problem is not None:
+            self._findings.add(self._document, loc, problem)
+            return None
+        return robot
+
+    def _joints(self, loc: Loc, values: list[object], robot: Robot) -> FloatArray | None:
+        """Returns joint readings within the limits [rad], or None after noting what is wrong."""
+        names = robot.arms[0].joints
+        if len(values) != len(names):
+            message = f"{robot.name} has {len(names)} joints ({', '.join(names)}); found {len(values)} readings"
+            self._findings.add(self._document, loc, message)
+            return None
+        limits = robot.limits.select(names)
+        found = []
+        for k, (name, value) in enumerate(zip(names, values, strict=True)):
+            try:
+                position = parse_quantity(value, quantities.ANGLE)
+            except QuantityError as error:
+                self._findings.add(self._document, (*loc, k), str(error), "E200")
+                continue
+            low, high = float(limits.lower[k]), float(limits.upper[k])
+            if not low - POSITION_SLACK <= position <= high + POSITION_SLACK:
+                span = f"{low:.6g} to {high:.6g} rad ({math.degrees(low):.6g} to {math.degrees(high):.6g} deg)"
+                message = (
+                    f"{quote(value)} is outside the limits of {quote(name)}: {span}; a plain number is rad, "
+                    "degrees are written `30 deg`"
+                )
+                self._findings.add(self._document, (*loc, k), message)
+            found.append(position)
+        return np.array(found) if len(found) == len(names) else None
+
+
+@dataclass(frozen=True)
+class Base:
+    """Where a robot's root link stands."""
+
+    pose: pin.SE3
+    """Its pose."""
+    relative_to: str | None
+    """The robot of the pair in whose base frame that is; None for the cell."""
+
+
+def read_base(project: Project, path: Path, name: str, role: str | None = None) -> Base:
+    """Returns the pose that a file holds.
+
+    Args:
+        project: what the file must stay in.
+        path: the file.
+        name: what the user calls it.
+        role: what the file is to the cell: base.left or base.right.
+
+    Raises:
+        InputError: everything wrong with the file.
+    """
+    document = read_document(project, path, name, "base/1", role)
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    model = validate(document, BaseFile, findings)
+    findings.raise_if_any()
+    if model is None:
+        raise InputError(findings.diagnostics)
+    return Base(to_se3(model.base), model.relative_to)

@@ -1,0 +1,91 @@
+"""Named frames of a cell, composed into the world."""
+
+from __future__ import annotations
+
+import pinocchio as pin
+
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.fields import FramedPose, to_se3
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document
+
+WORLD = "world"
+"""Name of the frame that everything stands in."""
+
+
+def world_frames(
+    document: Document, sections: dict[str, FramedPose], findings: Findings
+) -> dict[str, pin.SE3]:
+    """Returns the frames in the world: T_world_frame = T_world_parent T_parent_frame.
+
+    Args:
+        document: the cell file.
+        sections: frames as the file has them.
+        findings: where errors are noted.
+    """
+    found: dict[str, pin.SE3] = {}
+    known = [*sections, WORLD]
+    for name, section in sections.items():
+        if name == WORLD:
+            message = f"'{WORLD}' is the frame that everything stands in; choose another name"
+            findings.add(document, ("frames", name), message, key=True)
+        parent = section.in_
+        if parent is not None and parent not in known:
+            message = f"there is no frame {quote(parent)}{suggest(parent, known, 'frames')}"
+            findings.add(document, ("frames", name, "in"), message)
+    waiting = {name: section for name, section in sections.items() if name != WORLD}
+    while waiting:
+        ready = [n for n, s in waiting.items() if (s.in_ or WORLD) == WORLD or s.in_ in found]
+        if not ready:
+            _note_cycles(document, waiting, findings)
+            break
+        for name in ready:
+            section = waiting.pop(name)
+            T_world_parent = found.get(section.in_ or WORLD, pin.SE3.Identity())
+            found[name] = T_world_parent * to_se3(section)
+    # A frame that could not be placed has been noted; what stands in it shall not be blamed again.
+    return {name: found.get(name, pin.SE3.Identity()) for name in sections}
+
+
+def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: Findings) -> None:
+    """Notes each ring of frames once, at its first member in the file."""
+    seen: set[str] = set()
+    for start in waiting:
+        path = [start]
+        while (
+            (parent := waiting[path[-1]].in_) in waiting
+            and parent not in path
+            and parent not in seen
+        ):
+            path.append(str(parent))
+        if parent in path:
+            ring = path[path.index(str(parent)) :]
+            seen.update(ring)
+            text = " in ".join(quote(name) for name in [*ring, ring[0]])
+            findings.add(document, ("frames", ring[0], "in"), f"frames stand in each other: {text}")
+
+
+def frame_pose(
+    document: Document,
+    loc: tuple[str | int, ...],
+    name: str | None,
+    frames: dict[str, pin.SE3],
+    findings: Findings,
+) -> pin.SE3 | None:
+    """Returns a frame in the world, or None after noting that there is none of that name.
+
+    Args:
+        document: the file that names it.
+        loc: where it names it.
+        name: the frame; None for the world.
+        frames: frames in the world.
+        findings: where errors are noted.
+    """
+    if name is None or name == WORLD:
+        return pin.SE3.Identity()
+    if name not in frames:
+        known = [*frames, WORLD]
+        message = f"the cell has no frame {quote(name)}{suggest(name, known, 'it has')}"
+        findings.add(document, loc, message)
+        return None
+    return frames[name]

@@ -1,0 +1,328 @@
+"""Cell files to cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import InputError
+from dualarm_cli.files.calibration.points import Base, read_base
+from dualarm_cli.files.cells.cell_frames import frame_pose, world_frames
+from dualarm_cli.files.cells.schema_cell import (
+    CellFile,
+    PairMemberSection,
+    PairSection,
+    ShapeSection,
+)
+from dualarm_cli.files.cells.tool_changes import read_tool_changes
+from dualarm_cli.files.robots.meshes import read_hull
+from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
+from dualarm_cli.files.robots.robots import build_robot, find_robot
+from dualarm_cli.files.source.bodies import checked_pairs, link_names
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.documents import read_document, validate
+from dualarm_cli.files.source.fields import Pose, to_se3
+from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.model.cell import Cell, Obstacle, Tool, ToolChanges
+from dualarm_cli.model.conveyor import Conveyor
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Shape
+
+
+def pair_bases(
+    project: Project, path: Path, document: Document, pair: PairSection, findings: Findings
+) -> dict[str, pin.SE3] | None:
+    """Returns the poses of both robots' root links in the cell, or None after noting what is wrong.
+
+    Args:
+        project: what files must stay in.
+        path: the cell file.
+        document: its content.
+        pair: its two robots.
+        findings: where errors are noted.
+    """
+    sections = {"left": pair.left.base, "right": pair.right.base}
+    found: dict[str, Base] = {}
+    for side, value in sections.items():
+        base = _base(project, path, document, value, ("robot", side, "base"), findings)
+        if base is not None and base.relative_to == side:
+            message = f"the file says where the robot stands from the {side} one, which is this one"
+            findings.add(document, ("robot", side, "base"), message)
+            base = None
+        if base is not None:
+            found[side] = base
+    if len(found) < 2:
+        return None
+    if all(base.relative_to is not None for base in found.values()):
+        message = "each robot stands relative to the other; give one of them a pose in the cell"
+        findings.add(document, ("robot", "right", "base"), message)
+        return None
+    other = {"left": "right", "right": "left"}
+    return {
+        # T_cell_side = T_cell_other T_other_side
+        side: base.pose if base.relative_to is None else found[other[side]].pose * base.pose
+        for side, base in found.items()
+    }
+
+
+def _base(
+    project: Project, path: Path, document: Document, value: object, loc: Loc, findings: Findings
+) -> Base | None:
+    """Returns one robot's base, or None after noting what is wrong."""
+    if isinstance(value, dict):
+        pose = validate(document, Pose, findings, value, loc)
+        return None if pose is None else Base(to_se3(pose), None)
+    if not isinstance(value, str):
+        message = f"must be a pose, such as {{xyz: [0, 0, 0]}}, or the path of a base file, not {quote(value)}"
+        findings.add(document, loc, message, "E200")
+        return None
+    try:
+        file = project.follow(value, path)
+        name = display_name(value, document.source.name)
+        return read_base(project, file, name, f"base.{loc[1]}")
+    except BadReferenceError as error:
+        findings.add(document, loc, str(error), "E500")
+    except InputError as error:
+        findings.extend(error.diagnostics)
+    return None
+
+
+@dataclass(frozen=True)
+class LoadedCell:
+    """A cell, and what is known of its loading."""
+
+    cell: Cell
+    """The cell."""
+    inputs: Mapping[str, str]
+    """SHA-256 of every file that was read, by its name within the project."""
+    notes: tuple[str, ...]
+    """What the reader should know of how the files were understood."""
+
+
+def load_cell(path: str | Path) -> LoadedCell:
+    """Returns the cell that a cell file describes.
+
+    Args:
+        path: the cell file.
+
+    Raises:
+        InputError: everything wrong with it and the files that it names.
+    """
+    project = Project.of(Path(path))
+    cell, notes = build_cell(project, Path(path), str(path))
+    return LoadedCell(cell, dict(project.inputs), notes)
+
+
+def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str, ...]]:
+    """Returns the cell of a cell file, and notes on how it was understood.
+
+    Args:
+        project: what the file must stay in.
+        path: the file.
+        name: what the user calls it.
+
+    Raises:
+        InputError: everything wrong with the file and those that it names.
+    """
+    document = read_document(project, path, name, "cell/1")
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    model = validate(document, CellFile, findings)
+    reader = _CellReader(project, path, name, document, findings)
+    robot = reader.robot(document.data.get("robot"))
+    if model is None:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    frames = world_frames(document, dict(model.frames), findings)
+    obstacles = reader.obstacles(model, frames)
+    tools = reader.tools(model, robot)
+    changes = read_tool_changes(document, model, tools, frames, reader.shape, findings)
+    parts = reader.parts(model)
+    conveyors = reader.conveyors(model, frames)
+    if robot is None:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    bodies = reader.bodies(robot, model, changes)
+    contacts = checked_pairs(
+        document, ("allowed_contacts",), model.allowed_contacts, bodies, findings
+    )
+    between = [section.between for section in model.clearances]
+    special = checked_pairs(document, ("clearances",), between, bodies, findings, "between")
+    findings.raise_if_any()
+    cell = Cell(
+        robot,
+        to_se3(model.base),
+        tools,
+        frames,
+        obstacles,
+        model.clearance,
+        model.limits.tool_speed,
+        tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
+        contacts,
+        parts,
+        changes,
+        conveyors,
+    )
+    return cell, tuple(reader.notes)
+
+
+class _CellReader:
+    """Turns the parts of one cell file into nouns, noting every error."""
+
+    def __init__(
+        self, project: Project, path: Path, name: str, document: Document, findings: Findings
+    ) -> None:
+        self.project, self.path, self.name = project, path, name
+        self.document, self.findings = document, findings
+        self.notes: list[str] = []
+
+    def robot(self, value: object) -> Robot | None:
+        """Returns the robot, or two robots as one; None after noting what is wrong."""
+        if isinstance(value, str):
+            return self._one_robot(value, ("robot",))
+        if isinstance(value, dict):
+            pair = validate(self.document, PairSection, self.findings, value, ("robot",))
+            return self._pair(pair) if pair is not None else None
+        if value is not None:
+            message = (
+                f"must be a robot's name, a path, or {{left: …, right: …}}, not {quote(value)}"
+            )
+            self.findings.add(self.document, ("robot",), message, "E200")
+        elif "robot" in self.document.data:
+            self.findings.add(self.document, ("robot",), "must not be empty", "E200")
+        return None
+
+    def _one_robot(self, reference: str, loc: Loc) -> Robot | None:
+        try:
+            place = find_robot(self.project, reference, self.path, self.name)
+            side = ".".join(str(step) for step in loc[:2]) if len(loc) > 1 else "robot"
+            robot, notes = build_robot(replace(place, role=side))
+        except BadReferenceError as error:
+            self.findings.add(self.document, loc, str(error), "E500")
+            return None
+        except InputError as error:
+            self.findings.extend(error.diagnostics)
+            return None
+        self.notes += [
+            f"{robot.name}: {note}" for note in notes if f"{robot.name}: {note}" not in self.notes
+        ]
+        return robot
+
+    def _pair(self, pair: PairSection) -> Robot | None:
+        left, right = self._member("left", pair.left), self._member("right", pair.right)
+        bases = pair_bases(self.project, self.path, self.document, pair, self.findings)
+        if left is None or right is None or bases is None:
+            return None
+        return compose_pair(left, bases["left"], right, bases["right"])
+
+    def _member(self, side: str, member: PairMemberSection) -> Robot | None:
+        loc: Loc = ("robot", side, "robot")
+        robot = self._one_robot(member.robot, loc)
+        problem = why_not_a_pair_member(robot) if robot is not None else None
+        if problem is not None:
+            self.findings.add(self.document, loc, problem)
+            return None
+        return robot
+
+    def tools(self, model: CellFile, robot: Robot | None) -> dict[str, Tool]:
+        """Returns the tool of every arm; an arm without one has its flange as tool centre point."""
+        sections = {"left": model.tools.left, "right": model.tools.right}
+        arms = [arm.name for arm in robot.arms] if robot is not None else list(sections)
+        found = {}
+        for side, section in sections.items():
+            if section is None:
+                continue
+            if robot is not None and side not in arms:
+                message = f"{robot.name} has no {side} arm; it has {', '.join(arms)}"
+                self.findings.add(self.document, ("tools", side), message, key=True)
+            loc: Loc = ("tools", side, "shapes")
+            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
+            found[side] = Tool(to_se3(section.tcp), section.mass, tuple(s for s in shapes if s))
+        return {arm: found.get(arm, Tool(pin.SE3.Identity())) for arm in arms}
+
+    def parts(self, model: CellFile) -> dict[str, tuple[Shape, ...]]:
+        """Returns the solids of each kind of part."""
+        found = {}
+        for name, section in model.parts.items():
+            loc: Loc = ("parts", name, "shapes")
+            shapes = [self.shape(s, (*loc, k), {}) for k, s in enumerate(section.shapes)]
+            found[name] = tuple(s for s in shapes if s)
+        return found
+
+    def conveyors(self, model: CellFile, frames: dict[str, pin.SE3]) -> dict[str, Conveyor]:
+        """Returns the conveyors, their velocities in the world."""
+        found = {}
+        for name, section in model.conveyors.items():
+            loc: Loc = ("conveyors", name, "in")
+            T_world_frame = frame_pose(self.document, loc, section.in_, frames, self.findings)
+            if T_world_frame is not None:
+                velocity = T_world_frame.rotation @ np.array(section.velocity)
+                found[name] = Conveyor(name, velocity)
+        return found
+
+    def bodies(
+        self, robot: Robot, model: CellFile, changes: Mapping[str, ToolChanges]
+    ) -> list[str]:
+        """Returns the names of all bodies, after noting those that two of them share."""
+        known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
+        named: list[tuple[Loc, str]] = [
+            (("tool_changes", arm, "tools", name), f"{arm}_{name}")
+            for arm, own in changes.items()
+            for name in own.tools
+        ]
+        changed = [name for _, name in named]
+        named += [(("parts", name), name) for name in model.parts]
+        named += [(("obstacles", k, "name"), o.name) for k, o in enumerate(model.obstacles)]
+        for loc, name in named:
+            taken = loc[0] != "tool_changes" and name in changed
+            if name in known or taken or (loc[0] == "obstacles" and name in model.parts):
+                message = f"{quote(name)} is already the name of a link, tool or part"
+                self.findings.add(self.document, loc, message, key=loc[0] != "obstacles")
+        return list(dict.fromkeys([*known, *(name for _, name in named)]))
+
+    def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
+        """Returns the obstacles, posed in the world; their names must differ."""
+        found, first = [], dict[str, int]()
+        for k, section in enumerate(model.obstacles):
+            loc: Loc = ("obstacles", k)
+            line = self.document.place((*loc, "name"))[0]
+            if section.name in first:
+                message = (
+                    f"duplicate obstacle {quote(section.name)}, first at line {first[section.name]}"
+                )
+                self.findings.add(self.document, (*loc, "name"), message, "E102")
+            first.setdefault(section.name, line)
+            shape = self.shape(section, loc, frames)
+            if shape is not None:
+                found.append(Obstacle(section.name, shape))
+        return tuple(found)
+
+    def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
+        """Returns a solid in the frame that holds it, or None after noting what is wrong."""
+        T_world_frame = frame_pose(self.document, (*loc, "in"), section.in_, frames, self.findings)
+        if T_world_frame is None:
+            return None
+        pose = T_world_frame * to_se3(section)
+        if section.box is not None:
+            return Shape("box", tuple(section.box), pose)
+        if section.sphere is not None:
+            return Shape("sphere", (section.sphere.radius,), pose)
+        if section.cylinder is not None:
+            return Shape("cylinder", (section.cylinder.radius, section.cylinder.length), pose)
+        if section.capsule is not None:
+            return Shape("capsule", (section.capsule.radius, section.capsule.length), pose)
+        if section.mesh is None:
+            return Shape("half_space", (), pose)
+        try:
+            path = self.project.follow(section.mesh.file, self.path)
+            hull = read_hull(path, section.mesh.file, np.full(3, section.mesh.scale))
+        except BadReferenceError as error:
+            self.findings.add(self.document, (*loc, "mesh"), str(error), "E500")
+            return None
+        return Shape("mesh", (), pose, hull)

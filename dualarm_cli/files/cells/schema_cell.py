@@ -1,0 +1,294 @@
+"""Schema of cell files (`dualarm: cell/1`)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import core_schema
+
+from dualarm_cli.files.source.fields import (
+    BodyPair,
+    Distance,
+    Duration,
+    FramedPose,
+    Mass,
+    Name,
+    Pose,
+    Scale,
+    Section,
+    Size,
+    ToolSpeed,
+    Velocity3,
+    refuse,
+)
+
+SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
+"""Solids that a file can describe."""
+SLOWEST_BELT = 1e-4
+"""Least speed of a conveyor [m/s]."""
+
+
+class RoundSection(Section):
+    """A cylinder or capsule about its z axis."""
+
+    radius: Size = Field(description="Radius [m].")
+    length: Size = Field(description="Length [m]; a capsule's between the centres of its caps.")
+
+
+class SphereSection(Section):
+    """A ball."""
+
+    radius: Size = Field(description="Radius [m].")
+
+
+class MeshSection(Section):
+    """A triangle mesh from a file."""
+
+    file: Name = Field(description="Path of an STL, OBJ, PLY or DAE file, relative to this file.")
+    scale: Scale = Field(default=1.0, description="Factor from the file's unit to m.")
+
+
+def _radius(value: object) -> object:
+    return {"radius": value} if isinstance(value, int | float | str) else value
+
+
+def _mesh(value: object) -> object:
+    return {"file": value} if isinstance(value, str) else value
+
+
+def _half_space(value: object) -> object:
+    if value == {}:
+        return True
+    if value is not True:
+        raise refuse(
+            "a half_space is everything below the plane z = 0 of its own pose; allowed: "
+            "`half_space: true`, with `xyz` and `rpy` beside it for where the plane is"
+        )
+    return value
+
+
+class ShapeSection(FramedPose):
+    """A solid and where it sits; exactly one kind of solid."""
+
+    box: Annotated[list[Size], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description="Full sides along x, y, z [m]."
+    )
+    sphere: Annotated[SphereSection, BeforeValidator(_radius)] | None = Field(
+        default=None, description="Radius [m], alone or as {radius: …}."
+    )
+    cylinder: RoundSection | None = Field(default=None, description="Cylinder about z.")
+    capsule: RoundSection | None = Field(default=None, description="Capsule about z.")
+    half_space: Annotated[Literal[True], BeforeValidator(_half_space)] | None = Field(
+        default=None, description="true: everything below the plane z = 0 of its pose."
+    )
+    mesh: Annotated[MeshSection, BeforeValidator(_mesh)] | None = Field(
+        default=None, description="Mesh file, alone or as {file: …, scale: …}."
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> ShapeSection:
+        given = [kind for kind in SHAPE_KINDS if getattr(self, kind) is not None]
+        if not given:
+            raise refuse(f"no shape; give one of {', '.join(SHAPE_KINDS)}")
+        if len(given) > 1:
+            raise refuse(f"more than one shape: {', '.join(given)}; keep one", given[1])
+        return self
+
+
+class ToolShapeSection(ShapeSection):
+    """A solid that moves: of a tool, in the flange frame, or of a part, in the tool centre point's."""
+
+    @model_validator(mode="after")
+    def _on_flange(self) -> ToolShapeSection:
+        if self.in_ is not None:
+            raise refuse("the shape moves with the tool, not with a frame; remove 'in'", "in")
+        if self.half_space is not None:
+            raise refuse("a half_space has no end; it cannot move with a tool", "half_space")
+        return self
+
+
+class ObstacleSection(ShapeSection):
+    """A fixed solid of the cell."""
+
+    name: Name = Field(description="Unique name.")
+
+
+class PartSection(Section):
+    """A kind of part that a tool carries."""
+
+    shapes: Annotated[list[ToolShapeSection], Field(min_length=1)] = Field(
+        description="Solids in the frame of the tool centre point that carries it."
+    )
+
+
+class ClearanceSection(Section):
+    """A least distance of its own for a pair of bodies."""
+
+    between: BodyPair = Field(
+        description="Two bodies: links, left_tool, right_tool, parts or obstacles."
+    )
+    clearance: Distance = Field(description="Least distance between them [m].")
+
+
+class ToolSection(Section):
+    """What an arm carries on its flange."""
+
+    tcp: Pose = Field(default=Pose(), description="Tool centre point in the flange frame.")
+    mass: Mass = Field(default=0.0, description="Mass [kg].")
+    shapes: list[ToolShapeSection] = Field(
+        default_factory=list, description="Solids in the flange frame."
+    )
+
+
+class ToolsSection(Section):
+    """The tool of each arm."""
+
+    left: ToolSection | None = Field(default=None, description="Tool of the left arm.")
+    right: ToolSection | None = Field(default=None, description="Tool of the right arm.")
+
+
+class ChangedToolSection(ToolSection):
+    """A tool that an arm takes from its stand and leaves there."""
+
+    stand: FramedPose = Field(
+        description="Where the arm's own tool frame (tools: tcp) is while it takes or leaves it; xyz must be given."
+    )
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> ChangedToolSection:
+        if self.stand.xyz is None:
+            raise refuse("the stand has no place; give its xyz", "stand", "E202")
+        return self
+
+
+class ArmChangesSection(Section):
+    """The tools that one arm changes by itself."""
+
+    start: Name = Field(
+        description="The tool that is on at the start, and with return: true at the end; none for no tool."
+    )
+    time: Duration = Field(
+        default=0.0,
+        description="How long the arm stands still at a stand [s], each time it takes a tool and each time it leaves "
+        "one: a change from one tool to another is two of these.",
+    )
+    approach: Distance = Field(
+        default=0.0, description="Straight approach to a stand along the own tool's z axis [m]."
+    )
+    retract: Distance = Field(
+        default=0.0, description="Straight retract from a stand along the own tool's z axis [m]."
+    )
+    tools: Annotated[dict[Name, ChangedToolSection], Field(min_length=1)] = Field(
+        description="The tools, by name."
+    )
+
+
+class ToolChangesSection(Section):
+    """The tools that each arm changes."""
+
+    left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
+    right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
+
+
+class ConveyorSection(Section):
+    """A belt that moves at one velocity all the time and carries targets past the robot."""
+
+    velocity: Velocity3 = Field(description="Velocity of what lies on it [m/s].")
+    in_: Name | None = Field(
+        default=None,
+        alias="in",
+        description="Named frame in whose axes the velocity is given; default world.",
+    )
+
+    @model_validator(mode="after")
+    def _moves(self) -> ConveyorSection:
+        if math.hypot(*self.velocity) < SLOWEST_BELT:
+            raise refuse(
+                f"a conveyor must move by {SLOWEST_BELT * 1e3:g} mm/s or more; targets on one that stands need none",
+                "velocity",
+            )
+        return self
+
+
+class LimitsSection(Section):
+    """Caps on motion, besides those of the joints."""
+
+    tool_speed: ToolSpeed | None = Field(
+        default=None, description="Cap on the speed of every tool centre point [m/s]."
+    )
+
+
+class BaseReference:
+    """Field annotation: a pose or a path, validated by hand: a union's errors lose their place."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema of a pose or a path."""
+        return {"anyOf": [{"type": "string"}, handler(Pose.__pydantic_core_schema__)]}
+
+
+class PairMemberSection(Section):
+    """One of two robots that make the cell together."""
+
+    robot: Name = Field(description="Bundled robot's name, or path of a robot file.")
+    base: Annotated[Any, BaseReference()] = Field(
+        default_factory=dict,
+        description="Its root link in the cell: a pose, or the path of a `dualarm: base/1` file, such as "
+        "`dualarm calibrate --out` writes.",
+    )
+
+
+class PairSection(Section):
+    """Two robots of one arm each."""
+
+    left: PairMemberSection = Field(description="The robot that is the left arm.")
+    right: PairMemberSection = Field(description="The robot that is the right arm.")
+
+
+class RobotReference:
+    """Field annotation: text or a pair, validated by hand: a union's errors lose their place."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema of a name, a path or two robots."""
+        return {"anyOf": [{"type": "string"}, handler(PairSection.__pydantic_core_schema__)]}
+
+
+class CellFile(Section):
+    """A cell: a robot at its place, tools, named frames and obstacles."""
+
+    dualarm: Literal["cell/1"] = Field(description="Kind and version of the file.")
+    robot: Annotated[Any, RobotReference()] = Field(
+        description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
+    )
+    base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
+    tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")
+    tool_changes: ToolChangesSection = Field(
+        default=ToolChangesSection(), description="Tools that arms change by themselves, by arm."
+    )
+    frames: dict[Name, FramedPose] = Field(
+        default_factory=dict, description="Named frames, in the world or in each other."
+    )
+    obstacles: list[ObstacleSection] = Field(
+        default_factory=list, description="Fixed solids that must not be touched."
+    )
+    clearance: Distance = Field(
+        default=0.0, description="Least distance between everything that may not touch [m]."
+    )
+    clearances: list[ClearanceSection] = Field(
+        default_factory=list, description="Pairs of bodies with a least distance of their own."
+    )
+    allowed_contacts: list[BodyPair] = Field(
+        default_factory=list, description="Pairs of bodies that may touch, besides the robot's."
+    )
+    parts: dict[Name, PartSection] = Field(
+        default_factory=dict, description="Kinds of parts that tools carry, by name."
+    )
+    conveyors: dict[Name, ConveyorSection] = Field(
+        default_factory=dict, description="Belts that carry targets of tasks, by name."
+    )
+    limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")

@@ -1,0 +1,55 @@
+"""Checks of single files, whatever they are, with nothing planned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.calibration.points import Base, load_points, read_base
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.documents import read_document
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.studies.studies import load_study
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.study import Study
+from dualarm_cli.model.touches import Touches
+
+
+def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
+    """Returns what a file describes, told apart by its `dualarm` key.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: everything wrong with it and the files that it names.
+    """
+    project = Project.of(Path(path))
+    document = read_document(project, Path(path), str(path))
+    kind = document.data["dualarm"]
+    if kind == "robot/1":
+        return load_robot(Path(path)).robot
+    if kind == "points/1":
+        return load_points(path).touches
+    if kind == "base/1":
+        return read_base(project, Path(path), str(path))
+    if kind == "study/1":
+        return load_study(path)
+    return load_cell(path).cell if kind == "cell/1" else load_job(path)
+
+
+def check_file(path: str | Path) -> list[Diagnostic]:
+    """Returns everything wrong with a file and the files that it names.
+
+    Args:
+        path: the file.
+    """
+    try:
+        load_file(path)
+    except InputError as error:
+        return error.diagnostics
+    return []

@@ -1,0 +1,240 @@
+"""Robot files to robots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pinocchio as pin
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.robots.dh_tables import read_tables
+from dualarm_cli.files.robots.meshes import link_meshes
+from dualarm_cli.files.robots.robot_joints import (
+    check_chains,
+    check_names,
+    file_arms,
+    joint_limits,
+    model_arms,
+    posture_positions,
+)
+from dualarm_cli.files.robots.schema_robot import RobotFile
+from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
+from dualarm_cli.files.robots.urdf_writer import write_urdf
+from dualarm_cli.files.source.bodies import checked_pairs
+from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots, robots_folder
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.documents import read_document, validate
+from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Shape
+
+
+@dataclass(frozen=True)
+class LoadedRobot:
+    """A robot, and what is known of its loading."""
+
+    robot: Robot
+    """The robot."""
+    inputs: Mapping[str, str]
+    """SHA-256 of every file that was read, by its name within the project."""
+    notes: tuple[str, ...]
+    """What the reader should know of how the files were understood."""
+
+
+@dataclass(frozen=True)
+class RobotFilePlace:
+    """A robot file that was found."""
+
+    project: Project
+    """What it must stay in."""
+    path: Path
+    """The file."""
+    name: str
+    """What the user calls it."""
+    role: str = "robot"
+    """What it is to the cell: robot, robot.left or robot.right."""
+
+
+def load_robot(name_or_path: str | Path, relative_to: Path | None = None) -> LoadedRobot:
+    """Returns a bundled robot, or the robot that a robot file describes.
+
+    Args:
+        name_or_path: a bundled robot's name, or the path of a robot file.
+        relative_to: the file that names it; its folder is then what a path is relative to, and its
+            project is what the path may not leave.
+
+    Raises:
+        InputError: there is no such robot, or its files are wrong; every error at once.
+    """
+    reference = str(name_or_path)
+    try:
+        if relative_to is not None:
+            place = find_robot(Project.of(relative_to), reference, relative_to, str(relative_to))
+        elif isinstance(name_or_path, Path) or _is_path(reference):
+            path = Path(reference)
+            place = RobotFilePlace(Project.of(path), path, reference)
+        else:
+            place = _find_bundled(Project(Path.cwd()), reference)
+    except BadReferenceError as error:
+        raise InputError(
+            [Diagnostic(str(relative_to or reference), 0, 0, "E500", str(error))]
+        ) from None
+    robot, notes = build_robot(place)
+    return LoadedRobot(robot, dict(place.project.inputs), notes)
+
+
+def find_robot(project: Project, reference: str, holder: Path, holder_name: str) -> RobotFilePlace:
+    """Returns the robot file that another file names.
+
+    Args:
+        project: the other file's project.
+        reference: a bundled name, or a relative path.
+        holder: the other file.
+        holder_name: what the user calls it.
+
+    Raises:
+        BadReferenceError: no such robot, or a path that may not be followed.
+    """
+    if not _is_path(reference):
+        return _find_bundled(project, reference)
+    path = project.follow(reference, holder)
+    return RobotFilePlace(project, path, display_name(reference, holder_name))
+
+
+def _is_path(reference: str) -> bool:
+    return "/" in reference or reference.endswith((".yaml", ".yml"))
+
+
+def _find_bundled(project: Project, name: str) -> RobotFilePlace:
+    known = bundled_robots()
+    if name not in known:
+        raise BadReferenceError(
+            f"no bundled robot {quote(name)}{suggest(name, known, 'bundled')}; "
+            "the path of a robot file ends with .yaml"
+        )
+    path = robots_folder() / name / ROBOT_FILE
+    return RobotFilePlace(project.bundled(), path, f"robots/{name}/{ROBOT_FILE}")
+
+
+def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
+    """Returns the robot of a robot file, and notes on how it was understood.
+
+    Args:
+        place: the robot file.
+
+    Raises:
+        InputError: everything wrong with the file and its URDF.
+    """
+    document = read_document(place.project, place.path, place.name, "robot/1", place.role)
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    described = _check_description(document, findings)
+    model = validate(document, RobotFile, findings)
+    if model is None or not described:
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    urdf, meshes = _load_urdf(place, document, model, findings)
+    if urdf is None or not check_names(document, model, urdf, findings):
+        findings.raise_if_any()
+        raise InputError(findings.diagnostics)
+    names = [*model.platform, *(joint for arm in file_arms(model).values() for joint in arm.joints)]
+    try:
+        joints, notes = moving_joints(urdf, names)
+    except InputError as error:
+        findings.extend(error.diagnostics)
+        findings.raise_if_any()
+        raise
+    check_chains(document, model, urdf, joints, findings)
+    limits = joint_limits(document, model, joints, findings)
+    postures = posture_positions(document, model, joints, findings)
+    contacts = checked_pairs(
+        document, ("allowed_contacts",), model.allowed_contacts, list(urdf.links), findings
+    )
+    findings.raise_if_any()
+    if limits is None:
+        raise InputError(findings.diagnostics)
+    text = write_urdf(urdf, joints)
+    _check_readable(urdf, text, len(joints))
+    robot = Robot(
+        model.name,
+        text,
+        tuple(model.platform),
+        model_arms(document, model),
+        limits,
+        postures,
+        contacts,
+        meshes,
+    )
+    return robot, tuple([*notes, *_fixed_note(urdf, joints), *_mesh_note(meshes)])
+
+
+def _check_description(document: Document, findings: Findings) -> bool:
+    """Returns whether a robot file has either a URDF or tables; notes what is wrong otherwise."""
+    given = [key for key in ("urdf", "dh") if document.data.get(key) is not None]
+    if len(given) == 2:
+        findings.add(
+            document, ("dh",), "urdf and dh both describe the robot; keep one", "E200", key=True
+        )
+    if not given:
+        message = "'urdf' is missing; give the path of a URDF, or tables: `dh: …`"
+        findings.add(document, (), message, "E202")
+    return len(given) == 1
+
+
+def _load_urdf(
+    place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
+) -> tuple[Urdf | None, dict[str, tuple[Shape, ...]]]:
+    """Returns the checked URDF and its meshes by link, or None after noting what is wrong."""
+    if model.urdf is None:
+        return read_tables(document, model, findings), {}
+    try:
+        path = place.project.follow(model.urdf, place.path)
+        source = place.project.read(path, display_name(model.urdf, place.name))
+        urdf = read_urdf(source)
+        meshes = link_meshes(urdf, place.path.parent, path.parent)
+    except BadReferenceError as error:
+        findings.add(document, ("urdf",), str(error), "E500")
+    except InputError as error:
+        findings.extend(error.diagnostics)
+    else:
+        return urdf, meshes
+    return None, {}
+
+
+def _check_readable(urdf: Urdf, text: str, count: int) -> None:
+    """Makes sure that pinocchio reads what was written, one number per joint.
+
+    Raises:
+        InputError: it does not.
+    """
+    try:
+        model = pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        reason = str(error).strip().splitlines()[0]
+        message = f"cannot be used: {reason}"
+        raise InputError([Diagnostic(urdf.source.name, 0, 0, "E400", message)]) from None
+    if (model.nq, model.nv) != (count, count):
+        message = f"has {model.nq} positions and {model.nv} velocities for {count} joints"
+        raise InputError([Diagnostic(urdf.source.name, 0, 0, "E400", message)])
+
+
+def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
+    """Returns a note on links whose meshes are taken as convex hulls."""
+    if not meshes:
+        return []
+    return [f"collision meshes are taken as their convex hulls: {', '.join(meshes)}"]
+
+
+def _fixed_note(urdf: Urdf, joints: list[UrdfJoint]) -> list[str]:
+    """Returns a note on joints of the URDF that neither platform nor arms name."""
+    moving = {joint.name for joint in joints}
+    fixed = [
+        j.name for j in urdf.joints.values() if j.get("type") != "fixed" and j.name not in moving
+    ]
+    if not fixed:
+        return []
+    return [f"joints that neither platform nor arms name are fixed at 0: {', '.join(fixed)}"]

@@ -1,0 +1,187 @@
+"""Schema of robot files (`dualarm: robot/1`)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+from pydantic.config import JsonDict
+
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.fields import (
+    Angle,
+    BodyPair,
+    Length,
+    Name,
+    Pose,
+    Quantity,
+    Section,
+    Size,
+    refuse,
+)
+
+JointSpeed = Annotated[float, Quantity(quantities.ANGULAR_VELOCITY, 1e-6)]
+Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]
+
+
+class RowSection(Section):
+    """One row of a table: a joint that turns, and the link that it moves."""
+
+    joint: Name = Field(description="The joint's name; its link is called `<joint>_link`.")
+    a: Length = Field(default=0.0, description="Length of the common normal [m].")
+    alpha: Angle = Field(default=0.0, description="Twist about the common normal [rad].")
+    d: Length = Field(default=0.0, description="Offset along the joint's axis [m].")
+    theta: Angle = Field(default=0.0, description="What is added to the joint's position [rad].")
+    lower: Angle = Field(description="Lowest position [rad].")
+    upper: Angle = Field(description="Highest position [rad].")
+    velocity: JointSpeed = Field(description="Largest speed [rad/s].")
+    effort: Torque = Field(default=0.0, description="Largest torque [Nm]; 0: not known.")
+    radius: Size | None = Field(
+        default=None,
+        description="Radius of a capsule from this joint's origin to the next one's; none: no shape [m].",
+    )
+
+    @model_validator(mode="after")
+    def _range(self) -> RowSection:
+        if self.lower > self.upper:
+            raise refuse(
+                f"lower limit {self.lower:g} rad is above upper limit {self.upper:g} rad", "lower"
+            )
+        return self
+
+
+Rows = Annotated[list[RowSection], Field(min_length=1, max_length=12)]
+
+
+class BasesSection(Section):
+    """Where each arm's table begins."""
+
+    left: Pose = Field(default=Pose(), description="Frame 0 of the left table in the root link.")
+    right: Pose = Field(default=Pose(), description="Frame 0 of the right table in the root link.")
+
+
+class DhSection(Section):
+    """Arms as tables of Denavit and Hartenberg's parameters; every joint turns."""
+
+    convention: Literal["standard", "modified"] = Field(
+        default="standard",
+        description="standard: Rz(theta + q) Tz(d) Tx(a) Rx(alpha); "
+        "modified: Rx(alpha) Tx(a) Rz(theta + q) Tz(d), a and alpha those before the joint.",
+    )
+    left: Rows | None = Field(default=None, description="Rows of the left arm, base to flange.")
+    right: Rows | None = Field(default=None, description="Rows of the right arm, base to flange.")
+    bases: BasesSection = Field(
+        default=BasesSection(), description="Where the tables begin; by default in the root link."
+    )
+
+    @model_validator(mode="after")
+    def _some_arm(self) -> DhSection:
+        if self.left is None and self.right is None:
+            raise refuse("has no table; give left, right or both", code="E202")
+        return self
+
+    def tables(self) -> dict[str, list[RowSection]]:
+        """Returns the tables that there are, left before right."""
+        pairs = (("left", self.left), ("right", self.right))
+        return {side: rows for side, rows in pairs if rows is not None}
+
+
+RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+
+
+class ArmSection(Section):
+    """One arm of the robot."""
+
+    joints: Annotated[list[Name], Field(min_length=1, max_length=12)] = Field(
+        description="Its joints from base to flange, by their names in the URDF; with dh: by default its rows'."
+    )
+    flange: Name = Field(
+        description="Link to which the tool is bolted; with dh: what it is called, by default `flange` "
+        "of one arm, `left_flange` and `right_flange` of two."
+    )
+    kind: Literal["srs", "spherical_wrist", "general"] = Field(
+        description="How its inverse kinematics is solved; checked against the URDF."
+    )
+
+
+class ArmsSection(Section):
+    """The robot's arms: two, or one."""
+
+    left: ArmSection | None = Field(default=None, description="The left arm.")
+    right: ArmSection | None = Field(default=None, description="The right arm.")
+
+
+class LimitSection(Section):
+    """What a joint may do besides position and velocity, which come from the URDF."""
+
+    acceleration: Any = Field(
+        default=None,
+        description=f"Largest acceleration; a number is in {quantities.ANGULAR_ACCELERATION.unit}.",
+        json_schema_extra=RATE,
+    )
+    jerk: Any = Field(
+        default=None,
+        description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit}; "
+        "without it jerk is not limited.",
+        json_schema_extra=RATE,
+    )
+    source: Literal["datasheet", "measured", "assumed"] = Field(
+        description="Where the numbers come from; assumed ones are said so in every report."
+    )
+
+
+class RobotFile(Section):
+    """A robot: its URDF or its tables of parameters, platform, arms, limits and named postures."""
+
+    dualarm: Literal["robot/1"] = Field(description="Kind and version of the file.")
+    name: Name = Field(description="What people call the robot.")
+    urdf: Name | None = Field(
+        default=None, description="Path of its URDF, relative to this file; or dh instead."
+    )
+    dh: DhSection | None = Field(
+        default=None,
+        description="Tables of Denavit and Hartenberg's parameters in place of a URDF.",
+    )
+    platform: Annotated[list[Name], Field(max_length=2)] = Field(
+        default_factory=list,
+        description="Joints that carry both arms, world side first: none, one or two.",
+    )
+    arms: ArmsSection = Field(description="Its arms: left, right or both.")
+    limits: dict[Name, LimitSection] = Field(
+        default_factory=dict, description="Acceleration and jerk of every moving joint, by name."
+    )
+    postures: dict[Name, dict[Name, Any]] = Field(
+        default_factory=dict,
+        description="Named postures: joint positions [rad, or m]; joints not named are 0.",
+    )
+    allowed_contacts: list[BodyPair] = Field(
+        default_factory=list,
+        description="Pairs of links whose shapes may touch, as the shapes are wider than the links.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _names_of_tables(cls, data: Any) -> Any:
+        return _with_table_names(data) if isinstance(data, dict) and "dh" in data else data
+
+
+def _with_table_names(data: dict[str, Any]) -> dict[str, Any]:
+    """Returns the data of a file with the joints and flanges that its tables make plain.
+
+    Tables that are wrong are told of where they stand; here they must only not be blamed twice.
+    """
+    tables, arms = data["dh"], data.get("arms")
+    if not isinstance(tables, dict) or not isinstance(arms, dict):
+        return data
+    sides = [side for side in ("left", "right") if side in tables]
+    filled = dict(arms)
+    for side, arm in arms.items():
+        if side not in ("left", "right") or not isinstance(arm, dict):
+            continue
+        rows = tables.get(side)
+        rows = rows if isinstance(rows, list) else []
+        names = [row.get("joint") for row in rows if isinstance(row, dict)]
+        joints = [name for name in names if isinstance(name, str) and name.strip()]
+        flange = "flange" if len(sides) < 2 else f"{side}_flange"
+        filled[side] = {"joints": joints[:12] or ["joint"], "flange": flange, **arm}
+    return {**data, "arms": filled}

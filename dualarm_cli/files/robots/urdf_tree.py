@@ -1,0 +1,174 @@
+"""XML of a URDF or COLLADA file as a tree that remembers lines and expands nothing."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.source.text_source import TextSource, quote
+
+MAX_ELEMENTS = 50_000
+"""Most elements in one URDF."""
+MAX_DEPTH = 40
+"""Deepest nesting of elements."""
+MAX_MAGNITUDE = 1e9
+"""Largest number that a URDF may hold."""
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", re.ASCII)
+
+
+@dataclass
+class Element:
+    """One XML element."""
+
+    tag: str
+    """Its name."""
+    attributes: dict[str, str]
+    """Its attributes."""
+    line: int = 0
+    """Where it begins."""
+    column: int = 0
+    """Where it begins."""
+    children: list[Element] = field(default_factory=list)
+    """Elements within it."""
+    text: str = ""
+    """What stands between its own tags and within none of its children's."""
+
+    def find(self, tag: str) -> Element | None:
+        """Returns the first child of that name."""
+        return next(self.all(tag), None)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Iterates over the children of that name."""
+        return (child for child in self.children if child.tag == tag)
+
+    def get(self, name: str, default: str = "") -> str:
+        """Returns an attribute."""
+        return self.attributes.get(name, default)
+
+    @property
+    def name(self) -> str:
+        """Its `name` attribute."""
+        return self.get("name")
+
+    def child_name(self, tag: str, attribute: str) -> str:
+        """Returns an attribute of the first child of that name, or an empty string."""
+        child = self.find(tag)
+        return child.get(attribute) if child else ""
+
+
+class UrdfFindings:
+    """Everything wrong with one URDF."""
+
+    def __init__(self, source: TextSource) -> None:
+        """Starts with nothing found."""
+        self.source = source
+        self.diagnostics: list[Diagnostic] = []
+
+    def add(self, element: Element, message: str) -> None:
+        """Adds one finding at an element."""
+        self.diagnostics.append(
+            self.source.diagnostic(element.line, element.column, "E400", message)
+        )
+
+    def raise_if_any(self) -> None:
+        """Raises everything found, by line.
+
+        Raises:
+            InputError: something was found.
+        """
+        if self.diagnostics:
+            raise InputError(sorted(self.diagnostics, key=lambda d: (d.line, d.column)))
+
+    def numbers(
+        self, element: Element, attribute: str, count: int, what: str
+    ) -> list[float] | None:
+        """Returns the numbers of an attribute, or None after noting what is wrong with them.
+
+        Args:
+            element: the element.
+            attribute: its attribute.
+            count: how many numbers there must be.
+            what: the element in words.
+        """
+        text = element.get(attribute)
+        words = text.split()
+        if len(words) != count:
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            found = quote(text) if attribute in element.attributes else "nothing"
+            self.add(element, f"{what}: {attribute} must be {wanted}, not {found}")
+            return None
+        for word in words:
+            if not _NUMBER.fullmatch(word) or len(word) > 40:
+                comma = "; write a decimal point" if re.fullmatch(r"[-+]?\d+,\d+", word) else ""
+                self.add(
+                    element,
+                    f"{what}: {attribute} holds {quote(word)}, which is not a finite number{comma}",
+                )
+                return None
+        values = [float(word) + 0.0 for word in words]
+        bad = next((v for v in values if not math.isfinite(v) or abs(v) > MAX_MAGNITUDE), None)
+        if bad is not None:
+            self.add(
+                element, f"{what}: {attribute} holds {bad:g}; at most {MAX_MAGNITUDE:g} is allowed"
+            )
+            return None
+        return values
+
+
+def parse_xml(source: TextSource) -> Element:
+    """Returns the root element of an XML text.
+
+    Args:
+        source: the text of one file.
+
+    Raises:
+        InputError: not XML, a DOCTYPE or entity, or larger or deeper than the limits.
+    """
+    parser = expat.ParserCreate()
+    root: list[Element] = []
+    stack: list[Element] = []
+    count = 0
+
+    def fail(message: str, code: str = "E400") -> InputError:
+        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        return InputError([source.diagnostic(line, column, code, message)])
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > MAX_ELEMENTS or len(stack) >= MAX_DEPTH:
+            limits = f"{MAX_ELEMENTS} elements, {MAX_DEPTH} deep"
+            raise fail(f"more than is read ({limits})", "E100")
+        element = Element(tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+        (stack[-1].children if stack else root).append(element)
+        stack.append(element)
+        texts.append([])
+
+    def refuse(*_: object) -> None:
+        raise fail("a DOCTYPE or entity is not allowed; remove it")
+
+    texts: list[list[str]] = []
+
+    def end(_tag: str) -> None:
+        stack.pop().text = "".join(texts.pop())
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = lambda text: texts[-1].append(text)
+    parser.buffer_text = True
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(source.text, True)
+    except expat.ExpatError as error:
+        if not source.text.strip():
+            raise InputError(
+                [Diagnostic(source.name, 0, 0, "E400", "is empty; a URDF is needed")]
+            ) from None
+        reason = expat.ErrorString(error.code)
+        diagnostic = source.diagnostic(error.lineno, error.offset + 1, "E400", f"not XML: {reason}")
+        raise InputError([diagnostic]) from None
+    return root[0]

@@ -1,0 +1,120 @@
+"""URDF text written anew: only the robot's joints moving; or two robots as one; or from its parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from xml.sax.saxutils import quoteattr
+
+import pinocchio as pin
+
+from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, mesh_elements
+from dualarm_cli.files.robots.urdf_tree import Element
+
+_LINK_PARTS = ("inertial", "visual", "collision")
+
+
+def write_urdf(urdf: Urdf, joints: list[UrdfJoint]) -> str:
+    """Returns complete URDF text in which exactly the given joints move.
+
+    Joints that turn without end become revolute with wide limits, axes get length 1, every other
+    joint is fixed at its zero; meshes, which would be looked for elsewhere, and extensions of other tools are left out.
+
+    Args:
+        urdf: a checked URDF.
+        joints: the joints that move.
+    """
+    moving = {joint.name: joint for joint in joints}
+    parts = [_clean_link(link) for link in urdf.links.values()]
+    parts += [_clean_joint(joint, moving.get(joint.name)) for joint in urdf.joints.values()]
+    return urdf_text(urdf.root.name or "robot", parts)
+
+
+def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
+    """Returns one URDF with two robots on a `world` link, every name prefixed by the arm's name.
+
+    Args:
+        members: for each arm name the root element of its clean URDF, its root link, and the
+            pose of that link in the cell.
+    """
+    parts = [Element("link", {"name": "world"})]
+    for prefix, (root, root_link, base) in members.items():
+        parts += [_prefixed(element, f"{prefix}_") for element in root.children]
+        xyz = " ".join(repr(float(v) + 0.0) for v in base.translation)
+        rpy = " ".join(repr(float(v) + 0.0) for v in pin.rpy.matrixToRpy(base.rotation))
+        joint = Element("joint", {"name": f"world_to_{prefix}", "type": "fixed"})
+        joint.children = [
+            Element("origin", {"xyz": xyz, "rpy": rpy}),
+            Element("parent", {"link": "world"}),
+            Element("child", {"link": f"{prefix}_{root_link}"}),
+        ]
+        parts.append(joint)
+    return urdf_text("_and_".join(root.name for root, _, _ in members.values()), parts)
+
+
+def _clean_link(link: Element) -> Element:
+    parts = [
+        _without_materials(child)
+        for child in link.children
+        if child.tag in _LINK_PARTS and next(mesh_elements(child), None) is None
+    ]
+    return Element("link", {"name": link.name}, children=parts)
+
+
+def _without_materials(element: Element) -> Element:
+    children = [_without_materials(c) for c in element.children if c.tag != "material"]
+    return Element(element.tag, element.attributes, children=children)
+
+
+def _clean_joint(joint: Element, moving: UrdfJoint | None) -> Element:
+    kind = "fixed" if moving is None else "prismatic" if moving.slides else "revolute"
+    clean = Element("joint", {"name": joint.name, "type": kind})
+    kept = ("origin", "parent", "child")
+    clean.children = [Element(c.tag, c.attributes) for c in joint.children if c.tag in kept]
+    if moving is None:
+        return clean
+    axis = joint.find("axis")
+    vector = (
+        [float(word) for word in axis.get("xyz").split()] if axis is not None else [1.0, 0.0, 0.0]
+    )
+    length = math.hypot(*vector)
+    unit = " ".join(repr(v / length + 0.0) for v in vector)
+    effort = joint.child_name("limit", "effort") or "0"
+    limits = {"lower": moving.lower, "upper": moving.upper, "velocity": moving.velocity}
+    attributes = {name: repr(value) for name, value in limits.items()} | {"effort": effort}
+    clean.children += [Element("axis", {"xyz": unit}), Element("limit", attributes)]
+    return clean
+
+
+def _prefixed(element: Element, prefix: str) -> Element:
+    """Returns a link or joint with its own name and the links that it refers to prefixed."""
+    attributes = dict(element.attributes)
+    if element.tag in ("link", "joint"):
+        attributes["name"] = prefix + attributes["name"]
+    children = [
+        Element(c.tag, {"link": prefix + c.get("link")}) if c.tag in ("parent", "child") else c
+        for c in element.children
+    ]
+    return Element(element.tag, attributes, children=children)
+
+
+def urdf_text(name: str, parts: list[Element]) -> str:
+    """Returns the text of a robot description.
+
+    Args:
+        name: what the robot is called.
+        parts: its links and joints.
+    """
+    root = Element("robot", {"name": name}, children=parts)
+    return '<?xml version="1.0"?>\n' + "\n".join(_lines(root, "")) + "\n"
+
+
+def _lines(element: Element, indent: str) -> Iterable[str]:
+    attributes = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
+    if not element.children:
+        yield f"{indent}<{element.tag}{attributes}/>"
+        return
+    yield f"{indent}<{element.tag}{attributes}>"
+    for child in element.children:
+        yield from _lines(child, indent + "  ")
+    yield f"{indent}</{element.tag}>"

@@ -1,0 +1,1 @@
+"""Text of input files with places: YAML, quantities with units, typed documents, overrides."""

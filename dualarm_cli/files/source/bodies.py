@@ -1,0 +1,51 @@
+"""Names of the bodies of a cell, and the pairs of them that a file names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import pinocchio as pin
+
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.model.robot import Robot
+
+
+def link_names(robot: Robot) -> list[str]:
+    """Returns the names of a robot's links."""
+    frames = pin.buildModelFromXML(robot.urdf).frames
+    return [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
+
+
+def checked_pairs(
+    document: Document,
+    loc: Loc,
+    pairs: Iterable[Sequence[str]],
+    known: list[str],
+    findings: Findings,
+    member: str = "",
+) -> tuple[tuple[str, str], ...]:
+    """Returns pairs of bodies, after noting every name that is none, and bodies paired with themselves or twice.
+
+    Args:
+        document: the file.
+        loc: place of the list.
+        pairs: two names each.
+        known: all bodies.
+        findings: where errors are noted.
+        member: key of an entry under which its two names stand; empty where the entry is the two names.
+    """
+    found: list[tuple[str, str]] = []
+    for k, (one, other) in enumerate(pairs):
+        place: Loc = (*loc, k, member) if member else (*loc, k)
+        for n, name in enumerate((one, other)):
+            if name not in known:
+                message = f"there is no body {quote(name)}{suggest(name, known, 'bodies')}"
+                findings.add(document, (*place, n), message)
+        if one == other:
+            findings.add(document, place, f"{quote(one)} is paired with itself; name two bodies")
+        if any({one, other} == set(pair) for pair in found):
+            findings.add(document, place, f"{quote(one)} and {quote(other)} are paired twice")
+        found.append((one, other))
+    return tuple(found)

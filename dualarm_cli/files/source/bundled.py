@@ -1,0 +1,43 @@
+"""Bundled robots and task files: where they are, in an installed package and in a source tree."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+ROBOT_FILE = "robot.yaml"
+"""Name of the robot file in each robot's folder."""
+TASK_FILE = "tasks.yaml"
+"""Name of the task file in each job's folder."""
+
+
+@cache
+def robots_folder() -> Path:
+    """Returns the folder with one folder per bundled robot.
+
+    A wheel carries it inside the package; a source tree has it beside the package.
+    """
+    return _folder("robots")
+
+
+def _folder(name: str) -> Path:
+    package = Path(__file__).resolve().parents[2]
+    installed = package / "bundled" / name
+    return installed if installed.is_dir() else package.parent / name
+
+
+def bundled_robots() -> list[str]:
+    """Returns the names of the bundled robots, sorted."""
+    folder = robots_folder()
+    if not folder.is_dir():
+        return []
+    return sorted(entry.name for entry in folder.iterdir() if (entry / ROBOT_FILE).is_file())
+
+
+def bundled_tasks() -> dict[str, Path]:
+    """Returns the bundled task files by the names of their folders, sorted: the reference work of comparisons."""
+    folder = _folder("tasks")
+    if not folder.is_dir():
+        return {}
+    found = (entry / TASK_FILE for entry in sorted(folder.iterdir()))
+    return {path.parent.name: path for path in found if path.is_file()}

@@ -1,0 +1,198 @@
+"""Diagnostics: what pydantic found, said as people say it, at its place; and their text.
+
+Codes: E100 too large or too deep; E101 not text or not YAML; E102 duplicate; E104 no number;
+E105 alias, anchor or tag; E200 wrong value; E201 unknown key; E202 missing; E300 does not fit the
+rest of the files; E310 not available in this version; E400 URDF; E500 file or path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, get_args
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.source.text_source import quote, suggest
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
+
+    from dualarm_cli.files.source.yaml_source import Document, Loc
+
+MAX_MISTAKES = 100_000
+"""Most things that are wrong with one file for them to be told one by one."""
+MAX_SHOWN = 20
+"""Most diagnostics that are printed before the rest is counted."""
+_KINDS = {
+    "string_type": "text (in quotes, if it looks like a number)",
+    "list_type": "a list, such as [a, b]",
+    "dict_type": "a mapping, such as {key: value}",
+    "model_type": "a mapping, such as {key: value}",
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+}
+
+
+class Findings:
+    """Everything found wrong so far, in one or more files."""
+
+    def __init__(self) -> None:
+        """Starts with nothing found."""
+        self.diagnostics: list[Diagnostic] = []
+        self._unread: set[tuple[str, int, int]] = set()
+
+    def add(
+        self,
+        document: Document,
+        loc: Iterable[str | int],
+        message: str,
+        code: str = "E300",
+        key: bool = False,
+    ) -> None:
+        """Adds one finding at the place of a value (or of its key)."""
+        self.extend([document.diagnostic(loc, code, message, key)])
+
+    def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
+        """Adds findings; a number that could not be read (E104) is not blamed again."""
+        fresh = [d for d in diagnostics if _place(d) not in self._unread]
+        self._unread |= {_place(d) for d in fresh if d.code == "E104"}
+        self.diagnostics += fresh
+
+    def raise_if_any(self) -> None:
+        """Raises everything at once, by file and line.
+
+        Raises:
+            InputError: something was found.
+        """
+        if self.diagnostics:
+            files = {d.file: None for d in self.diagnostics}
+            order = {name: k for k, name in enumerate(files)}
+            unique = dict.fromkeys(self.diagnostics)
+            raise InputError(sorted(unique, key=lambda d: (order[d.file], d.line, d.column)))
+
+
+def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
+    return diagnostic.file, diagnostic.line, diagnostic.column
+
+
+def schema_diagnostics(
+    document: Document, model: type[BaseModel], error: ValidationError, prefix: Loc = ()
+) -> list[Diagnostic]:
+    """Returns one diagnostic for each thing that a schema found wrong.
+
+    Args:
+        document: the file.
+        model: what it was validated against.
+        error: what came of it.
+        prefix: where in the file the validated part stands.
+    """
+    if error.error_count() > MAX_MISTAKES:
+        # Told one by one they would take gigabytes, and nobody wrote so many by hand.
+        message = f"{error.error_count():,} mistakes in this file; look at what wrote it"
+        return [document.diagnostic(prefix, "E100", message)]
+    found = []
+    for item in error.errors(include_url=False):
+        loc = tuple(item["loc"])
+        kind, context = item["type"], item.get("ctx", {})
+        at_key = kind == "extra_forbidden"
+        code = "E201" if at_key else "E202" if kind == "missing" else "E200"
+        if kind == "missing":
+            message, loc = f"'{loc[-1]}' is missing", loc[:-1]
+        elif at_key:
+            message = _unknown_key(model, loc)
+        else:
+            message = _message(kind, item["msg"], item["input"], context)
+            code = str(context.get("code", code))
+            if context.get("key"):
+                loc, at_key = (*loc, str(context["key"])), True
+        found.append(document.diagnostic((*prefix, *loc), code, message, at_key))
+    return found
+
+
+def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
+    if kind in _KINDS:
+        return f"must be {_KINDS[kind]}, not {quote(value)}"
+    if kind == "literal_error":
+        words = [w.strip("'") for w in str(context["expected"]).replace(" or ", ", ").split(", ")]
+        return f"{quote(value)} is not allowed{suggest(str(value), words)}"
+    if kind in ("too_short", "too_long"):
+        least, most = context.get("min_length"), context.get("max_length")
+        wanted = f"at least {least}" if least is not None else f"at most {most}"
+        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted} belong here"
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        bound = next(context[k] for k in ("gt", "ge", "lt", "le") if k in context)
+        words_of = {"greater_than": "above", "less_than": "below"}
+        relation = words_of.get(kind, "at least" if kind == "greater_than_equal" else "at most")
+        return f"{quote(value)} must be {relation} {bound:g}"
+    # What a validator of ours says of a value; pydantic would put its own words before it.
+    return str(context["error"]) if kind == "value_error" else text
+
+
+def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
+    """Returns the message for a key that a mapping does not have."""
+    holder = _model_at(model, loc[:-1])
+    known = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
+    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known)}"
+
+
+def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:
+    """Returns the pydantic model that describes the mapping at a place."""
+    current: Any = model
+    for step in loc:
+        holder = _as_model(current)
+        if holder is None:
+            current = _bare(current)
+            current = next((a for a in reversed(_arguments(current)) if a is not type(None)), None)
+            continue
+        fields = {
+            field.alias or name: field.annotation for name, field in holder.model_fields.items()
+        }
+        current = fields.get(str(step))
+    return _as_model(current)
+
+
+def _bare(annotation: Any) -> Any:
+    """Returns what `list | None` and `Annotated[list, …]` hold: the list or mapping itself."""
+    while getattr(annotation, "__origin__", None) not in (list, dict):
+        inner = [a for a in _arguments(annotation) if a is not type(None)]
+        if not inner:
+            break
+        annotation = inner[0]
+    return annotation
+
+
+def _as_model(annotation: Any) -> type[BaseModel] | None:
+    """Returns the model in `Model`, `Model | None` or `Annotated[Model, …]`."""
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    if getattr(annotation, "__origin__", None) in (list, dict):
+        return None
+    return next((m for a in _arguments(annotation) if (m := _as_model(a)) is not None), None)
+
+
+def _arguments(annotation: Any) -> Sequence[Any]:
+    return get_args(annotation)
+
+
+def render(diagnostics: list[Diagnostic], limit: int = MAX_SHOWN) -> str:
+    """Returns diagnostics as text: place, message, source line and a caret below the column.
+
+    Args:
+        diagnostics: what to show.
+        limit: most of them; the rest is counted.
+    """
+    parts = [_render_one(diagnostic) for diagnostic in diagnostics[:limit]]
+    more = len(diagnostics) - limit
+    if more > 0:
+        parts.append(f"... and {more} more")
+    return "\n".join(parts)
+
+
+def _render_one(diagnostic: Diagnostic) -> str:
+    text = "".join(c if c.isprintable() else "\N{MIDDLE DOT}" for c in str(diagnostic))
+    if not diagnostic.snippet:
+        return text
+    number = str(diagnostic.line)
+    line = f"  {number} | {diagnostic.snippet}"
+    if not 0 < diagnostic.column <= len(diagnostic.snippet) + 1:
+        return f"{text}\n{line}"
+    return f"{text}\n{line}\n  {' ' * len(number)} | {' ' * (diagnostic.column - 1)}^"

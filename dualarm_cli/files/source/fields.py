@@ -1,0 +1,174 @@
+"""Field types of the file schemas: quantities with units, names, poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import pinocchio as pin
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, core_schema
+
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
+from dualarm_cli.files.source.text_source import quote
+
+MAX_NAME_LENGTH = 120
+"""Longest name or id."""
+QUATERNION_TOLERANCE = 1e-3
+"""How far a quaternion's norm may be from 1."""
+SMALLEST_POSITIVE = 1e-9
+"""Least size, rate or duration that counts as positive [SI]."""
+
+
+def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomError:
+    """Returns the error that a validator raises; `key` points at one key of the mapping."""
+    return PydanticCustomError("refused", "{text}", {"text": message, "key": key, "code": code})
+
+
+class Section(BaseModel):
+    """A mapping of an input file: no conversions, no unknown keys, frozen."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Field annotation: a number with or without its unit, in SI after validation."""
+
+    dimension: Dimension
+    """What it must be."""
+    low: float = -math.inf
+    """Least value [SI]."""
+    high: float = math.inf
+    """Greatest value [SI]."""
+
+    def read(self, value: object) -> float:
+        """Returns the SI value; raises what pydantic reports."""
+        try:
+            number = parse_quantity(value, self.dimension)
+        except QuantityError as error:
+            raise refuse(str(error)) from None
+        if number < self.low:
+            relation = "positive" if 0.0 < self.low < 1e-3 else f"at least {self.low:g}"
+            raise refuse(f"{quote(value)}: {self.dimension.name} must be {relation}")
+        if number > self.high:
+            raise refuse(f"{quote(value)}: {self.dimension.name} must be at most {self.high:g}")
+        return number
+
+    def __get_pydantic_core_schema__(
+        self, source: type[Any], handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Reads the value before pydantic checks that it is a finite float."""
+        return core_schema.no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema: a number, or text with a unit."""
+        units = ", ".join(unit for unit in self.dimension.units if unit)
+        plain = f"a plain number is {self.dimension.unit}" if self.dimension.unit else "a number"
+        note = f"{self.dimension.name}: {plain}" + (f"; units: {units}" if units else "")
+        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": note}
+
+
+Length = Annotated[float, Quantity(quantities.LENGTH)]
+Distance = Annotated[float, Quantity(quantities.LENGTH, 0.0)]
+Size = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE)]
+Angle = Annotated[float, Quantity(quantities.ANGLE)]
+Duration = Annotated[float, Quantity(quantities.TIME, 0.0)]
+Mass = Annotated[float, Quantity(quantities.MASS, 0.0)]
+ToolSpeed = Annotated[float, Quantity(quantities.SPEED, 1e-6)]
+SpeedFraction = Annotated[float, Quantity(quantities.FRACTION, 1e-3, 1.0)]
+Scale = Annotated[float, Quantity(quantities.FRACTION, SMALLEST_POSITIVE)]
+
+
+def check_name(text: str) -> str:
+    """Returns a name that is fit to be shown and written; raises otherwise."""
+    if not text.strip():
+        raise refuse("must not be empty")
+    if len(text) > MAX_NAME_LENGTH:
+        raise refuse(f"{quote(text)} has {len(text)} characters; at most {MAX_NAME_LENGTH}")
+    if not text.isprintable():
+        raise refuse(f"{quote(text)} has characters that cannot be printed; remove them")
+    if text != text.strip():
+        raise refuse(f"{quote(text)} begins or ends with a space; remove it")
+    return text
+
+
+Name = Annotated[str, AfterValidator(check_name)]
+BodyPair = Annotated[list[Name], Field(min_length=2, max_length=2)]
+Vector3 = Annotated[list[Length], Field(min_length=3, max_length=3)]
+BeltSpeed = Annotated[float, Quantity(quantities.SPEED, -10.0, 10.0)]
+Velocity3 = Annotated[list[BeltSpeed], Field(min_length=3, max_length=3)]
+Angles3 = Annotated[list[Angle], Field(min_length=3, max_length=3)]
+
+
+def _unit_quaternion(values: list[float]) -> list[float]:
+    norm = math.sqrt(sum(v * v for v in values))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise refuse(
+            f"a quaternion [x, y, z, w] must have length 1, not {norm:.6g}; divide by its length"
+        )
+    return [v / norm for v in values]
+
+
+QuaternionPart = Annotated[float, Quantity(Dimension("quaternion part", {"": 1.0}, 10.0))]
+Quaternion = Annotated[
+    list[QuaternionPart], Field(min_length=4, max_length=4), AfterValidator(_unit_quaternion)
+]
+
+
+class Pose(Section):
+    """A pose: translation, then rotation given by `rpy` or `quat`; what is missing is zero."""
+
+    xyz: Vector3 | None = Field(default=None, description="Translation [m]; default zero.")
+    rpy: Angles3 | None = Field(
+        default=None, description="Turns about the fixed axes x, then y, then z [rad], as in URDF."
+    )
+    quat: Quaternion | None = Field(
+        default=None, description="Unit quaternion [x, y, z, w] instead of rpy."
+    )
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> Pose:
+        if self.rpy is not None and self.quat is not None:
+            raise refuse("rpy and quat both give the rotation; keep one", "quat")
+        return self
+
+
+class FramedPose(Pose):
+    """A pose in the world or in a named frame."""
+
+    in_: Name | None = Field(
+        default=None, alias="in", description="Named frame that it is given in; default world."
+    )
+
+
+def to_se3(pose: Pose) -> pin.SE3:
+    """Returns the transform T_parent_child that a file's pose describes.
+
+    `rpy` turns about the parent's fixed axes x, then y, then z, as in URDF:
+    R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Args:
+        pose: translation [m] and rotation [rad]; what is missing is zero.
+    """
+    if pose.quat is not None:
+        x, y, z, w = pose.quat
+        rotation = pin.Quaternion(w, x, y, z).toRotationMatrix()
+    elif pose.rpy is not None:
+        rotation = pin.rpy.rpyToMatrix(*pose.rpy)
+    else:
+        rotation = np.eye(3)
+    return pin.SE3(rotation, np.array(pose.xyz or [0.0, 0.0, 0.0]))

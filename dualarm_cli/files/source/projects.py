@@ -1,0 +1,122 @@
+"""Project: the folder that a job's files must stay in, and a record of what was read."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.source.bundled import robots_folder
+from dualarm_cli.files.source.overrides import Overrides
+from dualarm_cli.files.source.text_source import TextSource, quote, read_text
+
+_MARKERS = ("dualarm.toml", ".git")
+
+
+class BadReferenceError(ValueError):
+    """A path in a file that may not be followed; its text is the whole message."""
+
+
+@dataclass
+class Project:
+    """A folder, and what has been read from it so far."""
+
+    folder: Path
+    """Resolved folder that relative paths may not leave."""
+    label: str = ""
+    """What stands before names of files within it, such as `robots` for the bundled ones."""
+    inputs: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of every file read, by its name within the project."""
+    overrides: Overrides = field(default_factory=Overrides)
+    """What takes the place of values of the files."""
+
+    @classmethod
+    def of(cls, path: Path) -> Project:
+        """Returns the project of a file: its nearest marked ancestor, else its parent's parent.
+
+        Args:
+            path: a task, cell or robot file; it need not exist.
+
+        Raises:
+            InputError: no file can have that name.
+        """
+        try:
+            resolved = Path(os.path.realpath(path))
+        except ValueError:
+            message = f"{quote(str(path))} is not the name of a file"
+            raise InputError([Diagnostic(quote(str(path)), 0, 0, "E500", message)]) from None
+        for folder in resolved.parents:
+            if any((folder / marker).exists() for marker in _MARKERS):
+                return cls(folder)
+        return cls(resolved.parent.parent)
+
+    def bundled(self) -> Project:
+        """Returns the bundled robots as a project that shares this one's record."""
+        return Project(
+            Path(os.path.realpath(robots_folder())), "robots", self.inputs, self.overrides
+        )
+
+    def name_of(self, path: Path) -> str:
+        """Returns a file's name within the project, with forward slashes."""
+        resolved = Path(os.path.realpath(path))
+        if not resolved.is_relative_to(self.folder):
+            return resolved.name
+        inside = resolved.relative_to(self.folder).as_posix()
+        return f"{self.label}/{inside}" if self.label else inside
+
+    def read(self, path: Path, name: str) -> TextSource:
+        """Returns the text of a file and records its hash.
+
+        Args:
+            path: file to read.
+            name: what the user calls it.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        source = read_text(path, name)
+        self.inputs[self.name_of(path)] = source.sha256
+        return source
+
+    def follow(self, reference: str, holder: Path) -> Path:
+        """Returns the file that a relative path in another file means.
+
+        Args:
+            reference: the path as written.
+            holder: the file that holds it.
+
+        Raises:
+            BadReferenceError: it is absolute, a URL, leads out of the project, or is no file.
+        """
+        if "://" in reference or reference.startswith(("/", "~")) or "\\" in reference:
+            raise BadReferenceError(
+                f"{quote(reference)} must be a relative path with forward slashes"
+            )
+        if not reference.strip() or "\0" in reference:
+            raise BadReferenceError(f"{quote(reference)} is not the path of a file")
+        path = holder.parent / reference
+        if not Path(os.path.realpath(path)).is_relative_to(self.folder):
+            raise BadReferenceError(
+                f"{quote(reference)} leaves the project folder "
+                f"{quote(self.folder.name or '/')}; keep the file inside it, or put a dualarm.toml "
+                "into the folder that holds both"
+            )
+        _existing(path, reference)
+        return path
+
+
+def _existing(path: Path, reference: str) -> None:
+    try:
+        exists = path.exists()
+    except OSError as error:
+        raise BadReferenceError(f"{quote(reference)}: {error.strerror}") from None
+    if exists and path.is_dir():
+        raise BadReferenceError(f"{quote(reference)} is a directory; name a file in it")
+    if not exists:
+        raise BadReferenceError(f"there is no file {quote(reference)} here")
+
+
+def display_name(reference: str, holder_name: str) -> str:
+    """Returns what the user would call a file that another file names."""
+    return os.path.normpath(Path(holder_name).parent / reference)

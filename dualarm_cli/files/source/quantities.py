@@ -1,0 +1,127 @@
+"""Quantities: a number, or a number with its unit, to SI."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from dualarm_cli.files.source.text_source import quote
+
+_NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"({_NUMBER})\s*([A-WYZa-wyz%][A-Za-z0-9/^%]*)?", re.ASCII)
+_POWER = re.compile(r"s([23])$")
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"([-+]?[0-9]+),([0-9]+)(.*)", re.ASCII | re.DOTALL)
+_MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\u2014\ufe63\uff0d"
+_SPELLING = str.maketrans({"²": "^2", "³": "^3", "µ": "u", "μ": "u", "°": "deg", "\xa0": " "})
+_SMALLEST = 1e-100
+_DEG = math.pi / 180.0
+
+
+@dataclass(frozen=True, eq=False)
+class Dimension:
+    """A physical quantity: its units, and the sizes that make sense."""
+
+    name: str
+    """What it is, for messages."""
+    units: dict[str, float]
+    """SI value of one of each unit; the first is what a plain number means."""
+    limit: float
+    """Largest magnitude that is taken seriously [first unit]."""
+
+    @property
+    def unit(self) -> str:
+        """What a plain number means."""
+        return next(iter(self.units))
+
+
+LENGTH = Dimension("length", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}, 1e3)
+ANGLE = Dimension("angle", {"rad": 1.0, "mrad": 1e-3, "deg": _DEG}, 1e3)
+TIME = Dimension("time", {"s": 1.0, "ms": 1e-3, "min": 60.0}, 1e5)
+MASS = Dimension("mass", {"kg": 1.0, "g": 1e-3}, 1e5)
+TORQUE = Dimension("torque", {"Nm": 1.0, "kNm": 1e3}, 1e7)
+FRACTION = Dimension("fraction", {"": 1.0, "%": 0.01}, 1e3)
+SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3)
+ACCELERATION = Dimension("acceleration", {"m/s^2": 1.0, "mm/s^2": 1e-3}, 1e6)
+JERK = Dimension("jerk", {"m/s^3": 1.0, "mm/s^3": 1e-3}, 1e9)
+ANGULAR_VELOCITY = Dimension("angular velocity", {"rad/s": 1.0, "deg/s": _DEG}, 1e4)
+ANGULAR_ACCELERATION = Dimension("angular acceleration", {"rad/s^2": 1.0, "deg/s^2": _DEG}, 1e6)
+ANGULAR_JERK = Dimension("angular jerk", {"rad/s^3": 1.0, "deg/s^3": _DEG}, 1e9)
+
+
+class QuantityError(ValueError):
+    """A quantity that cannot be read, or that is out of range; its text is the whole message."""
+
+
+def parse_quantity(value: object, dimension: Dimension, example: str = "") -> float:
+    """Returns the SI value of a number or of text such as `120 mm`.
+
+    Args:
+        value: a number, or text with a unit; a plain number is SI.
+        dimension: what it must be.
+        example: what to write instead of one that cannot be read; one of the dimension where it is not given.
+
+    Raises:
+        QuantityError: no number, an unknown or foreign unit, or an absurd size.
+    """
+    number, unit = _split(value, dimension, example or _example(dimension))
+    if unit not in dimension.units:
+        known = [name for name in dimension.units if name]
+        raise QuantityError(
+            f"unit {quote(unit)} in {quote(value)} is not one of {dimension.name}"
+            f"; allowed: {', '.join(known)}"
+        )
+    result = number * dimension.units[unit]
+    if not math.isfinite(result) or abs(result) > dimension.limit:
+        span = f"-{dimension.limit:g} to {dimension.limit:g} {dimension.unit}".strip()
+        raise QuantityError(f"{quote(value)} is outside the range of {dimension.name}: {span}")
+    if 0.0 < abs(result) < _SMALLEST:
+        raise QuantityError(f"{quote(value)} is too small to be meant; write 0")
+    return result + 0.0  # -0.0 becomes 0.0
+
+
+def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float, str]:
+    """Returns number and unit of a text; the unit is empty where there is none.
+
+    Args:
+        value: text such as `120 mm`.
+        example: what to write instead of one that cannot be read.
+
+    Raises:
+        QuantityError: it is not a number, with or without a unit.
+    """
+    text = value.strip().translate(_SPELLING)
+    match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
+    if match is None or _LEADING_ZERO.match(text):
+        raise QuantityError(f"{quote(value)} is not a number{_advice(text, example)}")
+    return float(match[1]), _POWER.sub(r"s^\1", match[2]) if match[2] else ""
+
+
+def _split(value: object, dimension: Dimension, example: str) -> tuple[float, str]:
+    """Returns number and unit of a value."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value), dimension.unit
+    if not isinstance(value, str):
+        raise QuantityError(f"must be a number such as {example}, not {quote(value)}")
+    number, unit = split_quantity(value, example)
+    return number, unit or dimension.unit
+
+
+def _advice(text: str, example: str) -> str:
+    """Returns what to write instead."""
+    comma = _DECIMAL_COMMA.fullmatch(text)
+    if comma:
+        return f"; write a decimal point: {comma[1]}.{comma[2]}{comma[3]}"
+    if any(sign in text for sign in _MINUS_SIGNS):
+        return "; write the minus sign as '-' (U+002D)"
+    if _LEADING_ZERO.match(text):
+        return "; remove the leading zero"
+    return f"; write one such as {example}"
+
+
+def _example(dimension: Dimension) -> str:
+    unit = list(dimension.units)[min(1, len(dimension.units) - 1)]
+    if dimension is ANGLE:
+        unit = "deg"
+    return "0.8 or 80%" if dimension is FRACTION else f"'30 {unit}'"

@@ -1,0 +1,280 @@
+"""Schema of coordinate tasks: a part in one arm, a tool of the other along a curve on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.fields import (
+    Angle,
+    Distance,
+    Duration,
+    FramedPose,
+    Length,
+    Name,
+    Pose,
+    Quantity,
+    Section,
+    Size,
+    ToolSpeed,
+    Vector3,
+    refuse,
+)
+from dualarm_cli.files.tasks.schema_paths import Component, CurveSection, PathAcceleration
+
+Tilt = Annotated[float, Quantity(quantities.ANGLE, 0.0, 1.0)]
+Downhand = Annotated[float, Quantity(quantities.ANGLE, 0.01, 3.1)]
+WorkDuration = Annotated[float, Quantity(quantities.TIME, 1e-3)]
+Direction = Annotated[list[Component], Field(min_length=3, max_length=3)]
+
+CurveKind = Literal["saddle", "arc", "ellipse", "line", "spline", "poses"]
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "saddle": ("main_radius", "branch_radius"),
+    "arc": ("radius",),
+    "ellipse": ("semi_axes",),
+    "line": ("start", "end"),
+    "spline": ("points",),
+    "poses": ("file",),
+}
+"""Keys that each kind of curve needs."""
+TAKES: Mapping[str, tuple[str, ...]] = {
+    "saddle": ("angle", "eccentricity", "begin", "finish"),
+    "arc": ("main_radius", "angle", "eccentricity", "begin", "finish", "side"),
+    "ellipse": ("begin", "finish", "side"),
+    "line": ("normal",),
+    "spline": ("normal", "normals", "closed"),
+    "poses": (),
+}
+"""Keys that it may have besides."""
+
+
+class FeatureSection(Pose):
+    """A curve on the part; its own pose places it in the part's frame."""
+
+    kind: CurveKind = Field(description="What it is.")
+    main_radius: Size | None = Field(
+        default=None,
+        description="Radius of the main pipe (saddle), or of the sphere that the arc lies on [m].",
+    )
+    branch_radius: Size | None = Field(
+        default=None, description="Radius of the branch pipe of a saddle [m]."
+    )
+    radius: Size | None = Field(default=None, description="Radius of an arc [m].")
+    angle: Angle | None = Field(
+        default=None, description="Between the pipes' axes; default 90 deg (saddle), 0 (arc) [rad]."
+    )
+    eccentricity: Length | None = Field(
+        default=None, description="Distance between the pipes' axes [m]; default 0."
+    )
+    semi_axes: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="Of an ellipse in the plane z = 0, along x and y [m]."
+    )
+    begin: Angle | None = Field(
+        default=None, description="Angle where a saddle, arc or ellipse begins [rad]; default 0."
+    )
+    finish: Angle | None = Field(
+        default=None,
+        description="Angle where it ends; default a full turn; below 'begin' it goes the other way [rad].",
+    )
+    side: Literal["above", "outside"] | None = Field(
+        default=None,
+        description="Where the tool of a flat arc or ellipse comes from: along z, or from outside in its plane.",
+    )
+    start: Vector3 | None = Field(default=None, description="Where a line begins [m].")
+    end: Vector3 | None = Field(default=None, description="Where a line ends [m].")
+    points: Annotated[list[Vector3], Field(min_length=2, max_length=10_000)] | None = Field(
+        default=None, description="Points that a spline goes through [m]."
+    )
+    normal: Direction | None = Field(
+        default=None,
+        description="Out of the surface: of a line (default z), or where a spline begins, carried along without twist.",
+    )
+    normals: Annotated[list[Direction], Field(min_length=2, max_length=10_000)] | None = Field(
+        default=None, description="Out of the surface at every point of a spline."
+    )
+    closed: bool | None = Field(
+        default=None, description="Whether a spline ends where it begins, smoothly."
+    )
+    file: Name | None = Field(
+        default=None,
+        description="CSV of poses of the curve's frame (x along it, z out of the surface): x, y, z, qx, qy, qz, qw.",
+    )
+
+    @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> FeatureSection:
+        for key in NEEDS[self.kind]:
+            if getattr(self, key) is None:
+                raise refuse(f"kind: {self.kind} needs '{key}'", code="E202")
+        allowed = {*NEEDS[self.kind], *TAKES[self.kind]}
+        for key in {key for keys in (*NEEDS.values(), *TAKES.values()) for key in keys} - allowed:
+            if getattr(self, key) is not None:
+                some = ", ".join(sorted(allowed))
+                raise refuse(f"'{key}' does not go with kind: {self.kind}; it has {some}", key)
+        if self.normals is not None and self.normal is not None:
+            raise refuse("'normal' does not go with 'normals'; keep one", "normal")
+        if self.normals is not None and len(self.normals) != len(self.points or []):
+            raise refuse("'normals' needs one entry for each of 'points'", "normals")
+        return self
+
+
+class SeamToolSection(Section):
+    """How the tool stands on the curve."""
+
+    standoff: Distance = Field(
+        default=0.0, description="Distance of the tool centre point from the curve [m]."
+    )
+    work_angle: Angle = Field(
+        default=0.0, description="Turn of the tool about the curve's tangent [rad]."
+    )
+    travel_angle: Angle = Field(
+        default=0.0, description="Then about the curve frame's y: it leans forwards or back [rad]."
+    )
+    spin: Angle | None = Field(
+        default=None,
+        description="Turn about the tool's own axis [rad]; default 0: its x axis is along the curve.",
+    )
+    free: Literal["spin", "none"] = Field(
+        default="none",
+        description="spin: the tool may turn about its own axis; none: its x axis is along the curve.",
+    )
+    tilt: Tilt = Field(
+        default=0.0, description="By how much its axis may lean away from where it should be [rad]."
+    )
+
+    @model_validator(mode="after")
+    def _one_spin(self) -> SeamToolSection:
+        if self.spin is not None and self.free == "spin":
+            raise refuse("'spin' does not go with free: spin; keep one", "spin")
+        return self
+
+
+class HoldSection(FramedPose):
+    """Where the part is while its curve is worked on."""
+
+    mode: Literal["free", "still"] | None = Field(
+        default=None,
+        description="free: the planner moves the part as well; still: it finds a pose.",
+    )
+    way: CurveSection | None = Field(
+        default=None,
+        description="What the part's frame follows, at the same share as the tool follows the curve.",
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> HoldSection:
+        given = [key for key in ("mode", "xyz", "way") if getattr(self, key) is not None]
+        if not given:
+            raise refuse("give free, still, a pose (xyz, rpy) or a way")
+        if len(given) > 1:
+            raise refuse(f"'{given[1]}' does not go with '{given[0]}'; keep one", given[1])
+        if self.way is not None and self.way.through is None and self.way.poses is None:
+            raise refuse("no way; give through or poses", "way")
+        if self.xyz is None and self.in_ is not None:
+            raise refuse("'in' goes with a pose; the poses of a way have their own", "in")
+        if self.xyz is None and (self.rpy is not None or self.quat is not None):
+            raise refuse("a pose needs xyz", "rpy" if self.rpy is not None else "quat")
+        return self
+
+
+def _word(value: object) -> object:
+    return {"mode": value} if isinstance(value, str) else value
+
+
+Hold = Annotated[HoldSection, BeforeValidator(_word)]
+
+
+class EntrySection(Section):
+    """How the tool comes to the curve."""
+
+    approach: Distance = Field(default=0.0, description="Straight way along the tool's axis [m].")
+    dwell: Duration = Field(
+        default=0.0, description="How long it stands where the curve begins [s]."
+    )
+    duration: WorkDuration | None = Field(
+        default=None,
+        description="Time for the way to where the curve begins, approach and dwell included; default: as quick as can "
+        "be [s].",
+    )
+
+
+class ExitSection(Section):
+    """How the tool leaves the curve."""
+
+    dwell: Duration = Field(default=0.0, description="How long it stands where the curve ends [s].")
+    retract: Distance = Field(default=0.0, description="Straight way along the tool's axis [m].")
+
+
+class CoordinateSection(Section):
+    """Both arms on one part: one holds it, the other's tool works along a curve on it."""
+
+    master: Literal["left", "right"] | None = Field(
+        default=None,
+        description="The arm that holds the part; without one the part stands in the cell.",
+    )
+    slave: Literal["left", "right"] = Field(description="The arm whose tool works.")
+    curve: FeatureSection = Field(description="The curve, in the part's frame.")
+    part: FramedPose = Field(
+        description="The part's frame in the master's flange; without a master in the world or a named frame."
+    )
+    tool: SeamToolSection = Field(
+        default=SeamToolSection(), description="Stand-off, angles and freedoms of the tool."
+    )
+    hold: Hold = Field(
+        default=HoldSection(mode="free"),
+        description="Where the part is: free (default), still, a pose in the world, or a way that its frame follows.",
+    )
+    speed: ToolSpeed | None = Field(
+        default=None, description="Speed of the tool along the curve, relative to the part [m/s]."
+    )
+    duration: WorkDuration | None = Field(
+        default=None, description="Time for the curve, ramps included, instead of a speed [s]."
+    )
+    acceleration: PathAcceleration | None = Field(
+        default=None,
+        description="Largest acceleration along the curve [m/s²]; default: as the joints allow.",
+    )
+    slower: Literal["allowed", "forbidden"] = Field(
+        default="forbidden",
+        description="Whether it may be slower where the joints' limits ask for it.",
+    )
+    downhand: Downhand | None = Field(
+        default=None,
+        description="By how much the surface under the tool may lean away from facing upwards [rad].",
+    )
+    entry: EntrySection = Field(default=EntrySection(), description="How the tool comes.")
+    exit: ExitSection = Field(default=ExitSection(), description="How the tool leaves.")
+    not_before: Duration = Field(
+        default=0.0, description="When the curve begins at the earliest, from the plan's start [s]."
+    )
+    touches: list[Name] | None = Field(
+        default=None,
+        description="Bodies that the tool may touch, not reach into, meanwhile: tools or obstacles; default the "
+        "master's tool.",
+    )
+    posture: Name | None = Field(
+        default=None, description="Posture near which it begins; default: the planner's choice."
+    )
+    method: Name | None = Field(
+        default=None, description="Seam solver; `dualarm solvers` lists them."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CoordinateSection:
+        if self.master == self.slave:
+            raise refuse(
+                "master and slave are the same arm; without a master leave the key out", "slave"
+            )
+        if (self.speed is None) == (self.duration is None):
+            raise refuse(
+                "give 'speed' or 'duration', one of them", "duration" if self.speed else ""
+            )
+        if self.master is not None and self.part.in_ is not None:
+            raise refuse("'in' does not go with a master: the part is in its flange", "part")
+        if self.master is None and (self.hold.mode != "free"):
+            raise refuse("'hold' needs a master; without one 'part' says where the part is", "hold")
+        if self.master is None and self.downhand is not None:
+            raise refuse("'downhand' needs a master that can turn the part", "downhand")
+        return self

@@ -1,0 +1,299 @@
+"""Coordinate tasks: curves on parts, how tools stand on them, where the part is meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.files.source.fields import to_se3
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.paths import PathReader
+from dualarm_cli.files.tasks.schema_seams import CoordinateSection, FeatureSection, HoldSection
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
+from dualarm_cli.model.curves.feature_curve import (
+    FeatureCurve,
+    MeasuredCurve,
+    PoseCurve,
+    least_lean,
+    sharpest_bend,
+    sharpest_roll,
+)
+from dualarm_cli.model.curves.point_spline import PointSpline
+from dualarm_cli.model.place import Place
+from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
+
+LEAST_LEAN = math.radians(1.0)
+"""Least angle between a curve and its surface's normal [rad]."""
+SHARPEST = math.radians(30.0)
+"""Largest turn of a curve between the nodes at which it is measured [rad]: more is a corner."""
+SHORTEST = 1e-5
+"""Least length of a curve, distance of neighbouring points of a spline, and of a branch pipe from the main one's side
+[m]."""
+SAME_POINT = 1e-6
+"""Distance below which neighbouring poses of a file stand at one place [m]."""
+SMALLEST_NORMAL = 1e-9
+"""Least length of a normal."""
+FULL_TURN = 2.0 * math.pi
+
+
+class SeamReader:
+    """Turns the coordinate tasks of one task file into nouns."""
+
+    def __init__(self, document: Document, cell: Cell, paths: PathReader) -> None:
+        """Prepares for a file and its cell.
+
+        Args:
+            document: the task file.
+            cell: where frames, arms and postures come from.
+            paths: reads poses, ways and files of poses, and notes errors.
+        """
+        self._document, self._cell, self._paths = document, cell, paths
+
+    def work(self, section: CoordinateSection, loc: Loc) -> SeamWork | None:
+        """Returns what is worked on and how, or None after noting what is wrong.
+
+        Args:
+            section: the task as the file has it.
+            loc: where it stands.
+        """
+        good = self._known(section, loc)
+        curve = self._curve(section.curve, (*loc, "curve"))
+        part = self._paths.placed(section.part, (*loc, "part"))
+        hold = self._hold(section.hold, (*loc, "hold"))
+        if curve is None or part is None or hold is None or not good:
+            return None
+        tool = section.tool
+        line, column = self._document.place(loc)
+        return SeamWork(
+            master=section.master,
+            slave=section.slave,
+            part=part,
+            curve=curve,
+            tool=SeamTool(
+                standoff=tool.standoff,
+                work_angle=tool.work_angle,
+                travel_angle=tool.travel_angle,
+                spin=tool.spin or 0.0,
+                free_spin=tool.free == "spin",
+                tilt=tool.tilt,
+            ),
+            hold=hold,
+            speed=section.speed,
+            duration=section.duration,
+            acceleration=section.acceleration,
+            slower=section.slower == "allowed",
+            downhand=section.downhand,
+            entry_duration=section.entry.duration,
+            approach=section.entry.approach,
+            retract=section.exit.retract,
+            dwell_start=section.entry.dwell,
+            dwell_end=section.exit.dwell,
+            not_before=section.not_before,
+            touches=self._touches(section),
+            posture=section.posture,
+            method=section.method,
+            place=Place(self._document.source.name, line, column),
+        )
+
+    def _known(self, section: CoordinateSection, loc: Loc) -> bool:
+        """Notes arms and postures that the robot does not have."""
+        robot = self._cell.robot
+        arms, good = [arm.name for arm in robot.arms], True
+        for key in ("master", "slave"):
+            name = getattr(section, key)
+            if name is not None and name not in arms:
+                message = f"{robot.name} has no {name} arm; it has {', '.join(arms)}"
+                self._paths.note((*loc, key), message)
+                good = False
+        bodies = [f"{arm}_tool" for arm in arms] + [one.name for one in self._cell.obstacles]
+        for k, name in enumerate(section.touches or ()):
+            if name not in bodies:
+                message = (
+                    f"there is no body {quote(name)}{suggest(name, bodies, 'tools and obstacles')}"
+                )
+                self._paths.note((*loc, "touches", k), message)
+                good = False
+        postures = list(robot.postures)
+        if section.posture is not None and section.posture not in postures:
+            message = (
+                f"{robot.name} has no posture {quote(section.posture)}"
+                f"{suggest(section.posture, postures, 'choose one of')}"
+            )
+            self._paths.note((*loc, "posture"), message)
+            good = False
+        return good
+
+    def _touches(self, section: CoordinateSection) -> tuple[str, ...]:
+        if section.touches is not None:
+            return tuple(section.touches)
+        return () if section.master is None else (f"{section.master}_tool",)
+
+    def _hold(self, section: HoldSection, loc: Loc) -> Hold | None:
+        if section.mode is not None:
+            return Hold(still=section.mode == "still")
+        if section.way is not None:
+            way = self._paths.way(section.way, (*loc, "way"))
+            if way is not None and way.corners:
+                self._paths.note((*loc, "way"), CORNERS)
+                return None
+            return None if way is None else Hold(way=way)
+        pose = self._paths.placed(section, loc)
+        return None if pose is None else Hold(pose=pose)
+
+    def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
+        if section.kind == "poses":
+            return self._through(section, (*loc, "file"))
+        wrong = _wrong(section)
+        if wrong:
+            where, message = wrong
+            self._paths.note((*loc, *where), message)
+            return None
+        contour = _contour(section)
+        curve = FeatureCurve(contour, to_se3(section))
+        if not self._smooth(curve, loc):
+            return None
+        key = "normals" if section.normals else "normal"
+        where = (*loc, key) if getattr(section, key) else loc
+        if least_lean(contour) < LEAST_LEAN:
+            message = (
+                "the normal points along the curve somewhere; it has to point out of the surface"
+            )
+            self._paths.note(where, message)
+            return None
+        roll, at = sharpest_roll(contour)
+        if roll > SHARPEST:
+            message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
+            self._paths.note(where, message)
+            return None
+        return curve
+
+    def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
+        """Returns the curve through the poses of a file, or None after noting what is wrong."""
+        poses = self._paths.poses(str(section.file), loc)
+        if poses is None:
+            return None
+        for k, (one, other) in enumerate(pairwise(poses), 1):
+            if math.dist(one.translation, other.translation) < SAME_POINT:
+                message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
+                self._paths.note(loc, message)
+                return None
+        curve = PoseCurve.through(poses, to_se3(section))
+        return curve if self._smooth(curve, loc) else None
+
+    def _smooth(self, curve: MeasuredCurve, loc: Loc) -> bool:
+        """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
+        bend, at = sharpest_bend(curve.contour)
+        if bend > SHARPEST:
+            self._paths.note(
+                loc,
+                f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
+                "to stop; round it, or end the curve there and begin another task",
+            )
+            return False
+        # Only now: where a curve stands still there is no length to be measured by.
+        if curve.length < SHORTEST:
+            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+            return False
+        return True
+
+
+CORNERS = (
+    "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
+)
+
+
+def _shown(point: FloatArray) -> str:
+    """Returns a point of a curve for people."""
+    # What is less than a nanometre is 0.
+    return f"({', '.join(f'{round(v, 9) + 0.0:.6g}' for v in point.tolist())})"
+
+
+def _contour(section: FeatureSection) -> Contour:
+    begin = section.begin or 0.0
+    end = section.finish if section.finish is not None else begin + FULL_TURN
+    shift = section.eccentricity or 0.0
+    if section.kind == "saddle":
+        angle = section.angle if section.angle is not None else math.pi / 2.0
+        R, r = section.main_radius or 0.0, section.branch_radius or 0.0
+        return Saddle(R, r, angle, shift, begin, end)
+    if section.kind == "arc" and section.main_radius is not None:
+        r = section.radius or 0.0
+        return SphereArc(section.main_radius, r, section.angle or 0.0, shift, begin, end)
+    if section.kind in ("arc", "ellipse"):
+        a, b = section.semi_axes or [section.radius or 0.0] * 2
+        return Ellipse((a, b), begin, end, section.side == "outside")
+    up = np.array(section.normal or [0.0, 0.0, 1.0], dtype=np.float64)
+    if section.kind == "line":
+        return LineContour(np.array(section.start), np.array(section.end), up)
+    normals = up if section.normals is None else np.array(section.normals, dtype=np.float64)
+    return PointSpline.through(np.array(section.points), normals, closed=bool(section.closed))
+
+
+def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what makes a curve impossible, or None."""
+    begin = section.begin or 0.0
+    if section.finish is not None and section.finish == begin:
+        return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
+    if section.finish is not None and abs(section.finish - begin) > FULL_TURN + 1e-9:
+        return ("finish",), "the curve goes round more than once; end it after a full turn"
+    shift = abs(section.eccentricity or 0.0)
+    if section.kind == "saddle":
+        R, r = section.main_radius or 0.0, section.branch_radius or 0.0
+        if r + shift > R - SHORTEST:
+            return ("branch_radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the main pipe of {R:g} m, "
+                "so that the branch pipe meets it all round"
+            )
+        if section.angle is not None and abs(math.sin(section.angle)) < 0.05:
+            return ("angle",), "the pipes are (nearly) parallel and do not meet in a closed curve"
+    if section.kind == "arc":
+        r = section.radius or 0.0
+        if section.main_radius is not None and r + shift > section.main_radius - SHORTEST:
+            return ("radius",), (
+                f"{r:g} m and the eccentricity must stay 0.01 mm inside the sphere of {section.main_radius:g} m"
+            )
+        if section.main_radius is None:
+            for key in ("angle", "eccentricity"):
+                if getattr(section, key) is not None:
+                    return (key,), f"'{key}' needs main_radius, the sphere that the arc lies on"
+        elif section.side is not None:
+            return ("side",), "on a sphere the tool comes from outside it; leave 'side' out"
+    return _wrong_points(section)
+
+
+def _wrong_points(section: FeatureSection) -> tuple[Loc, str] | None:
+    """Returns place and message of what is wrong with points and normals, or None."""
+    for where, direction in _directions(section):
+        if math.hypot(*direction) < SMALLEST_NORMAL:
+            return where, "a normal of no length points nowhere; give a direction such as [0, 0, 1]"
+    if section.kind == "line" and _near(section.start, section.end):
+        return ("end",), "the line ends where it begins"
+    if section.points is not None:
+        for k, (one, other) in enumerate(zip(section.points, section.points[1:], strict=False)):
+            if _near(one, other):
+                return ("points", k + 1), "the same point as the one before; remove it"
+        if section.closed and not _near(section.points[0], section.points[-1]):
+            return ("points",), "a closed spline ends with the point it begins with"
+        if section.closed and len(section.points) < 4:
+            return ("points",), "a closed spline needs three different points or more"
+    return None
+
+
+def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
+    """Returns all normals with their places."""
+    found: list[tuple[Loc, list[float]]] = []
+    if section.normal is not None:
+        found.append((("normal",), section.normal))
+    for k, direction in enumerate(section.normals or ()):
+        found.append((("normals", k), direction))
+    return found
+
+
+def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:
+    return math.dist(one or (), other or ()) < SHORTEST

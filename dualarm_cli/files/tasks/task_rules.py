@@ -1,0 +1,251 @@
+"""Rules across tasks: unique ids, precedence without cycles, sequences, windows, what cannot be planned yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+from dualarm_cli.errors import did_you_mean
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import Task
+
+NOT_AVAILABLE = "E310"
+"""Code of what the format has and this version has not."""
+FREE_START = "free"
+"""What a file says where the planner shall choose the start posture."""
+
+
+def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
+    """Notes duplicate ids, impossible precedence and kinds of task that cannot be planned yet.
+
+    Args:
+        document: the task file.
+        tasks: the tasks that their schema accepts, by their index in the file.
+        findings: where errors are noted.
+    """
+    first: dict[str, int] = {}
+    for index, task in tasks.items():
+        loc = ("tasks", index, "id")
+        if task.id in first:
+            message = f"duplicate task id {quote(task.id)}, first at line {first[task.id]}"
+            findings.add(document, loc, message, "E102")
+        first.setdefault(task.id, document.place(loc)[0])
+        _check_any(document, index, task, findings)
+        _check_window(document, index, task, findings)
+    in_a_row = check_sequences(document, tasks, findings)
+    _check_precedence(document, tasks, in_a_row, findings)
+
+
+def check_settings(document: Document, model: TasksFile, findings: Findings) -> None:
+    """Notes settings of the whole file that do not go together.
+
+    Args:
+        document: the task file.
+        model: its content.
+        findings: where errors are noted.
+    """
+    alone = [task for task in model.tasks if task.path is not None or task.coordinate is not None]
+    if model.mode == "free" and alone:
+        message = (
+            f"mode: free does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; use "
+            "mode: paired, or plan them in files of their own"
+        )
+        findings.add(document, ("mode",), message, NOT_AVAILABLE)
+    for index, task in enumerate(model.tasks if alone else ()):
+        for key in ("not_before", "not_after"):
+            if getattr(task, key) is not None and task not in alone:
+                message = (
+                    f"{key} does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; "
+                    "plan them in files of their own"
+                )
+                findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
+    handed = [task for task in model.tasks if task.handover is not None]
+    for index, task in enumerate(model.tasks if alone or handed else ()):
+        for action in ("pick", "place"):
+            target = getattr(task, action)
+            if target is not None and target.conveyor is not None:
+                other = (alone or handed)[0].id
+                message = (
+                    f"conveyors do not go with paths, coordinate tasks and hand-overs (task {quote(other)}) in this "
+                    "version; plan them in files of their own"
+                )
+                loc = ("tasks", index, action, "conveyor")
+                findings.add(document, loc, message, NOT_AVAILABLE)
+    names = {task.id for task in (*alone, *handed)}
+    for k, row in enumerate(model.sequences):
+        for m, name in enumerate(row):
+            if name in names:
+                message = f"task {quote(name)} takes its own arms; sequences are of picks, places and moves"
+                findings.add(document, ("sequences", k, m), message)
+    if model.sequences and model.order == "given":
+        message = "order: given does all tasks in the file's order already; say order: optimise, or remove 'sequences'"
+        findings.add(document, ("sequences",), message)
+
+
+def check_start(document: Document, cell: Cell, findings: Findings) -> None:
+    """Notes a start posture that the robot does not have."""
+    known = [*cell.robot.postures, FREE_START]
+    start = document.data.get("start", "home")
+    if isinstance(start, str) and start not in known:
+        message = (
+            f"{cell.robot.name} has no posture {quote(start)}"
+            f"{suggest(start, known, 'choose one of')}"
+        )
+        findings.add(document, ("start",), message)
+
+
+def _check_any(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
+    """Notes what does not go with arm: any."""
+    if task.arm != "any":
+        return
+    for action in ("pick", "place", "move"):
+        target = getattr(task, action)
+        if target is not None and target.joints is not None:
+            message = (
+                "joint configurations belong to one arm; use arm: left or right, or give a pose"
+            )
+            findings.add(document, ("tasks", index, action, "joints"), message)
+    for kind in ("path", "coordinate"):
+        if getattr(task, kind) is not None:
+            message = f"arm: any does not go with '{kind}'; it says itself which arms it takes"
+            findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
+
+
+def _check_window(document: Document, index: int, task: TaskSection, findings: Findings) -> None:
+    """Notes a window that ends before it begins, and windows of what has its own."""
+    early, late = task.not_before, task.not_after
+    if early is not None and late is not None and late < early:
+        message = f"not_after: {late:g} s is before not_before: {early:g} s"
+        findings.add(document, ("tasks", index, "not_after"), message)
+    for key in ("not_before", "not_after"):
+        if getattr(task, key) is not None and (task.path is not None or task.coordinate):
+            message = f"'{key}' goes with picks, places and moves only; remove it"
+            findings.add(document, ("tasks", index, key), message)
+
+
+def check_belt_windows(document: Document, loc: Loc, task: Task, findings: Findings) -> None:
+    """Notes a window that has nothing in common with the time in which a part on a conveyor may be met.
+
+    Args:
+        document: the task file.
+        loc: where the task stands.
+        task: as it was read.
+        findings: where errors are noted.
+    """
+    for stop in task.stops:
+        belt = stop.belt
+        if belt is None:
+            continue
+        if task.not_before > belt.last:
+            key, says = "not_before", f"not_before: {task.not_before:g} s is after"
+        elif task.not_after < belt.passes:
+            key, says = "not_after", f"not_after: {task.not_after:g} s is before"
+        else:
+            continue
+        message = (
+            f"{says} the part of the {stop.action} may be met on conveyor {quote(belt.conveyor.name)}, from "
+            f"{belt.passes:g} s (passes) to {belt.last:.3f} s (within)"
+        )
+        findings.add(document, (*loc, key), message)
+
+
+def check_sequences(
+    document: Document, tasks: Mapping[int, TaskSection], findings: Findings
+) -> list[tuple[str, str]]:
+    """Notes sequences of tasks that cannot be; returns who comes right after whom."""
+    arms = {task.id: task.arm for task in tasks.values()}
+    known = [t.get("id") for t in document.listed("tasks") if isinstance(t, dict)]
+    follows, where = [], dict[str, int]()
+    for k, names in enumerate(document.listed("sequences")):
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            continue  # the schema has said so
+        for m, name in enumerate(names):
+            loc = ("sequences", k, m)
+            if name not in known:
+                hint = did_you_mean(name, [n for n in known if isinstance(n, str)])
+                findings.add(document, loc, f"there is no task {quote(name)}{hint}")
+            elif name in where:
+                message = f"task {quote(name)} is in a sequence already (number {where[name] + 1})"
+                findings.add(document, loc, message)
+            where.setdefault(name, k)
+        given = {arms[name]: name for name in names if arms.get(name) in ("left", "right")}
+        if len(given) > 1:
+            one, other = given.values()
+            message = (
+                f"one arm does a sequence; {quote(one)} and {quote(other)} are different arms'"
+            )
+            findings.add(document, ("sequences", k), message)
+        follows += list(pairwise(names))
+    return follows
+
+
+def permission_notes(model: TasksFile) -> list[str]:
+    """Returns notes on what the file permits or demands and the present planner does not use."""
+    defaults, notes = model.defaults, []
+    if defaults.straight is not None:
+        notes.append(
+            "straight: not used; every approach and retract is straight over its whole length"
+        )
+    for key in ("dwell_motion", "line_motion"):
+        if getattr(defaults, key) == "allowed":
+            during = "dwells" if key == "dwell_motion" else "lines"
+            notes.append(f"{key}: allowed was not used; the platform stands still during {during}")
+    return notes
+
+
+def _check_precedence(
+    document: Document,
+    tasks: Mapping[int, TaskSection],
+    in_a_row: list[tuple[str, str]],
+    findings: Findings,
+) -> None:
+    entries = document.listed("tasks")
+    known = [t["id"] for t in entries if isinstance(t, dict) and isinstance(t.get("id"), str)]
+    known_set = set(known)
+    before: dict[str, list[str]] = {}
+    for name, then in in_a_row:
+        before.setdefault(then, []).append(name)
+    index_of = {task.id: index for index, task in reversed(list(tasks.items()))}
+    for index, task in tasks.items():
+        for k, other in enumerate(task.after):
+            loc = ("tasks", index, "after", k)
+            if other == task.id:
+                findings.add(document, loc, f"task {quote(other)} cannot come after itself")
+            elif other not in known_set:
+                hint = did_you_mean(other, known)
+                findings.add(document, loc, f"there is no task {quote(other)}{hint}")
+            else:
+                before.setdefault(task.id, []).append(other)
+    ring = _find_ring(before)
+    if ring:
+        text = " after ".join(quote(name) for name in [*ring, ring[0]])
+        place = next((index_of[name] for name in ring if name in index_of), 0)
+        message = f"tasks wait for each other: {text}"
+        if any(name in ring and then in ring for name, then in in_a_row):
+            message += " (those of a sequence for the ones before them)"
+        findings.add(document, ("tasks", place, "after"), message)
+
+
+def _find_ring(before: Mapping[str, list[str]]) -> list[str]:
+    """Returns one ring of tasks that wait for each other, or nothing; no recursion."""
+    done: set[str] = set()
+    for start in before:
+        path, branches = [start], [iter(before[start])]
+        on_path = {start}
+        while path and start not in done:
+            step = next(branches[-1], None)
+            if step is None:
+                branches.pop()
+                done.add(path[-1])
+                on_path.discard(path.pop())
+            elif step in on_path:
+                return path[path.index(step) :]
+            elif step not in done:
+                path.append(step)
+                on_path.add(step)
+                branches.append(iter(before.get(step, ())))
+    return []

@@ -1,0 +1,234 @@
+"""Plans with targets on conveyors: guessed where they are met, planned as if they stood there, corrected, again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinds.conveyor.stages import ConveyorMeeting, MissedError, Times, met_times
+from dualarm_cli.model.job import Job, Stop, Task
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
+from dualarm_cli.stages.serving import FIXED, NUMERIC
+from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.timing import TimingSolver
+
+ROUNDS = 4
+"""So often a plan is made at most."""
+GUESSES = 2
+"""So often plans of a simple method correct where parts are met, before the method itself is asked."""
+SHARES = (0.5, 0.2, 0.8)
+"""Shares of all windows at which parts are guessed to be met at first; the next one where one cannot be reached."""
+SAME_PLACE = 0.08
+"""A guess that is off by less than this leads to about the same postures [m]."""
+LATE = 1e-9
+"""An arm that is later than its part by no more is there in time [s]."""
+NO_SENSITIVITY = (
+    "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
+)
+"""What is said of assumed limits."""
+FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
+"""What is said of arms with clocks of their own."""
+
+
+def conveyor_notes(job: Job, duration: float) -> list[str]:
+    """Returns what a reader should know of a plan with conveyors.
+
+    Args:
+        job: what is done.
+        duration: of the plan [s].
+    """
+    notes = [NO_SENSITIVITY]
+    if job.returns:
+        notes.append(
+            f"conveyors: the cycle repeats every {duration:.3f} s, and so the part of each task has to come again"
+        )
+    return [*notes, FREE] if job.mode == "free" else notes
+
+
+def guessed(job: Job, share: float = 0.5) -> Job:
+    """Returns a job in which every target on a conveyor is where it is at a share of its window, the middle."""
+    middles: dict[tuple[str, str], float] = {
+        (task.id, stop.action): stop.belt.passes + share * (stop.belt.last - stop.belt.passes)
+        for task in job.tasks
+        for stop in task.stops
+        if stop.belt is not None
+    }
+    return met_at(job, middles)
+
+
+def met_at(job: Job, times: Times) -> Job:
+    """Returns a job in which targets on conveyors are where they are at some times, within their windows."""
+
+    def moved_stop(task: Task, stop: Stop) -> Stop:
+        time = times.get((task.id, stop.action))
+        if time is None or stop.belt is None:
+            return stop
+        return stop.met(min(max(time, stop.belt.passes), stop.belt.last))
+
+    def moved(task: Task) -> Task:
+        return replace(task, stops=tuple(moved_stop(task, stop) for stop in task.stops))
+
+    return replace(job, tasks=tuple(moved(task) for task in job.tasks))
+
+
+def quickest_meeting(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool,
+) -> ClearedPlan:
+    """Returns the quickest plan found of a method in which every part on a conveyor is met in its window.
+
+    A simple method plans as if parts stood in the middle of their windows. Then it is known about when the arms can be
+    there, and the method itself plans with the parts where they are then. Each plan is corrected so that it meets its
+    parts exactly (`ConveyorMeeting`); only where one is met far from where it was guessed it is planned
+    anew. Where a repair makes an arm late for its part, that much is added to when it can be there.
+
+    Args:
+        problem: what the method is asked; its job says who does what in which order.
+        solve: the method.
+        timing: how motions are timed.
+        progress: is told what is being done.
+        clear: whether anything has to keep clear.
+
+    Raises:
+        InfeasibleError: a part that no plan found meets in its window, or what else makes a plan impossible.
+    """
+    progress("guessing where parts on conveyors are met")
+    asked = replace(problem, job=_better_guessed(problem, timing))
+    delays: dict[tuple[int, str], float] = {}
+    best: ClearedPlan | None = None
+    failure: InfeasibleError | None = None
+    for _ in range(ROUNDS):
+        meeting = ConveyorMeeting(asked.model, asked.job, timing, dict(delays))
+        try:
+            found = quickest_clear(asked, _meeting(solve, meeting), timing, progress, clear=clear)
+        except MissedError as error:
+            # About when parts would be met is known better now.
+            failure = failure or error
+            better = met_at(asked.job, error.times)
+            if _off(asked.job, error.times) <= SAME_PLACE:
+                break
+            asked = replace(asked, job=better)
+            continue
+        except InfeasibleError as error:
+            failure = failure or error
+            break
+        late = _late(found)
+        if not late and (best is None or _length(found) < _length(best)):
+            best = found
+        times = met_times(found.cleared.plans)
+        if not late and _off(asked.job, times) <= SAME_PLACE:
+            break
+        delays = {key: delays.get(key, 0.0) + late.get(key, 0.0) for key in {*delays, *late}}
+        progress("planning again with parts where they are met")
+        asked = replace(asked, job=met_at(asked.job, times))
+    if best is None:
+        raise failure or InfeasibleError(
+            "no plan was found in which the arms keep clear and are in time for the parts on conveyors; what helps: "
+            "more room between the arms, other pairs of targets side by side (order: optimise), or a slower conveyor"
+        )
+    # How near the method came to the bound of its grid is about parts that stand.
+    return replace(best, decided=replace(best.decided, grid_gap=None))
+
+
+def _better_guessed(problem: MethodProblem, timing: TimingSolver) -> Job:
+    """Returns a job in which targets on conveyors are about where a simple plan meets them."""
+    method = MINIMUM_TIME if problem.turns_for_both and problem.redundancy != NUMERIC else FIXED
+    for share in SHARES:
+        job, known = guessed(problem.job, share), False
+        try:
+            for _ in range(GUESSES):
+                plans = choose_stages(problem.model, job, method, problem.redundancy, refine=False)
+                try:
+                    times = met_times(ConveyorMeeting(problem.model, job, timing).met(plans))
+                except MissedError as error:
+                    times = error.times
+                job, known = met_at(job, times), True
+        except InfeasibleError:
+            if not known:
+                continue
+        return job
+    return guessed(problem.job)
+
+
+def _meeting(
+    solve: Callable[[MethodProblem], Decided], meeting: ConveyorMeeting
+) -> Callable[[MethodProblem], Decided]:
+    """Returns a method whose plans meet their parts, as far as they can."""
+
+    def met(plans: list[list[StagePlan]]) -> list[list[StagePlan]]:
+        good: list[list[StagePlan]] = []
+        failure: InfeasibleError | None = None
+        for plan in plans:
+            try:
+                good.append(meeting.met(plan))
+            except InfeasibleError as error:
+                failure = failure or error
+        if not good and failure is not None:
+            raise failure
+        return good
+
+    def solved(problem: MethodProblem) -> Decided:
+        decided = solve(problem)
+        first, *others = met([plan for plan in (decided.stages, *decided.alternatives) if plan])
+        simpler = decided.simpler
+
+        def met_simpler() -> list[list[StagePlan]]:
+            assert simpler is not None  # asked only where there are some
+            try:
+                return met(simpler())
+            except InfeasibleError:
+                return []
+
+        return replace(
+            decided,
+            stages=first,
+            alternatives=tuple(others),
+            simpler=None if simpler is None else met_simpler,
+        )
+
+    return solved
+
+
+def _length(found: ClearedPlan) -> float:
+    return found.cleared.motion.trajectory.duration
+
+
+def _late(found: ClearedPlan) -> dict[tuple[int, str], float]:
+    """Returns by how much arms come too late for their parts, what earlier ones make later left out [s].
+
+    By number of the stage and arm.
+    """
+    events = {(e.arm, e.task, e.action): e.time for e in found.cleared.motion.events}
+    late: dict[tuple[int, str], float] = {}
+    before = 0.0
+    for k, plan in enumerate(found.cleared.plans):
+        here = []
+        for name, stop in plan.stops.items():
+            if stop.stop.belt is None:
+                continue
+            behind = events[name, stop.task.id, stop.stop.action] - stop.stop.belt.at
+            if behind > before + LATE:
+                late[k, name] = behind - before
+            here.append(max(0.0, behind))
+        # Where a part was waited for in between, what was late before is made up for.
+        before = max(here, default=before)
+    return late
+
+
+def _off(job: Job, times: Times) -> float:
+    """Returns how far targets on conveyors are at some times at most from where a job has them [m]."""
+    gaps = (
+        stop.belt.conveyor.speed * abs(times[task.id, stop.action] - stop.belt.at)
+        for task in job.tasks
+        for stop in task.stops
+        if stop.belt is not None and (task.id, stop.action) in times
+    )
+    return max(gaps, default=0.0)

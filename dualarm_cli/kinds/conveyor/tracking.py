@@ -1,0 +1,443 @@
+"""A stop on a conveyor: up to the belt's velocity, down to the part, the dwell moving, up again, and to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import (
+    LARGEST_STEP,
+    LEAST_PIVOT,
+    follow_lines,
+    newton,
+    spare_directions,
+)
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.postures import StopPosture, StopProblem
+from dualarm_cli.postures.candidates import flange_poses
+from dualarm_cli.postures.tracked import Tracked, TrackingPhases
+from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
+
+LINE_SHAPES = ((2, 0), (1, 2), (1, 1), (1, 0))
+"""Double-S shapes of lines: length of their jerks, and of constant acceleration between two of them, in eighths of the
+line's time; what is left in the middle is passed at one speed."""
+
+CHECKS_PER_KNOT = 4
+"""Instants per interval at which the tool is looked at."""
+
+
+def ramp_way(share: FloatArray) -> FloatArray:
+    """Returns the way of a velocity that rises to 1 by two opposite jerks over shares of time from 0 to 1: 1/2 at 1."""
+    back = 1.0 - share
+    return np.where(share < 0.5, 2.0 / 3.0 * share**3, share - 0.5 + 2.0 / 3.0 * back**3)
+
+
+def line_way(share: FloatArray, shape: int) -> FloatArray:
+    """Returns the share of the way by shares of the time of a line, from rest to rest.
+
+    Args:
+        share: of the time, from 0 to 1.
+        shape: number of one of LINE_SHAPES.
+    """
+    time, jerk = _pieces(shape)
+    state = np.zeros((3, len(time)))
+    for k, (dt, j) in enumerate(zip(np.diff(time), jerk, strict=True)):
+        q, v, a = state[:, k]
+        state[:, k + 1] = (
+            q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
+            v + dt * (a + dt * j / 2.0),
+            a + dt * j,
+        )
+    piece = np.clip(np.searchsorted(time, share, side="right") - 1, 0, len(jerk) - 1)
+    q, v, a = state[:, piece]
+    dt, j = share - time[piece], jerk[piece]
+    way: FloatArray = (q + dt * (v + dt * (a / 2.0 + dt * j / 6.0))) / state[0, -1]
+    return way
+
+
+def _pieces(shape: int) -> tuple[FloatArray, FloatArray]:
+    """Returns the ends of a shape's pieces, from 0 to 1, and their jerks."""
+    jerk, constant = LINE_SHAPES[shape]
+    ramp = np.array([jerk, constant, jerk]) if constant else np.array([jerk, jerk])
+    signs = [1.0, 0.0, -1.0] if constant else [1.0, -1.0]
+    cruise = 8 - 2 * int(ramp.sum())
+    lengths = np.concatenate([ramp, [cruise] if cruise else [], ramp])
+    jerks = [*signs, *([0.0] if cruise else []), *(-sign for sign in signs)]
+    return np.concatenate([[0.0], np.cumsum(lengths) / 8.0]), np.array(jerks)
+
+
+def dense(time: FloatArray) -> FloatArray:
+    """Returns instants between knots, and the knots."""
+    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
+    inside = (time[:-1, None] + np.diff(time)[:, None] * share).ravel()
+    return np.append(inside, time[-1])
+
+
+SKELETON = 16
+"""Poses to either side of the target that are followed one after the other; those between them all at once."""
+SAMPLES = 17
+"""Poses on the way from where a posture was chosen to where it is taken."""
+TURN = 2.0 * np.pi
+
+
+def along_poses(
+    problem: StopProblem,
+    posture: StopPosture,
+    R: FloatArray,
+    points: FloatArray,
+    psi: FloatArray,
+    target: int,
+) -> tuple[FloatArray, bool]:
+    """Returns joints (m, n) [rad] along flange poses, and whether they are continuous and within limits all along.
+
+    Args:
+        problem: the stop, for its arm.
+        posture: branch and joints to be near at the target; these may be for another place of it.
+        R: flange rotation throughout, shape (3, 3).
+        points: flange positions [m], shape (m, 3).
+        psi: arm angles, or ways along the self-motion of arms without one, shape (m,) [rad].
+        target: number of the pose that is the target.
+    """
+    if isinstance(problem.arm, GeneralArm):
+        return _continued(problem.arm, posture.q_target, R, points, psi, target)
+    arm = problem.arm
+    rows = np.broadcast_to(R, (len(points), 3, 3))
+    q, reachable = arm.solve_branch(rows, points, psi, np.array(posture.branch))
+    steps = np.diff(q, axis=0)
+    steps -= TURN * np.rint(steps / TURN)
+    q = np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
+    q = q + (arm.nearest_turns(_wrapped(q[target]), posture.q_target) - q[target])
+    smooth = np.abs(steps).max(initial=0.0) <= LARGEST_STEP
+    return q, bool(reachable.all() and smooth and arm.within_limits(q).all())
+
+
+def _wrapped(q: FloatArray) -> FloatArray:
+    return q - TURN * np.rint(q / TURN)
+
+
+def _continued(
+    arm: GeneralArm,
+    near: FloatArray,
+    R: FloatArray,
+    points: FloatArray,
+    drift: FloatArray,
+    target: int,
+) -> tuple[FloatArray, bool]:
+    """Returns the same of an arm without closed forms, from the target to both ends."""
+    R_near, p_near = arm.forward(near[None])
+    shift = points[target] - p_near
+    course = follow_lines(arm, near[None], R_near, p_near, shift, np.zeros(1), SAMPLES)
+    q, ok = np.empty((len(points), arm.axes)), bool(course.ok[0])
+    W = spare_directions(arm, course.q[-1])
+    start, met, det = newton(
+        arm,
+        course.q[-1],
+        R[None],
+        points[target][None],
+        W,
+        np.einsum("bsn,bn->bs", W, course.q[-1]),
+    )
+    ok &= bool(met.all())
+    sign = np.sign(det[0])
+    for rows in (np.arange(target, len(points)), np.arange(target, -1, -1)):
+        q[rows], good = _one_way(arm, start[0], R, points[rows], drift[rows], W[0], float(sign))
+        ok &= good
+    return q, ok
+
+
+def _one_way(
+    arm: GeneralArm,
+    start: FloatArray,
+    R: FloatArray,
+    points: FloatArray,
+    drift: FloatArray,
+    W: FloatArray,
+    sign: float,
+) -> tuple[FloatArray, bool]:
+    """Returns joints from a first pose on: a few poses one after the other, then all between them at once."""
+    q = np.tile(start, (len(points), 1))
+
+    def met(rows: IntArray, guess: FloatArray) -> tuple[FloatArray, bool]:
+        ahead = np.zeros((len(rows), arm.spare))
+        ahead[:, :1] = drift[rows, None]
+        planes = np.broadcast_to(W, (len(rows), *W.shape))
+        turned = np.broadcast_to(R, (len(rows), 3, 3))
+        found, good, det = newton(arm, guess, turned, points[rows], planes, ahead + W @ start)
+        same = (np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)
+        return found, bool((good & same & arm.within_limits(found)).all())
+
+    last = len(points) - 1
+    few = np.unique(np.linspace(0, last, min(last, SKELETON) + 1).round().astype(np.int64))
+    ok = True
+    for k in range(1, len(few)):
+        back = q[few[k - 1]]
+        ratio = (few[k] - few[k - 1]) / (few[k - 1] - few[k - 2]) if k > 1 else 0.0
+        guess = back + ratio * (back - q[few[k - 2]]) if k > 1 else back
+        found, good = met(few[k : k + 1], guess[None])
+        ok &= good and bool(np.abs(found[0] - back).max() <= LARGEST_STEP)
+        q[few[k]] = found[0]
+    rest = np.setdiff1d(np.arange(last + 1), few)
+    if ok and len(rest):
+        guess = np.column_stack([np.interp(rest, few, column) for column in q[few].T])
+        q[rest], good = met(rest, guess)
+        ok &= good and bool(np.abs(np.diff(q, axis=0)).max() <= LARGEST_STEP)
+    return q, ok
+
+
+PARTS = (16, 32, 64, 128)
+"""Knots per phase that are tried until the tool stays with the part; where jerks change there is one of them."""
+FIRST_RAMP = 0.04
+"""What every phase of motion is tried with at first at full speed [s]: less than any arm can do."""
+TRIES = 40
+"""So often phases are made longer until every limit holds."""
+GROWTH = 1.002
+"""Phases are made longer by this factor more than one would think."""
+SLOWEST = 20.0
+"""No phase is made longer than this at full speed [s]: what needs more time is impossible."""
+WITH_PART = 4e-7
+"""How far the tool may be from the part in the dwell [m], and turned from it [rad]: less than half of what is
+verified."""
+WITH_BELT = 5e-5
+"""How far the tool may be from where it should be elsewhere [m], and turned [rad]: half of what is verified."""
+SPEED_MARGIN = 2e-4
+"""Share of a cap on the tool's speed that is kept free."""
+LEAST_FACTOR, SHRINKS, USED = 0.9, 6, 0.98
+"""Phases are made shorter by this factor at most at a time, so often at most after every limit holds, and no more where
+each of them uses this share of its time's limits."""
+DWELL = 2
+"""Number of the phase that is as long as it is."""
+ROUNDING = 1e-9
+"""Share by which a rate in the dwell may exceed its limit for no phase beside it to be made longer."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """What a tracked motion is asked for."""
+
+    problem: StopProblem
+    """The stop, its target where the part is when it is met."""
+    posture: StopPosture
+    """How it is made: branch, yaw and arm angles."""
+    velocity: FloatArray
+    """Of the belt in the arm's base frame [m/s], shape (3,)."""
+    dwell: float
+    """How long the tool stays with the part [s]."""
+    limits: JointLimits
+    """Of the arm's joints."""
+    cap: float | None
+    """On the tool's speed [m/s], or None."""
+    pace: float = 1.0
+    """How much slower than at full speed all is."""
+
+    def solve(self, phases: TrackingPhases | None = None) -> Tracked:
+        """Returns the motion: every phase about as short as the joints' limits allow.
+
+        The tool's velocity rises to the belt's by two constant jerks, its depth above the part changes by one of a few
+        double-S shapes, the one that is quickest here; the arm angle changes with both. Postures are exact at knots, a
+        cubic spline joins them; phases are made longer until it keeps every limit, and get more knots until it stays
+        with the part. Our own.
+
+        Args:
+            phases: what to begin with, of a motion next to this one; None to begin with short ones.
+
+        Raises:
+            InfeasibleError: the belt is too fast for the arm or the cap, or goes where the posture cannot follow.
+        """
+        speed = float(np.linalg.norm(self.velocity))
+        if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
+            raise InfeasibleError(
+                f"the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
+                "(limits: tool_speed); allow more, or take a slower conveyor"
+            )
+        found = phases or self._quickest_shape()
+        for parts in PARTS:
+            motion, found = self._within_limits(found, parts)
+            if self._stays(motion, found):
+                return Tracked(motion, found)
+        raise InfeasibleError(
+            f"the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
+            "arm passes too close to a singularity"
+        )
+
+    def _shapes(self) -> Sequence[int]:
+        """Returns the shapes of lines that are tried; where postures are followed by numbers that takes too long."""
+        lines = self.problem.approach > 0.0 or self.problem.retract > 0.0
+        if isinstance(self.problem.arm, GeneralArm) or not lines:
+            return (1,)
+        return range(len(LINE_SHAPES))
+
+    def _quickest_shape(self) -> TrackingPhases:
+        """Returns the phases of the shape of lines that is quickest by few knots."""
+        short = FIRST_RAMP * self.pace
+        lines = [
+            short if length > 0.0 else 0.0
+            for length in (self.problem.approach, self.problem.retract)
+        ]
+        best: TrackingPhases | None = None
+        failure: InfeasibleError | None = None
+        for shape in self._shapes():
+            first = TrackingPhases(short, lines[0], self.dwell, lines[1], short, shape)
+            try:
+                _, found = self._within_limits(first, PARTS[0])
+            except InfeasibleError as error:
+                failure = failure or error
+                continue
+            if best is None or found.edges[-1] < best.edges[-1]:
+                best = found
+        if best is None:
+            assert failure is not None  # there is one shape at least
+            raise failure
+        return best
+
+    def _within_limits(
+        self, phases: TrackingPhases, parts: int
+    ) -> tuple[Trajectory, TrackingPhases]:
+        """Returns the motion with phases made longer until it keeps every limit, and shorter where they can be."""
+        best: tuple[Trajectory, TrackingPhases] | None = None
+        shrunk, excess = 0, np.ones(5)
+        for _ in range(TRIES):
+            motion, index = self._motion(phases, parts)
+            excess = self._excess(motion, phases, index)
+            used = excess[[k for k in range(5) if k != DWELL and index[k + 1] > index[k]]]
+            if (excess <= 1.0).all():
+                if best is None or motion.duration < best[0].duration:
+                    best = motion, phases
+                shrunk += 1
+                if shrunk > SHRINKS or used.min() >= USED:
+                    break
+            # A phase too long by much is shortened by some: its neighbours' limits hang together with its own.
+            factor = np.maximum(excess * GROWTH, LEAST_FACTOR)
+            if excess[DWELL] > 1.0 + ROUNDING:
+                # What is too quick in the dwell is helped, if at all, by gentler phases about it.
+                factor = np.maximum(factor, excess[DWELL])
+            phases = phases.longer(factor)
+            if phases.edges[-1] - phases.dwell > SLOWEST * self.pace:
+                break
+        if best is not None:
+            return best
+        raise InfeasibleError(
+            f"it cannot keep up with the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its joints would "
+            f"exceed a limit by a factor of {excess.max():.3g} however gently they begin"
+        )
+
+    def _motion(self, phases: TrackingPhases, parts: int) -> tuple[Trajectory, list[int]]:
+        """Returns the spline through exact postures, and the number of the knot at each edge of the phases."""
+        pieces, index = [np.zeros(1)], [0]
+        edges = phases.edges
+        for low, high in pairwise(edges.tolist()):
+            count = parts if high > low else 0
+            pieces.append(np.linspace(low, high, count + 1)[1:])
+            index.append(index[-1] + count)
+        time = np.concatenate(pieces)
+        q, ok = self._postures(phases, time)
+        if not ok:
+            raise InfeasibleError(
+                "a joint's limit, the arm's reach or a singularity is in the way before the stop is over"
+            )
+        q, v, a = rest_to_rest_spline(time, q)
+        return Trajectory(self.limits.joints, time, q, v, a), index
+
+    def _postures(self, phases: TrackingPhases, time: FloatArray) -> tuple[FloatArray, bool]:
+        """Returns exact joints at instants [rad], shape (m, n), and whether the posture can be held throughout."""
+        R, p, z = flange_poses(
+            self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
+        )
+        along, depth, away = self._course(phases, time)
+        points = p[0] + along[:, None] * self.velocity - depth[:, None] * z[0]
+        middle = 0.0 if isinstance(self.problem.arm, GeneralArm) else self.posture.psi_target
+        first, last = self.posture.psi_approach - middle, self.posture.psi_retract - middle
+        psi = middle + away[0] * first + away[1] * last
+        start = int(np.searchsorted(time, phases.rise + phases.approach))
+        return along_poses(self.problem, self.posture, R[0], points, psi, min(start, len(time) - 1))
+
+    def _course(
+        self, phases: TrackingPhases, time: FloatArray
+    ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Returns how long the belt would take from the target to below the tool [s], depth [m], shares of both ways.
+
+        Shares are of the way from the target to where the stop's motion begins, and to where it ends.
+        """
+        reached = phases.rise + phases.approach
+        left = reached + phases.dwell
+        over = left + phases.retract + phases.fall
+        rise, fall = (
+            ramp * ramp_way(np.clip(share, 0.0, 1.0))
+            for ramp, share in (
+                (phases.rise, (phases.rise - time) / phases.rise),
+                (phases.fall, (time - over + phases.fall) / phases.fall),
+            )
+        )
+        # On ramps the tool goes less far than the belt does meanwhile.
+        along = time - reached + rise - fall
+        depth = np.zeros_like(time)
+        if phases.approach > 0.0:
+            share = np.clip((reached - time) / phases.approach, 0.0, 1.0)
+            depth += self.problem.approach * line_way(share, phases.shape)
+        if phases.retract > 0.0:
+            share = np.clip((time - left) / phases.retract, 0.0, 1.0)
+            depth += self.problem.retract * line_way(share, phases.shape)
+        away = (
+            line_way(np.clip((reached - time) / reached, 0.0, 1.0), 0),
+            line_way(np.clip((time - left) / (over - left), 0.0, 1.0), 0),
+        )
+        return along, depth, away
+
+    def _excess(self, motion: Trajectory, phases: TrackingPhases, index: list[int]) -> FloatArray:
+        """Returns by what factor each phase would have to be longer, shape (5,)."""
+        found = np.zeros(5)
+        limits = self.limits
+        for k, (low, high) in enumerate(pairwise(index)):
+            if high == low:
+                continue
+            rows = slice(low, high + 1)
+            v, a, j = largest_rates(
+                motion.time[rows], motion.velocity[rows], motion.acceleration[rows]
+            )
+            found[k] = max(
+                float((v / limits.velocity).max()),
+                float(np.sqrt((a / limits.acceleration).max())),
+                float(np.cbrt((j / limits.jerk).max())),
+            )
+            if self.cap is not None:
+                found[k] = max(found[k], self._speed(motion, rows) / self.cap)
+        return found
+
+    def _speed(self, motion: Trajectory, rows: slice) -> float:
+        """Returns the largest speed of the tool between some knots [m/s], SPEED_MARGIN added."""
+        time = dense(motion.time[rows])
+        step = 1e-6 * max(1.0, self.pace)
+        at = np.clip(np.stack([time - step, time + step]), motion.time[0], motion.time[-1])
+        before, after = (self._tool(motion.at(instants)[0])[1] for instants in at)
+        speed = np.linalg.norm(after - before, axis=1) / (at[1] - at[0])
+        return float(speed.max()) / (1.0 - SPEED_MARGIN)
+
+    def _tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns rotations (m, 3, 3) of the flange and positions (m, 3) [m] of the tool, in the arm's base frame."""
+        R, p = self.problem.arm.forward(q)
+        return R, p - R @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+
+    def _stays(self, motion: Trajectory, phases: TrackingPhases) -> bool:
+        """Returns whether the tool is where it should be between the knots."""
+        time = dense(motion.time)
+        R, p = self._tool(motion.at(time)[0])
+        R_target, p_target, z = flange_poses(
+            self.problem, np.array([self.posture.target]), np.array([self.posture.yaw])
+        )
+        tip = p_target[0] - R_target[0] @ self.problem.R_tool_flange.T @ self.problem.p_tool_flange
+        along, depth, _ = self._course(phases, time)
+        there = tip + along[:, None] * self.velocity - depth[:, None] * z[0]
+        off = np.linalg.norm(p - there, axis=1)
+        # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2).
+        turned = np.linalg.norm(R - R_target[0], axis=(1, 2)) / np.sqrt(2.0)
+        off = np.maximum(off, turned)
+        edges = phases.edges
+        dwells: BoolArray = (time >= edges[2]) & (time <= edges[3])
+        near = off[dwells].max(initial=0.0) <= WITH_PART
+        return bool(near and off.max() <= WITH_BELT)

@@ -1,0 +1,262 @@
+"""Following by the arm angle: of all ways that a standing platform leaves, the one whose joints move least."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinds.path.following.problem import NoPath, PathMotion, PathProblem, within_limits
+from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+
+STATIONS = 61
+"""Places along the path at which arm angles are compared."""
+CELLS = 72
+"""Arm angles that are compared."""
+REACH = 5
+"""By how many of them the arm angle may change between two places."""
+BRANCHES = 8
+ROUNDS = 30
+"""Rounds in which the best angles are refined, at most."""
+ENOUGH = 1e-6
+"""Share of the cost whose gain in one round ends the refinement."""
+DELTA = 1e-5
+"""Step of the derivatives by the arm angle [rad]."""
+FARTHEST = 1.0
+"""Joints that differ by more between two places jump [rad]."""
+KEPT_FREE = np.deg2rad(0.5)
+"""Distance from the joints' limits that is kept where angles are compared [rad]."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """How one arm follows a path: one branch, an arm angle at every station."""
+
+    branch: int
+    """Branch of the inverse kinematics."""
+    psi: FloatArray
+    """Arm angles at the stations, continuous [rad], shape (m,)."""
+    cost: float
+    """Sum over the joints of the squared way over the speed limit, per share of the path [s²]."""
+
+
+def follow_arm_angle(problem: PathProblem) -> PathMotion | NoPath:
+    """Returns the joints of least motion while the platform stands: dynamic programming over arm angles, then refined.
+
+    Over a grid of arm angles and all branches the sum of squared joint motion (over the speed limits) along the path is
+    least by dynamic programming; then Levenberg-Marquardt steps make it least off the grid. The tools are exact:
+    inverse kinematics in closed form at every instant. Our own; closed form [Shimizu2008].
+    """
+    model = problem.model
+    if model is None:
+        return NoPath("its arms have no closed form", 0)
+    solved = {}
+    for name, arm in model.arms.items():
+        if not isinstance(arm.kinematics, SrsArm):
+            return NoPath(f"the {name} arm has no closed form", 0)
+        solved[name] = arm.kinematics
+    position = np.tile(problem.start, (problem.instants, 1))
+    stations = np.linspace(0.0, 1.0, STATIONS)
+    at = np.interp(stations, problem.share, np.arange(problem.instants))
+    for b, a in enumerate(np.flatnonzero(problem.follows)):
+        name = problem.body.arms[a]
+        arm, kinematics = model.arms[name], solved[name]
+        R, p = flange_poses(model, arm, problem.start, problem.R[:, b], problem.p[:, b])
+        nearest = np.round(at).astype(np.int64)
+        own = problem.share[nearest]
+        velocity = problem.limits.velocity[arm.columns]
+        q0 = problem.start[arm.columns]
+        track = best_track(kinematics, R[nearest], p[nearest], velocity, q0)
+        if track is None:
+            return _reason(kinematics, name, R, p)
+        kept = np.concatenate([[True], np.diff(own) > 0.0])
+        psi = CubicSpline(own[kept], track.psi[kept])(problem.share)
+        q, _ = kinematics.solve_branch(R, p, psi, np.array(track.branch))
+        position[:, arm.columns] = kinematics.nearest_turns(q, q0)
+    return within_limits(problem, position)
+
+
+def flange_poses(
+    model: CellModel, arm: ArmModel, position: FloatArray, R: FloatArray, p: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns flange rotations (..., 3, 3) and positions (..., 3) in the carried frame of tools in the world.
+
+    Args:
+        model: the cell.
+        arm: whose tool.
+        position: all joints, of which those of the platform count [rad], shape (n,).
+        R: rotations of the tool, shape (..., 3, 3).
+        p: tool centre points [m], shape (..., 3).
+    """
+    R_world, p_world = model.carried_frame(position)
+    T = arm.T_flange_tcp.inverse()
+    inside = (p - p_world) @ R_world
+    turned = R_world.T @ R
+    return turned @ T.rotation, inside + turned @ T.translation
+
+
+def best_track(
+    arm: SrsArm,
+    R: FloatArray,
+    p: FloatArray,
+    velocity: FloatArray,
+    start: FloatArray | None = None,
+) -> Track | None:
+    """Returns the arm angles of least joint motion along a path, or None where no branch follows it.
+
+    Args:
+        arm: the arm.
+        R: flange rotations at m stations, shape (m, 3, 3).
+        p: flange positions [m], shape (m, 3).
+        velocity: speed limits of the joints [rad/s], shape (7,).
+        start: joints at the first station [rad], shape (7,); None where they are free.
+    """
+    found = _grid_tracks(arm, R, p, velocity, start)
+    if not found:
+        return None
+    track = found[0]
+    fixed = start is not None
+    return _refined(arm, R, p, velocity, track.branch, track.psi, fixed=fixed)
+
+
+def coarse_tracks(arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray) -> list[Track]:
+    """Returns the arm angles of least joint motion along a path on a grid, one per branch that follows, best first.
+
+    Args:
+        arm: the arm.
+        R: flange rotations at m stations, shape (m, 3, 3).
+        p: flange positions [m], shape (m, 3).
+        velocity: speed limits of the joints [rad/s], shape (7,).
+    """
+    return _grid_tracks(arm, R, p, velocity, None)
+
+
+def _grid_tracks(
+    arm: SrsArm, R: FloatArray, p: FloatArray, velocity: FloatArray, start: FloatArray | None
+) -> list[Track]:
+    """Returns the best track of every branch on the grid of arm angles, best first."""
+    grid: FloatArray = np.arange(CELLS, dtype=np.float64) * (2.0 * np.pi / CELLS)
+    if start is not None:
+        # The grid begins at the given arm angle.
+        grid = grid + float(arm.arm_angle(start))
+    solved = arm.solve(R[:, None], p[:, None], grid)
+    q = solved.q
+    inside = (q >= arm.lower + KEPT_FREE) & (q <= arm.upper - KEPT_FREE)
+    good = inside.all(axis=-1) & solved.reachable[..., None]
+    if start is not None:
+        good[0] = False
+        good[0, 0, int(arm.branch(start))] = True
+        q[0, 0, int(arm.branch(start))] = start
+    return [
+        Track(branch, np.unwrap(grid[cells]), value * (len(R) - 1))
+        for cells, branch, value in _least(q / velocity, q, good)
+    ]
+
+
+def _least(scaled: FloatArray, q: FloatArray, good: BoolArray) -> list[tuple[IntArray, int, float]]:
+    """Returns the cells (m,) of the cheapest way through all stations for every branch that has one, best first.
+
+    With the branch and the sum of squares.
+
+    Args:
+        scaled: joints over speed limits [s], shape (m, cells, branches, 7).
+        q: joints [rad], the same shape.
+        good: which postures may be taken, shape (m, cells, branches).
+    """
+    m, cells, branches = good.shape
+    value = np.where(good[0], 0.0, np.inf)
+    shifts = np.arange(-REACH, REACH + 1)
+    back = np.zeros((m, cells, branches), dtype=np.int64)
+    for k in range(1, m):
+        # From cell c + shift at the station before to cell c here.
+        source = (np.arange(cells)[:, None] + shifts) % cells
+        moved = scaled[k][:, None] - scaled[k - 1][source]
+        cost = (moved * moved).sum(axis=-1) + value[source]
+        cost[np.abs(q[k][:, None] - q[k - 1][source]).max(axis=-1) > FARTHEST] = np.inf
+        best = cost.argmin(axis=1)
+        back[k] = np.take_along_axis(source[..., None], best[:, None], axis=1)[:, 0]
+        value = np.where(good[k], np.take_along_axis(cost, best[:, None], axis=1)[:, 0], np.inf)
+    found = []
+    for branch in range(branches):
+        cell = int(np.argmin(value[:, branch]))
+        least = float(value[cell, branch])
+        if not np.isfinite(least):
+            continue
+        track = np.empty(m, dtype=np.int64)
+        for k in range(m - 1, -1, -1):
+            track[k] = cell
+            cell = int(back[k, cell, branch])
+        found.append((track, branch, least))
+    return sorted(found, key=lambda one: one[2])
+
+
+def _refined(
+    arm: SrsArm,
+    R: FloatArray,
+    p: FloatArray,
+    velocity: FloatArray,
+    branch: int,
+    psi: FloatArray,
+    *,
+    fixed: bool,
+) -> Track:
+    """Returns the track with its angles moved off the grid by Levenberg-Marquardt steps on all of them at once.
+
+    Between neighbours (i, i+1) stands |(q_i+1 - q_i) / v|², so that the normal equations are tridiagonal.
+    """
+
+    def joints(angles: FloatArray) -> FloatArray:
+        return arm.solve_branch(R, p, angles, np.array(branch))[0]
+
+    def cost_of(q: FloatArray) -> float:
+        inside = ((q >= arm.lower + KEPT_FREE / 2) & (q <= arm.upper - KEPT_FREE / 2)).all()
+        jumps = np.abs(np.diff(q, axis=0)).max() > FARTHEST
+        return float((np.diff(q / velocity, axis=0) ** 2).sum()) if inside and not jumps else np.inf
+
+    q = joints(psi)
+    cost, damping = cost_of(q), 1e-6
+    for _ in range(ROUNDS):
+        slope = (joints(psi + DELTA) - joints(psi - DELTA)) / (2.0 * DELTA) / velocity
+        rest = np.diff(q / velocity, axis=0)
+        squares = (slope * slope).sum(axis=1)
+        bands = np.zeros((2, len(psi)))
+        bands[1] = 2.0 * squares
+        bands[1, [0, -1]] -= squares[[0, -1]]
+        bands[1] += damping * squares.max()
+        bands[0, 1:] = -(slope[:-1] * slope[1:]).sum(axis=1)
+        pull = np.zeros(len(psi))
+        pull[:-1] += (slope[:-1] * rest).sum(axis=1)
+        pull[1:] -= (slope[1:] * rest).sum(axis=1)
+        if fixed:
+            bands[1, 0], bands[0, 1], pull[0] = 1.0, 0.0, 0.0
+        tried = psi + solveh_banded(bands, pull)
+        moved = joints(tried)
+        lower = cost_of(moved)
+        if lower < cost:
+            gained = cost - lower
+            psi, q, cost, damping = tried, moved, lower, damping / 10.0
+            if gained < ENOUGH * cost:
+                break
+        else:
+            damping *= 30.0
+    # Sum of squares of differences times the number of stretches: independent of how many there are.
+    return Track(branch, psi, cost * (len(psi) - 1))
+
+
+def _reason(arm: SrsArm, name: str, R: FloatArray, p: FloatArray) -> NoPath:
+    """Returns why no branch follows a path: out of reach, or no way within the joints' limits."""
+    miss = arm.reach_miss(R, p)
+    if miss.max() > 0.0:
+        k = int(np.argmax(miss > 0.0))
+        return NoPath(
+            f"the {name} arm cannot reach: its wrist misses by {miss.max() * 1e3:.1f} mm at most", k
+        )
+    return NoPath(
+        f"no branch and arm angles of the {name} arm follow the whole path within the joints' limits "
+        "while the platform stands",
+        0,
+    )

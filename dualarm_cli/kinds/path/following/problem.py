@@ -1,0 +1,183 @@
+"""What a path follower is asked and what it answers: all joints while the tools follow given motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.whole_body import WholeBody
+from dualarm_cli.model.robot import JointLimits
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Where virtual springs pull the elbows, and how hard ([Choi2020] Eq. 6-13)."""
+
+    points: FloatArray
+    """Critical point of each arm in the frame that platform or waist carries [m], shape (a, 3)."""
+    gain: float = 10.0
+    """What the gradient of half the squared distances is multiplied by, 2 K² of Eq. 28 [1/(m² s)]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the points."""
+        object.__setattr__(self, "points", readonly(self.points))
+
+
+@dataclass(frozen=True)
+class ManipulabilityWeights:
+    """Parameters of the acceleration-level method ([Zhang2024] Eq. 17-24, mended)."""
+
+    gain: float = 4.0
+    """a_2: weight of the gradient of log M as a velocity."""
+    damping: float = 5.0
+    """k: how fast the joints' velocity approaches it [1/s]."""
+    printed_bounds: bool = False
+    """Whether the acceleration bounds are those of Eq. 23 as printed."""
+
+
+@dataclass(frozen=True)
+class PathProblem:
+    """Tools that move in a given way, at instants a fixed step apart; the joints are to be found.
+
+    The a arms are those of the body; where only one has a path, the joints of the other do not move.
+    """
+
+    body: WholeBody
+    """Kinematics of all n joints."""
+    limits: JointLimits
+    """Limits of the n joints."""
+    start: FloatArray
+    """Where the joints are at first [rad], shape (n,); the tools are then where their paths start."""
+    step: float
+    """Time between instants [s]."""
+    follows: BoolArray
+    """Which arms have a path, shape (a,)."""
+    R: FloatArray
+    """Rotations of their tools at the k instants, shape (k, b, 3, 3) over the b arms that follow."""
+    p: FloatArray
+    """Their tool centre points [m], shape (k, b, 3)."""
+    share: FloatArray
+    """How much of their paths the tools have gone at each instant, 0 to 1, shape (k,)."""
+    pace: FloatArray
+    """Speed along the paths as a share of the full one, shape (k,): self-motion keeps the same pace."""
+    spring: Spring
+    """For methods that pull elbows."""
+    weights: ManipulabilityWeights = field(default_factory=ManipulabilityWeights)
+    """For methods that seek manipulability."""
+    damping: float = 0.05
+    """lambda of damped least squares ([Choi2020] Eq. 3)."""
+    model: CellModel | None = None
+    """The cell in closed form, for methods that need it; None where its arms have none."""
+    tool_speed: float | None = None
+    """Largest speed of every tool, of arms that do not follow as well [m/s]; None for no cap."""
+    torque: FloatArray | None = None
+    """Largest torque of every joint [N m], shape (n,); None where torques are not limited."""
+    dynamics: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]] | None = None
+    """Mass matrix (n, n) and torque at no acceleration (n,) at positions and velocities (n,)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("start", "R", "p", "share", "pace"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+        if self.torque is not None:
+            object.__setattr__(self, "torque", readonly(self.torque))
+
+    @property
+    def instants(self) -> int:
+        """How many instants there are."""
+        return len(self.pace)
+
+    @property
+    def free(self) -> BoolArray:
+        """Joints that move a tool that follows, shape (n,)."""
+        return np.asarray(self.body.moves[self.follows].any(axis=0))
+
+    @property
+    def rows(self) -> BoolArray:
+        """Rows of the body's Jacobian that belong to tools that follow, shape (6 a,)."""
+        return np.repeat(self.follows, 6)
+
+    def twists(self) -> tuple[FloatArray, FloatArray]:
+        """Returns velocities and accelerations of the tools, each (k, 6 b), by central differences over the step."""
+        k, b = self.p.shape[:2]
+        ahead = np.minimum(np.arange(k) + 1, k - 1)
+        turn = log_rotation(self.R[ahead] @ np.swapaxes(self.R, -1, -2))
+        rise = np.concatenate([self.p[ahead] - self.p, turn], axis=-1).reshape(k, 6 * b)
+        before = np.vstack([np.zeros((1, 6 * b)), rise[:-1]])
+        return (rise + before) / (2.0 * self.step), (rise - before) / self.step**2
+
+
+@dataclass(frozen=True)
+class PathMotion:
+    """The joints at the problem's instants."""
+
+    position: FloatArray
+    """All joints [rad], shape (k, n)."""
+    keeps_rates: bool = False
+    """Whether the method itself kept velocities and accelerations within the problem's limits. A curve through the
+    instants that exceeds them then does so by the method's self-motion, which no slower path changes."""
+
+    def __post_init__(self) -> None:
+        """Freezes the array."""
+        object.__setattr__(self, "position", readonly(self.position))
+
+
+@dataclass(frozen=True)
+class NoPath:
+    """Why the joints cannot follow, and from when on."""
+
+    reason: str
+    """In words."""
+    instant: int
+    """Number of the instant."""
+    excess: float = 0.0
+    """By what factor the motion would have to be slower; infinite where that is not known, 0 where it is no help."""
+
+
+SLACK = 1e-6
+"""How far beyond a limit rounding may take a joint [rad]."""
+SINGULAR = 0.02
+"""Smallest singular value of the tools' Jacobian below which a posture is called singular."""
+
+
+def within_limits(problem: PathProblem, position: FloatArray) -> PathMotion | NoPath:
+    """Returns the motion, or the first instant at which a joint is beyond its position limit.
+
+    How fast joints move is for those to judge who join the instants by a curve.
+
+    Args:
+        problem: what was asked.
+        position: joints at the instants [rad], shape (k, n); fewer where a method gave up.
+    """
+    limits = problem.limits
+    beyond = np.maximum(limits.lower - position, position - limits.upper)
+    if not (beyond > SLACK).any():
+        return PathMotion(position)
+    k = int(np.argmax((beyond > SLACK).any(axis=1)))
+    joint = int(np.argmax(beyond[k]))
+    return NoPath(
+        f"joint {limits.joints[joint]} reaches its limit: {np.rad2deg(position[k, joint]):.2f} deg, allowed "
+        f"{np.rad2deg(limits.lower[joint]):.2f} to {np.rad2deg(limits.upper[joint]):.2f} deg",
+        k,
+    )
+
+
+def singular_words(problem: PathProblem, q: FloatArray) -> str:
+    """Returns that a posture is nearly singular, or nothing.
+
+    Args:
+        problem: what was asked.
+        q: all joints [rad], shape (n,).
+    """
+    if not np.isfinite(q).all():
+        return ""
+    J = problem.body.at(q).J[problem.rows][:, problem.free]
+    smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
+    if smallest > SINGULAR:
+        return ""
+    return f"; the posture is nearly singular there (smallest singular value {smallest:.2g})"

@@ -1,0 +1,407 @@
+"""One path, from one start: the joints by a path follower, then the trajectory with every limit looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.errors import millimetres
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
+from dualarm_cli.kinds.path.context import SHARE as ROUNDED
+from dualarm_cli.kinds.path.following import NoPath, PathMotion, PathProblem
+from dualarm_cli.kinds.path.following.problem import singular_words
+from dualarm_cli.kinds.path.following.velocity import corrected
+from dualarm_cli.kinds.path.joining import Joined, instants, leaves, strays
+from dualarm_cli.model.curves.tool_path import TURN_LENGTH
+from dualarm_cli.model.path_work import PathWork
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.registry import Solver
+
+
+def evened_out(problem: PathProblem, found: PathMotion, window: float) -> PathMotion:
+    """Returns the same motion of the tools with joints that are means over a short time.
+
+    Where a method comes to a limit, or leaves one, velocities have kinks and accelerations jump. A mean over W spreads
+    a jump evenly over W; what that does to the tools is undone by Newton steps of least norm, so that only self-motion
+    is evened out. At both ends, where all is at rest, the joints stay as they are.
+
+    Args:
+        problem: what was asked.
+        found: the joints.
+        window: W [s]; 0 for none.
+    """
+    half = int(window / (2.0 * problem.step))
+    count = problem.instants
+    if half < 2 or count < 6 * half:
+        return found
+    position = _means(np.array(found.position), half)
+    body, which = problem.body, np.flatnonzero(problem.follows)
+    for k in range(1, count - 1):
+        if np.array_equal(position[k], found.position[k]):
+            continue
+        R_there, p_there = body.tools(found.position[k])
+        state = body.at(position[k])
+        J = state.J[problem.rows] * problem.free
+        try:
+            plus = J.T @ np.linalg.inv(J @ J.T)
+        except np.linalg.LinAlgError:
+            return found
+        position[k] = corrected(problem, position[k], plus, R_there[which], p_there[which])
+    return PathMotion(position)
+
+
+def _means(position: FloatArray, half: int) -> FloatArray:
+    """Returns means over 2 half + 1 instants, the outermost counting half, fading to nothing at both ends, (k, n)."""
+    count = len(position)
+    padded = np.pad(position, ((half, half), (0, 0)), mode="edge")
+    sums = np.vstack([np.zeros((1, position.shape[1])), np.cumsum(padded - position[0], axis=0)])
+    whole = sums[2 * half + 1 :] - sums[: -2 * half - 1]
+    ends = padded[2 * half :] + padded[: -2 * half] - 2.0 * position[0]
+    mean = position[0] + (whole - ends / 2.0) / (2 * half)
+    x = np.clip(np.minimum(np.arange(count), count - 1 - np.arange(count)) / (2.0 * half), 0.0, 1.0)
+    fade = (x**3 * (10.0 - 15.0 * x + 6.0 * x**2))[:, None]
+    return position + fade * (mean - position)
+
+
+SMOOTHED = (0.0, 0.04, 0.08, 0.16, 0.32)
+"""Times over which self-motion is evened out, where joints would exceed their limits without [s]."""
+HOPELESS, HOPELESS_YET = 3.0, 1.3
+"""Factors too fast above which no evening out helps, or slowing down is tried first."""
+FINEST = 8
+"""How many times as many instants as usual are tried where a curve through them strays."""
+TOLERATED, STRAY = 0.2, 2e-5
+"""Share of its tolerance, and distance, by which the trajectory may leave a path between knots [m]."""
+GENTLER = (2.0, 4.0)
+"""How many times as long as usual ramps take that are tried next where the file leaves them open."""
+SLOWER = 0.9
+"""Largest share of the speed that is tried next where easing off locally does not do."""
+HALVED = 0.5
+"""Share of the speed that is tried next where the method does not say how much slower it has to be."""
+BISECTIONS = 3
+"""How often the speed is bisected between the last that is too fast and the first that is not, after halving."""
+SLOWEST = 0.05
+"""Least share of its speed at which a path is tried."""
+ROUNDS = 16
+"""How often a path is tried slower."""
+GENTLY = 1.3
+"""By how much more gently it eases off every time."""
+EASED = 8
+"""How often it is tried slower only where it was too fast."""
+GAINED = 0.98
+"""Share of what exceeds the limits above which evening out has gained nothing."""
+NEAR_JUNCTION = 0.02
+"""Distance from a junction of pieces within which it is to blame [m]."""
+AMPLE = 1.02
+"""By how much more than needed speed is reduced."""
+TIGHTENED = 3
+"""How often a method that keeps the limits itself is given less of them, where the curve exceeds them."""
+
+
+Remedy = Literal["slower", "other", "clear", "tolerance"]
+"""What may help against a refusal: less speed, another path or start, more room, or a larger tolerance."""
+
+
+@dataclass(frozen=True)
+class FollowedPath:
+    """A path as it is followed."""
+
+    trajectory: Trajectory
+    """All joints of the robot."""
+    clock: PathClock
+    """Where the tools are when."""
+    asked: float
+    """How long it would take if the joints' limits did not ask for less speed [s]."""
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why a path cannot be followed from a start."""
+
+    reason: str
+    """In words, with time and place."""
+    share: float
+    """How much of the path can be."""
+    remedy: Remedy = "other"
+    """What may help."""
+    excess: float = 0.0
+    """By what factor it is too fast, where that is known."""
+
+
+@dataclass
+class TrialBudget:
+    """How much more may be tried to follow one path, from all its starts."""
+
+    instants: int = 120_000
+    """Instants for which joints may still be sought or evened out."""
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing more is to be tried."""
+        return self.instants <= 0
+
+
+Follower = Solver[PathProblem, PathMotion | NoPath]
+
+
+def follow_path(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    budget: TrialBudget,
+    halve: bool = True,
+) -> FollowedPath | Refused:
+    """Returns a path as one method follows it from one start, slower where the file allows it.
+
+    Args:
+        context: the job.
+        work: the path.
+        follower: the method.
+        start: joints where it begins [rad], shape (n,).
+        budget: how much may be tried; less is left afterwards.
+        halve: whether less speed is tried as well where the method does not say how much less helps.
+    """
+    open_ramps = work.acceleration is None or work.jerk is None
+    clock = context.clock(work)
+    full = clock.duration
+    tried = _once(context, work, follower, start, clock, budget)
+    # Where it may be slower it eases off in its ramps as anywhere.
+    for gentle in GENTLER if open_ramps and not work.slower else ():
+        if tried.slower_helps:
+            clock = context.clock(work, gentle=gentle)
+            full = clock.duration
+            tried = _once(context, work, follower, start, clock, budget)
+    if work.slower and tried.slower_helps and (halve or np.isfinite(tried.excess)):
+        tried, clock = _eased(context, work, follower, start, clock, tried, budget)
+        if tried.trajectory is not None:
+            # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
+            reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
+            gentle = GENTLER[0] if open_ramps else 1.0
+            lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
+            again = _once(context, work, follower, start, lower, budget, HOPELESS_YET)
+            if np.isfinite(again.excess):
+                again, lower = _eased(context, work, follower, start, lower, again, budget)
+            if again.trajectory is not None and lower.duration < clock.duration:
+                tried, clock = again, lower
+    if tried.trajectory is None:
+        return tried.refused
+    return FollowedPath(tried.trajectory, clock, full)
+
+
+def _eased(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    clock: PathClock,
+    tried: _Tried,
+    budget: TrialBudget,
+) -> tuple[_Tried, PathClock]:
+    """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
+    slower = too_fast = 1.0
+    for k in range(ROUNDS):
+        if not tried.slower_helps or budget.spent:
+            break
+        if tried.profile is not None and k < EASED:
+            clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
+        else:
+            # It is not known where, or easing off there does not do: slower all along.
+            too_fast, known = slower, np.isfinite(tried.excess)
+            slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else HALVED
+            if slower < SLOWEST:
+                break
+            clock = context.clock(work, slower)
+        tried = _once(context, work, follower, start, clock, budget, HOPELESS_YET, tried.share)
+    # The step to a speed that will do may have been a long one.
+    for _ in range(BISECTIONS if slower <= HALVED * too_fast else 0):
+        if tried.trajectory is None or budget.spent:
+            break
+        between = float(np.sqrt(slower * too_fast))
+        faster = context.clock(work, between)
+        again = _once(context, work, follower, start, faster, budget, HOPELESS_YET, tried.share)
+        if again.trajectory is None:
+            too_fast = between
+        else:
+            tried, clock, slower = again, faster, between
+    return tried, clock
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """What came of following a path once."""
+
+    trajectory: Trajectory | None
+    refused: Refused
+    excess: float = 0.0
+    """By what factor it would have to be slower, infinite where that is not known, 0 where it is no help."""
+    profile: Joined | None = None
+    """Where it was too fast, where that is known."""
+    share: float = 1.0
+    """Pace of the limits that the method was given."""
+    tighter_helps: bool = False
+    """Whether the same at the limits of a slower pace may keep the limits."""
+
+    @property
+    def slower_helps(self) -> bool:
+        """Whether there is no trajectory, and slower there may be one."""
+        return self.trajectory is None and self.excess > 1.0
+
+
+def _once(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    clock: PathClock,
+    budget: TrialBudget,
+    hopeless: float = HOPELESS,
+    share: float = 1.0,
+) -> _Tried:
+    """Returns the trajectory by one clock, or why there is none.
+
+    Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
+    curve through its instants, most of all where self-motion is as quick as limits allow. A slower path does not help
+    then: the method is given the limits of a slower pace.
+    """
+    tried = _with_share(context, work, follower, start, clock, budget, hopeless, share)
+    for _ in range(TIGHTENED):
+        if not tried.tighter_helps or not tried.slower_helps or budget.spent:
+            break
+        tighter = tried.share / (tried.excess * AMPLE)
+        again = _with_share(context, work, follower, start, clock, budget, hopeless, tighter)
+        if again.trajectory is None and not 1.0 < again.excess <= GAINED * tried.excess:
+            break
+        tried = again
+    return tried
+
+
+def _with_share(
+    context: PathContext,
+    work: PathWork,
+    follower: Follower,
+    start: FloatArray,
+    clock: PathClock,
+    budget: TrialBudget,
+    hopeless: float,
+    share: float,
+    finer: int = 1,
+) -> _Tried:
+    """Returns the same, the method being given the limits of a pace."""
+    problem = context.problem(work, start, clock, finer)
+    budget.instants -= problem.instants
+    found = follower.solve(replace(problem, limits=problem.limits.scaled(share)))
+    if isinstance(found, NoPath):
+        along = float(problem.share[found.instant])
+        remedy: Remedy = "slower" if found.excess > 1.0 else "other"
+        refused = _refused(work, found.reason, found.instant * problem.step, along, remedy)
+        return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
+    left = leaves(problem, found)
+    rounded = ROUNDED if any(path.junctions for path in work.paths.values()) else 0.0
+    if left > (1.0 - rounded - TOLERATED) * work.tolerance:
+        reason = (
+            f"{follower.name} leaves the path by {left * 1e3:.3f} mm (turns by {TURN_LENGTH:g} m/rad), tolerance "
+            f"{work.tolerance * 1e3:g} mm"
+        )
+        return _Tried(None, Refused(reason, 1.0, "tolerance"))
+    joined: list[Joined] = []
+    for window in SMOOTHED:
+        if len(joined) > len(PER_KNOT) and _in_vain(joined):
+            break
+        if joined and min(curve.worst for curve in joined) > hopeless:
+            break
+        if window > 0.0:
+            # About as much work as following it once more.
+            if budget.spent:
+                break
+            budget.instants -= problem.instants
+        even = evened_out(problem, found, window)
+        for stride in PER_KNOT:
+            curve = Joined.of(problem, even, stride)
+            joined.append(curve)
+            if curve.worst > 1.0:
+                continue
+            if strays(problem, found, curve.trajectory) <= min(TOLERATED * work.tolerance, STRAY):
+                return _Tried(curve.trajectory, Refused("", 1.0), share=share)
+    curve = min(joined, key=lambda one: one.worst)
+    if curve.worst <= 1.0:
+        # What keeps the limits strays from the path between instants that are too far apart.
+        if finer < FINEST:
+            return _with_share(
+                context, work, follower, start, clock, budget, hopeless, share, 2 * finer
+            )
+        return _Tried(
+            None, Refused("its joints cannot be joined by a curve near enough to it", 1.0)
+        )
+    along = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
+    instant = min(problem.instants - 1, round(curve.when / problem.step))
+    reason = curve.reason + _junction_words(work, along)
+    reason += singular_words(problem, found.position[instant])
+    remedy = "slower" if curve.slower_helps else "other"
+    refused = _refused(work, reason, curve.when, along, remedy)
+    refused = replace(refused, excess=curve.worst)
+    excess = curve.worst if curve.slower_helps else 0.0
+    return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
+
+
+def _in_vain(joined: list[Joined]) -> bool:
+    """Returns whether the first evening out gained nothing."""
+    before, after = joined[: len(PER_KNOT)], joined[len(PER_KNOT) :]
+    return min(c.worst for c in after) > GAINED * min(c.worst for c in before)
+
+
+def _junction_words(work: PathWork, share: float) -> str:
+    """Returns that the path's curvature jumps where a limit is exceeded, or nothing."""
+    for path in work.paths.values():
+        for edge in path.junctions:
+            if edge not in path.corners and abs(edge - share * path.length) < NEAR_JUNCTION:
+                return (
+                    f" near where two pieces meet with different curvature ({edge * 1e3:.1f} mm along; a larger "
+                    "tolerance rounds the path more)"
+                )
+    return ""
+
+
+def _refused(work: PathWork, reason: str, time: float, share: float, remedy: Remedy) -> Refused:
+    """Returns a reason with time and place."""
+    places = []
+    for arm, path in work.paths.items():
+        x, y, z = path.pose(share * path.length).translation
+        places.append(
+            f"{arm} tool {share * path.length * 1e3:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m"
+        )
+    return Refused(f"after {time:.3f} s, {' and '.join(places)}: {reason}", share, remedy)
+
+
+LOOKED_AT = 0.02
+"""Time between the postures of a path that are looked at [s]."""
+
+
+def keeps_clear(holding: Holding, position: FloatArray) -> BoolArray:
+    """Returns which configurations (k, n) [rad] keep clear, shape (k,)."""
+    held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
+    return np.asarray(holding.cell.margins(position, held) >= SLACK)
+
+
+def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
+    """Returns where a followed path does not keep clear, or None."""
+    trajectory = found.trajectory
+    count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
+    time = np.linspace(0.0, trajectory.duration, count)
+    position = trajectory.at(time)[0]
+    held = np.zeros((count, len(holding.cell.arms)), dtype=np.int64)
+    margin = holding.cell.margins(position, held)
+    k = int(np.argmin(margin))
+    if margin[k] >= SLACK / 2.0:
+        return None
+    one, other, missing = holding.cell.nearest(position[k], held[k])
+    share = float(found.clock.at(time[k : k + 1])[0][0])
+    return Refused(
+        f"after {time[k]:.3f} s {one} and {other} lack {millimetres(min(0.0, missing))} of clearance",
+        share,
+        "clear",
+    )

@@ -1,0 +1,44 @@
+"""The family of seam solvers: both arms' joints while one works along a curve on what the other holds."""
+
+from __future__ import annotations
+
+from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.solvers import work_least_motion, work_moving, work_still
+from dualarm_cli.registry import Registry, Solver
+
+
+def _needs_freedom(problem: SeamProblem) -> str | None:
+    if problem.chain.work.hold.given and problem.chain.work.master is not None:
+        return "the file says where the part is"
+    if problem.chain.work.hold.still:
+        return "the file has the part stand still"
+    return None
+
+
+SEAM_SOLVERS: Registry[Solver[SeamProblem, SeamMotion | NoSeam]] = Registry(
+    "seam solver",
+    "method:",
+    [
+        Solver(
+            name="moving",
+            solve=work_moving,
+            summary="Part and tool move at once, as fast as the joints allow; still where that is fast enough.",
+            reference="closed chain: [Qin2024] Eq. 2-6, 18, 19; choice by sequential quadratic programming: ours",
+            why_unsupported=_needs_freedom,
+        ),
+        Solver(
+            name="still",
+            solve=work_still,
+            summary="Best still pose of the part, with arm angles and spin; or the part as the file has it.",
+            reference="closed chain: [Qin2024]; choice by sequential quadratic programming: ours",
+        ),
+        Solver(
+            name="least_motion",
+            solve=work_least_motion,
+            summary="Inverse kinematics along the seam by steps of least norm, the quickest of many starts.",
+            reference="[Qin2024] section 3.5",
+        ),
+    ],
+)
+
+__all__ = ["SEAM_SOLVERS", "NoSeam", "SeamMotion", "SeamProblem"]

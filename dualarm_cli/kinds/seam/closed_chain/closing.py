@@ -1,0 +1,95 @@
+"""Joints that close a chain: Newton steps from joints that nearly do, for many configurations at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain, Equations
+from dualarm_cli.model.curves.tool_path import Poses
+
+CONVERGED = 1e-11
+"""Residual below which no more steps are taken [m, radians by TURN]."""
+LONGEST_STEP = 0.4
+"""Longest Newton step of a joint [rad]."""
+PULL = 0.15
+"""Share of the way to where joints should rather be that a step takes."""
+DAMPING = 1e-3
+"""Of steps far from closed, by the square of the residual: singular starts must not fly off."""
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Configurations after Newton steps."""
+
+    position: FloatArray
+    """Joints [rad], shape (k, n)."""
+    residual: FloatArray
+    """What is left of the equations [m, radians by TURN], shape (k,)."""
+
+
+def close(
+    chain: Chain,
+    position: FloatArray,
+    share: FloatArray,
+    weight: FloatArray,
+    steps: int,
+    *,
+    part: Poses | None = None,
+    towards: FloatArray | None = None,
+    pulls: int = 0,
+    exact: bool = False,
+) -> Closed:
+    """Returns the nearest joints that close the chain, by Newton steps of least weighted norm.
+
+    Args:
+        chain: the equations.
+        position: joints to begin with [rad], shape (k, n).
+        share: of the seam, shape (k,).
+        weight: how readily each joint moves, 0 for joints that stand, shape (n,).
+        steps: how many steps at most.
+        part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None where it may be anywhere.
+        towards: joints that the first steps pull to, as far as the equations leave them free [rad], (n,).
+        pulls: how many steps pull.
+        exact: whether one-sided equations are left aside: where they come and go, joints have kinks along a seam.
+    """
+    q = np.array(position)
+    for step in range(steps + 1):
+        found = all_equations(chain, q, share, part)
+        found = found.exact if exact else found
+        left = found.size
+        if step == steps or left.max(initial=0.0) < CONVERGED:
+            break
+        wish = np.zeros_like(q)
+        if towards is not None and step < pulls:
+            wish = (weight > 0.0) * (q - towards) * PULL
+        dq = wish + least_norm(found, weight, wish)
+        longest = np.abs(dq).max(axis=1)
+        q -= dq * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))[:, None]
+    return Closed(q, left)
+
+
+def all_equations(
+    chain: Chain,
+    position: FloatArray,
+    share: FloatArray,
+    part: Poses | None = None,
+) -> Equations:
+    """Returns the seam's equations, and the part's where its pose is given."""
+    bodies = chain.bodies(position)
+    found = chain.equations(bodies, share)
+    return found if part is None else found.after(chain.part_equations(bodies, *part))
+
+
+def least_norm(equations: Equations, weight: FloatArray, wish: FloatArray) -> FloatArray:
+    """Returns what has to be added to joint steps (k, n) for them to remove what is left, of least weighted norm."""
+    J = equations.slope
+    JW = J * weight
+    gram = JW @ np.swapaxes(J, -1, -2)
+    damp = 1e-12 + DAMPING * np.minimum(equations.size, 1.0) ** 2
+    gram = gram + damp[:, None, None] * np.eye(gram.shape[-1])
+    right = equations.left - (J @ wish[..., None])[..., 0]
+    found: FloatArray = (np.swapaxes(JW, -1, -2) @ np.linalg.solve(gram, right[..., None]))[..., 0]
+    return found

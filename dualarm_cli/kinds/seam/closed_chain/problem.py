@@ -1,0 +1,114 @@
+"""What a seam solver is asked and what it answers: the joints along a seam, in no time yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.model.robot import JointLimits
+
+FEWEST_NODES, MOST_NODES = 41, 321
+"""Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
+TOLD, TOLD_TURN = 1e-4, 1e-2
+"""How far a smooth curve through the seam's frames at the nodes may be from it [m], and how far turned [rad]."""
+KEPT_FREE = 0.03
+"""Distance from the joints' limits that is kept where they are decided [rad]."""
+
+
+@dataclass(frozen=True)
+class SeamProblem:
+    """A seam on one robot: which joints work it as fast as asked, or faster than any others."""
+
+    chain: Chain
+    """The equations of part and tool, with the seam."""
+    limits: JointLimits
+    """Of the n joints."""
+    start: FloatArray
+    """All joints where the seam's plan begins [rad], shape (n,); the platform stands as there."""
+    time: float
+    """How long the whole seam takes at the speed that is asked for [s]: no solver need be faster."""
+    samples: int
+    """Configurations that are drawn as starts."""
+    tried: int
+    """How many of the best starts are improved."""
+    seed: int
+    """Of what is drawn."""
+    near: FloatArray | None = None
+    """Joints near which it is to begin [rad], shape (n,); None where any will do."""
+    begin: FloatArray | None = None
+    """Joints in which it has to begin, where the robot already has tool and part together [rad], shape (n,)."""
+    coming: Callable[[FloatArray], FloatArray] | None = None
+    """How long it takes to get to configurations (k, n) [rad] from where the robot is, (k,) [s]; None where it may be
+    anywhere."""
+    goes_on: Callable[[FloatArray], bool] | None = None
+    """Whether what comes next can be done from joints (n,) [rad] in which the seam ends; None where nothing depends on
+    it."""
+    what_touches: Callable[[FloatArray], str] | None = None
+    """Says which two bodies come nearest at joints (n,) [rad], and how near; for reasons."""
+    clear: Callable[[FloatArray], BoolArray] | None = None
+    """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("start", "near", "begin"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @cached_property
+    def nodes(self) -> int:
+        """Number of places along the seam at which joints are decided: as many as its length and curvature ask for.
+
+        A quintic through the seam's frames at the nodes tells where the seam is between them.
+        """
+        # Slow to import, and needed for seams alone.
+        from scipy.interpolate import make_interp_spline
+
+        count = FEWEST_NODES
+        while count < MOST_NODES:
+            share = np.linspace(0.0, 1.0, 2 * count - 1)
+            R, p = self.chain.work.tool_frames(share)
+            frame = np.concatenate([p / TOLD, R.reshape(len(R), 9) / TOLD_TURN], axis=1)
+            between = make_interp_spline(share[::2], frame[::2], k=5)(share[1::2])
+            if np.abs(between - frame[1::2]).max() <= 1.0:
+                break
+            count = 2 * count - 1
+        return count
+
+    @property
+    def shares(self) -> FloatArray:
+        """Shares of the seam at the nodes, shape (nodes,)."""
+        return np.linspace(0.0, 1.0, self.nodes)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest joint positions that are taken [rad], each (n,)."""
+        return self.limits.lower + KEPT_FREE, self.limits.upper - KEPT_FREE
+
+
+@dataclass(frozen=True)
+class SeamMotion:
+    """The joints at the nodes of a seam."""
+
+    position: FloatArray
+    """All joints [rad], shape (nodes, n)."""
+    time: float
+    """Least time for the whole seam at a steady speed, ramps not counted [s]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the array."""
+        object.__setattr__(self, "position", readonly(self.position))
+
+
+@dataclass(frozen=True)
+class NoSeam:
+    """Why no joints were found."""
+
+    reason: str
+    """In words."""
+    share: float
+    """How much of the seam can be worked."""

@@ -1,0 +1,283 @@
+"""One step towards a faster seam: a sparse quadratic program in the joints at all nodes and the seam's time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
+from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
+from dualarm_cli.kinds.seam.closed_chain.problem import SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.starts import part_poses
+from dualarm_cli.kinds.seam.closed_chain.ways import ROOM
+
+SMOOTH = 1e-4
+"""Weight of the joints' effort against time, both as shares: decides what time leaves open."""
+STAY = 1e-6
+"""Weight of the step itself."""
+ACCURACY = 1e-6
+"""Tolerances of the solver."""
+MOST_ITERATIONS = 60
+"""Iterations of the solver; what it has then is tried."""
+LEAN_SIDES = 8
+"""Sides of the polygon that stands for the cone in which the tool's axis may lean."""
+BACK = 100.0
+"""Weight of a radian beyond limits, as a share of the time."""
+AWAY = 3.0
+"""Weight of the room at limits that joints use up, as a share, against their effort."""
+LEAST_TIME = 0.3
+"""Share of its time that a seam keeps in one step."""
+
+
+@dataclass(frozen=True)
+class SeamProgram:
+    """The quadratic program of one seam with one choice of joints that stand."""
+
+    problem: SeamProblem
+    """The seam."""
+    stands: BoolArray
+    """Joints that are the same at all nodes, or play no part, shape (n,)."""
+
+    @cached_property
+    def decided(self) -> IntArray:
+        """The joints that are decided."""
+        return np.flatnonzero(self.problem.chain.closes)
+
+    @cached_property
+    def column(self) -> IntArray:
+        """Which variable each node's joint is, shape (nodes, decided): joints that stand are one for all nodes."""
+        standing = self.stands[self.decided]
+        shared, own = int(standing.sum()), int((~standing).sum())
+        found = np.empty((self.problem.nodes, len(self.decided)), dtype=np.int64)
+        found[:, standing] = np.arange(shared)
+        found[:, ~standing] = shared + np.arange(self.problem.nodes * own).reshape(
+            self.problem.nodes, own
+        )
+        return found
+
+    @cached_property
+    def _spread(self) -> Any:
+        """Matrix from variables to all nodes' decided joints."""
+        from scipy.sparse import csr_matrix
+
+        column = self.column.ravel()
+        ones = np.ones(len(column))
+        return csr_matrix(
+            (ones, (np.arange(len(column)), column)), shape=(len(column), column.max() + 1)
+        )
+
+    @cached_property
+    def _rates(self) -> list[Any]:
+        """Matrices from the joints at all nodes to rates over their limits, by order."""
+        from scipy.sparse import csr_matrix, diags, kron
+
+        limits, found = self.problem.limits, []
+        difference = np.eye(self.problem.nodes)
+        for limit in (limits.velocity, limits.acceleration, limits.jerk):
+            difference = np.diff(difference, axis=0) * (self.problem.nodes - 1)
+            own = np.where(np.isfinite(limit), limit, 1e12)[self.decided]
+            found.append(kron(csr_matrix(difference), diags(1.0 / own)).tocsr())
+        return found
+
+    def _effort(self, time: float) -> Any:
+        """Matrix from the joints at all nodes to shares of their limits; squares add up to means over the nodes."""
+        from scipy.sparse import vstack
+
+        return vstack([self._rates[0] / time, self._rates[1] / time**2]) / np.sqrt(
+            self.problem.nodes
+        )
+
+    def step(
+        self, position: FloatArray, time: float, radius: float, pace: float
+    ) -> tuple[FloatArray, float] | None:
+        """Returns joints (nodes, n) and the seam's time as the linear model has them, or None where there are none.
+
+        Rates are linear in the joints; what they may be grows with time, time² and time³, taken by their tangents,
+        which lie below.
+
+        Args:
+            position: joints at the nodes, chain closed [rad], shape (nodes, n).
+            time: steady time of the seam with them [s].
+            radius: how far joints may move [rad].
+            pace: what a second of time weighs; 0 to make the motion smooth at the same time.
+        """
+        import piqp
+        from scipy.sparse import block_diag, csr_matrix, diags, hstack, identity, vstack
+
+        S = self._spread
+        y = position[:, self.decided].ravel()
+        count = S.shape[1]
+        rows, right = [], []
+        for order, rate in enumerate(self._rates, start=1):
+            now = rate @ y
+            slope = csr_matrix(np.full((len(now), 1), -order * time ** (order - 1)))
+            spread = rate @ S
+            rows += [hstack([spread, slope]), hstack([-spread, slope])]
+            right += [time**order - now, time**order + now]
+        for extra, bound in self._freedoms(position):
+            rows.append(hstack([extra @ S, csr_matrix((len(bound), 1))]))
+            right.append(bound)
+        G, high = vstack(rows), np.concatenate(right)
+        back, short = self._back_inside(y)
+        beyond = float(short.max(initial=0.0))
+        # The last variable is how far joints may still be beyond their limits.
+        G = vstack(
+            [
+                hstack([G, csr_matrix((G.shape[0], 1))]),
+                hstack([back, csr_matrix((len(short), 1)), csr_matrix(-np.ones((len(short), 1)))]),
+            ]
+        ).tocsc()
+        high = np.append(high, -short)
+        A, b = self._equations(position)
+        A = hstack([A @ S, csr_matrix((A.shape[0], 2))]).tocsc()
+        effort = self._effort(time)
+        smooth = effort @ S
+        weight = SMOOTH * time if pace > 0.0 else 1.0
+        quadratic = weight * (smooth.T @ smooth) + STAY * identity(count)
+        pull = weight * (smooth.T @ (effort @ y))
+        if pace == 0.0:
+            crowded, away = self._crowded(y)
+            quadratic = quadratic + diags(crowded)
+            pull = pull - away
+        P = block_diag([quadratic, 1e-9 * identity(2)]).tocsc()
+        c = np.append(pull, [pace, BACK * time])
+        low, top = self._bounds(y, radius)
+        solver = piqp.SparseSolver()
+        solver.settings.eps_abs = solver.settings.eps_rel = ACCURACY
+        solver.settings.max_iter = MOST_ITERATIONS
+        least = (LEAST_TIME - 1.0) * time if pace > 0.0 else 0.0
+        solver.setup(
+            P,
+            c,
+            A,
+            b,
+            G,
+            np.full(len(high), -np.inf),
+            high,
+            np.append(low, [least, 0.0]),
+            np.append(top, [time if pace > 0.0 else 0.0, beyond]),
+        )
+        solver.solve()
+        x = np.array(solver.result.x)
+        if not np.isfinite(x).all():
+            return None
+        moved = np.array(position)
+        moved[:, self.decided] += (S @ x[:-2]).reshape(self.problem.nodes, -1)
+        return moved, time + float(x[-2])
+
+    def _equations(self, position: FloatArray) -> tuple[Any, FloatArray]:
+        """Returns the chain's equations, linear in the joints at all nodes."""
+        from scipy.sparse import block_diag
+
+        problem = self.problem
+        chain, share = problem.chain, problem.shares
+        seam = chain.equations(chain.bodies(position), share).exact
+        blocks = list(seam.slope[:, :, self.decided])
+        left = list(seam.left)
+        poses = part_poses(problem, share)
+        if poses is not None:
+            part = all_equations(chain, position, share, part=poses)
+            # A part that stands is where it should be at every node if it is at one.
+            nodes = 1 if chain.work.hold.stands else problem.nodes
+            for k in range(nodes):
+                blocks[k] = np.concatenate([part.slope[k, :6][:, self.decided], blocks[k]])
+                left[k] = np.concatenate([part.left[k, :6], left[k]])
+        return block_diag(blocks).tocsr(), -np.concatenate(left)
+
+    def _freedoms(self, position: FloatArray) -> list[tuple[Any, FloatArray]]:
+        """Returns what may not be exceeded: lean of the tool's axis, lean of the surface from facing upwards.
+
+        What leans farther already, within the cone but beyond the polygon, may stay: a step must be possible.
+        """
+        from scipy.sparse import block_diag
+
+        problem = self.problem
+        chain, work, share = problem.chain, problem.chain.work, problem.shares
+        found = []
+        bodies = chain.bodies(position)
+        if work.tool.tilt > 0.0:
+            r, J = chain.offsets(bodies, share)
+            angle = np.arange(LEAN_SIDES) * (2.0 * np.pi / LEAN_SIDES)
+            sides = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            slope = sides @ J[:, 3:5][:, :, self.decided]
+            bound = KEPT * work.tool.tilt * np.cos(np.pi / LEAN_SIDES) - r[:, 3:5] @ sides.T
+            found.append((block_diag(list(slope)).tocsr(), np.maximum(bound, 0.0).ravel()))
+        if work.downhand is not None:
+            upward, J = chain.upward(bodies, share)
+            slope = -J[:, None, self.decided]
+            found.append(
+                (
+                    block_diag(list(slope)).tocsr(),
+                    np.maximum(upward - np.cos(KEPT * work.downhand), 0.0),
+                )
+            )
+        return found
+
+    def unease(self, position: FloatArray, time: float) -> float:
+        """Returns what a motion costs where its time is kept: effort, and joints near their limits.
+
+        Args:
+            position: joints at the nodes [rad], shape (nodes, n).
+            time: steady time of the seam [s].
+        """
+        y = position[:, self.decided].ravel()
+        near, effort = self._near(y), self._effort(time) @ y
+        return float(effort @ effort + AWAY / self.problem.nodes * (near @ near)) / 2.0
+
+    @cached_property
+    def _room(self) -> FloatArray:
+        """The room at each limit that is better left free, of all nodes' joints [rad]."""
+        low, high = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
+        found: FloatArray = ROOM * (high - low)
+        return found
+
+    def _near(self, y: FloatArray) -> FloatArray:
+        """Returns what share of that room joints at all nodes use up, positive at the lower limit."""
+        low, high = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
+        room = self._room
+        found: FloatArray = np.maximum(low + room - y, 0.0) - np.maximum(y - high + room, 0.0)
+        return found / room
+
+    def _crowded(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns curvature and slope, by variable, of what joints near their limits cost."""
+        near, room = self._near(y), self._room
+        column, count = self.column.ravel(), self._spread.shape[1]
+        crowded, away = np.zeros(count), np.zeros(count)
+        np.add.at(crowded, column, AWAY / self.problem.nodes * (near != 0.0) / room**2)
+        np.add.at(away, column, AWAY / self.problem.nodes * near / room)
+        return crowded, away
+
+    def _back_inside(self, y: FloatArray) -> tuple[Any, FloatArray]:
+        """Returns rows that bring variables back inside their bounds, and how far each is beyond [rad]."""
+        from scipy.sparse import csr_matrix
+
+        lower, upper = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
+        short = np.concatenate([lower - y, y - upper])
+        which = np.flatnonzero(short > 0.0)
+        column = np.tile(self.column.ravel(), 2)[which]
+        sign = np.where(which < len(y), -1.0, 1.0)
+        shape = (len(which), self._spread.shape[1])
+        return csr_matrix((sign, (np.arange(len(which)), column)), shape=shape), short[which]
+
+    def _bounds(self, y: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+        """Returns least and greatest steps of the variables [rad]."""
+        lower, upper = (
+            np.tile(bound[self.decided], self.problem.nodes) for bound in self.problem.bounds
+        )
+        column, count = self.column.ravel(), self._spread.shape[1]
+        low, top = np.full(count, -radius), np.full(count, radius)
+        if self.problem.begin is not None:
+            low[self.column[0]] = top[self.column[0]] = 0.0
+        np.maximum.at(low, column, np.minimum(lower - y, 0.0))
+        np.minimum.at(top, column, np.maximum(upper - y, 0.0))
+        return low, top

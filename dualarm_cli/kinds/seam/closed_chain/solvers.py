@@ -1,0 +1,272 @@
+"""Seam solvers: the first way found, the best with the part still, the best with the part moving too."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
+from dualarm_cli.kinds.seam.closed_chain.closing import close
+from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
+from dualarm_cli.kinds.seam.closed_chain.starts import (
+    CLOSED,
+    DEAR,
+    LIMITS,
+    beyond_limits,
+    part_poses,
+    seam_starts,
+    standing_joints,
+)
+from dualarm_cli.kinds.seam.closed_chain.ways import (
+    AMPLE,
+    REGULAR,
+    least_singular_value,
+    steady_time,
+    way_cost,
+)
+
+ROUNDS = 60
+"""Steps at most."""
+FIRST_RADIUS, WIDEST, NARROWEST = 0.2, 0.5, 1e-3
+"""How far joints may move in the first step, and in any [rad]."""
+GOOD, POOR = 0.5, 0.2
+"""Share of the gain promised above which steps grow, and below which they shrink."""
+GROWN, SHRUNK, REFUSED = 1.5, 0.5, 0.35
+"""Factors on the radius."""
+LOOKED_BACK, ENOUGH = 6, 2e-3
+"""So many steps that together gain less than this share end it."""
+CLOSING_STEPS = 8
+"""Newton steps after each step."""
+LEANT = (1.0 + KEPT) / 2.0
+"""Share of what tool and surface may lean up to which a step is taken."""
+SMOOTHING = 16
+"""Steps at most that make the motion easy at the end, the time kept."""
+EASY = 0.01
+"""Share of what a motion costs whose gain in a step ends that."""
+SPARE_TIME = 1.003
+"""Factor on a way's own time within which it is made easy: at the time that is asked for, effort may mean nothing."""
+
+
+def improved(
+    problem: SeamProblem,
+    position: FloatArray,
+    stands: BoolArray,
+    rounds: int = ROUNDS,
+    *,
+    easy: bool = True,
+) -> FloatArray:
+    """Returns joints at the nodes of a seam that can be worked faster, at a steady speed, (nodes, n) [rad].
+
+    Ends where it is as fast as asked or no faster one is found near by; then what is left open makes the motion easy.
+    Where that touches something, steps that touch are refused from the beginning.
+
+    Args:
+        problem: the seam.
+        position: joints at the nodes, chain closed [rad], shape (nodes, n).
+        stands: joints that are the same at all nodes, shape (n,).
+        rounds: steps at most.
+        easy: whether what is left open is used at the end.
+    """
+    found = _descended(problem, position, stands, rounds, easy=easy, keeps_clear=False)
+    if problem.clear is None or bool(problem.clear(found).all()):
+        return found
+    # The free descent ran into something; one that stops short of it is worth less, but can be worked.
+    return _descended(problem, position, stands, rounds, easy=easy, keeps_clear=True)
+
+
+def _descended(
+    problem: SeamProblem,
+    position: FloatArray,
+    stands: BoolArray,
+    rounds: int,
+    *,
+    easy: bool,
+    keeps_clear: bool,
+) -> FloatArray:
+    """Returns joints at the nodes after steps that each make the seam faster, and if asked keep clear."""
+
+    def touches(tried: FloatArray) -> bool:
+        return keeps_clear and problem.clear is not None and not problem.clear(tried).all()
+
+    program = SeamProgram(problem, stands)
+    best, time = position, steady_time(position, problem.limits)
+    beyond = float(beyond_limits(problem, best).max())
+    enough = AMPLE * problem.time
+    radius, history = FIRST_RADIUS, [_cost(time, beyond)]
+    for _ in range(rounds):
+        if (time <= enough and beyond == 0.0) or radius < NARROWEST:
+            break
+        found = program.step(best, time, radius, pace=1.0)
+        tried = None if found is None else _closed(problem, found[0], stands)
+        if found is None or tried is None:
+            radius *= REFUSED
+            continue
+        reached = steady_time(tried, problem.limits)
+        still_beyond = float(beyond_limits(problem, tried).max())
+        gained = _cost(time, beyond) - _cost(reached, still_beyond)
+        if gained <= 0.0 or touches(tried):
+            radius *= REFUSED
+            continue
+        gain = gained / max(_cost(time, beyond) - found[1], 1e-12)
+        best, time, beyond = tried, reached, still_beyond
+        radius = min(WIDEST, radius * (GROWN if gain > GOOD else SHRUNK if gain < POOR else 1.0))
+        history.append(_cost(time, beyond))
+        if len(history) > LOOKED_BACK and history[-LOOKED_BACK] - history[-1] < ENOUGH * time:
+            break
+    if beyond > 0.0 or not easy:
+        return best
+    smooth = _smoothed(problem, program, best, time * SPARE_TIME)
+    return best if touches(smooth) else smooth
+
+
+def _cost(time: float, beyond: float) -> float:
+    """Returns what a way costs that takes a time [s] and is beyond limits by so much [rad]."""
+    return time * (1.0 + DEAR * beyond)
+
+
+def _smoothed(
+    problem: SeamProblem, program: SeamProgram, position: FloatArray, time: float
+) -> FloatArray:
+    """Returns the smoothest motion near by, away from limits, that takes no longer than a time, (nodes, n) [rad]."""
+    best, radius = position, FIRST_RADIUS
+    unease = program.unease(best, time)
+    # Where little is to be moved an arm that is stretched has the least to do.
+    regular = min(least_singular_value(problem, best), REGULAR) / 2.0
+    for _ in range(SMOOTHING):
+        found = program.step(best, time, radius, pace=0.0)
+        tried = None if found is None else _closed(problem, found[0], program.stands)
+        if (
+            tried is None
+            or beyond_limits(problem, tried).max() > 0.0
+            or steady_time(tried, problem.limits) > time
+            or program.unease(tried, time) >= unease
+            or least_singular_value(problem, tried) < regular
+        ):
+            radius *= REFUSED
+            if radius < NARROWEST:
+                break
+            continue
+        gained = unease - program.unease(tried, time)
+        best, unease, radius = tried, unease - gained, min(WIDEST, radius * GROWN)
+        if gained < EASY * unease:
+            break
+    return best
+
+
+def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> FloatArray | None:
+    """Returns the joints with the chain closed at all nodes, or None where it cannot be."""
+    chain, limits = problem.chain, problem.limits
+    poses = part_poses(problem, problem.shares)
+    if poses is not None and chain.work.hold.stands:
+        first = close(
+            chain,
+            position[:1],
+            problem.shares[:1],
+            limits.velocity**2 * chain.closes,
+            CLOSING_STEPS,
+            part=(poses[0][:1], poses[1][:1]),
+        )
+        position = np.where(chain.master_joints, first.position, position)
+        poses = None
+    found = close(
+        chain,
+        position,
+        problem.shares,
+        limits.velocity**2 * (chain.closes & ~stands),
+        CLOSING_STEPS,
+        part=poses,
+    )
+    # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.
+    bodies = chain.bodies(found.position)
+    exact = chain.equations(bodies, problem.shares).exact.size
+    too_far = chain.leans_too_far(bodies, problem.shares, LEANT)
+    return found.position if exact.max() < CLOSED and not too_far else None
+
+
+FIRST_ROUNDS = 16
+"""Steps by which starts are compared before the best is improved further."""
+
+
+def work_least_motion(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the quickest of the ways that inverse kinematics along the seam finds, improved no further.
+
+    The tool follows the seam by steps of least norm while the part stands or moves as the file says: what [Qin2024]
+    section 3.5 does, from many starts.
+    """
+    starts = seam_starts(problem)
+    first = next((way for way in starts.position if _possible(problem, way)), None)
+    return _motion(problem, first) if first is not None else starts.failure or NoSeam(LIMITS, 1.0)
+
+
+def work_still(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the seam with the part still where it is fastest: pose, arm angles and spin chosen together.
+
+    Where the file says how the part moves, the rest is chosen.
+    """
+    found = _ways(problem, moving=False)
+    if isinstance(found, NoSeam):
+        return found
+    return _motion(problem, found[0])
+
+
+def work_moving(problem: SeamProblem) -> SeamMotion | NoSeam:
+    """Returns the seam with part and tool moving at once, or with the part still where that is as fast as asked.
+
+    Without a master it is the platform that moves along.
+    """
+    found = _ways(problem, moving=False)
+    if not isinstance(found, NoSeam):
+        if steady_time(found[0], problem.limits) <= AMPLE * problem.time:
+            return _motion(problem, found[0])
+        stands = standing_joints(problem, moving=True)
+        moving = [improved(problem, way, stands) for way in found]
+        ways = [found[0], *(way for way in moving if _possible(problem, way))]
+        return _motion(problem, min(ways, key=lambda way: way_cost(problem, way)))
+    # There are seams that no still part lets a tool work, such as round a pipe with the surface always facing up.
+    found = _ways(problem, moving=True)
+    return found if isinstance(found, NoSeam) else _motion(problem, found[0])
+
+
+def _ways(problem: SeamProblem, *, moving: bool) -> list[FloatArray] | NoSeam:
+    """Returns the best ways, quickest first: a few steps for some, all for the best of them."""
+    starts = seam_starts(problem, moving=moving)
+    if starts.failure is not None:
+        return starts.failure
+    stands = standing_joints(problem, moving=moving)
+    tried = [
+        improved(problem, way, stands, FIRST_ROUNDS, easy=False)
+        for way in starts.position[: problem.tried]
+    ]
+    tried = sorted(tried, key=lambda way: way_cost(problem, way))
+    # What is quicker may have come near to a singular posture: then the one before is only made easy.
+    best = [improved(problem, tried[0], stands, rounds) for rounds in (ROUNDS, 0)]
+    best.sort(key=lambda way: way_cost(problem, way))
+    possible = (way for way in (*best, *tried, *starts.position) if _possible(problem, way))
+    ways = list(islice(possible, _kept(problem)))
+    if not ways:
+        return NoSeam(LIMITS, 1.0)
+    if not any(ways[0] is way for way in best):
+        easy = improved(problem, ways[0], stands, 0)
+        ways[0] = easy if _possible(problem, easy) else ways[0]
+    return ways
+
+
+def _kept(problem: SeamProblem) -> int:
+    """Returns how many still ways are taken as starts for moving ones."""
+    return max(1, (problem.tried + 1) // 2)
+
+
+def _possible(problem: SeamProblem, way: FloatArray) -> bool:
+    """Returns whether a way keeps within limits and clear of everything, and what comes next can be done after it."""
+    if beyond_limits(problem, way).max() > 0.0:
+        return False
+    if problem.goes_on is not None and not problem.goes_on(way[-1]):
+        return False
+    return problem.clear is None or bool(problem.clear(way).all())
+
+
+def _motion(problem: SeamProblem, way: FloatArray) -> SeamMotion:
+    return SeamMotion(way, steady_time(way, problem.limits))

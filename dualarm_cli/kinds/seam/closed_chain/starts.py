@@ -1,0 +1,259 @@
+"""Where seams may be worked: closed chains drawn at random, then followed along the seam to both sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinds.seam.closed_chain.chain import TURN
+from dualarm_cli.kinds.seam.closed_chain.closing import Closed, close
+from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
+from dualarm_cli.model.curves.tool_path import Poses
+
+LIMITS = "no way along it was found that keeps all joints within their limits and everything clear"
+"""Why there is none where the tool gets along the whole seam."""
+TOUCHES = "every way along it that was found touches something or comes too near"
+FINER = 8
+"""Steps from node to node where the first place that fails is looked for."""
+CLOSING_STEPS, FOLLOWING_STEPS, PULLS = 24, 8, 2
+"""Newton steps from drawn joints, and from one node to the next; of these so many pull joints to the middle."""
+CLOSED = 1e-8
+"""Residual of a chain that counts as closed [m, radians by TURN]."""
+WIDTH = 0.7
+"""Share of the joints' ranges from which starts are drawn."""
+WIDEST = 2.6
+"""Widest half range from which starts are drawn [rad]."""
+ABOUT = 0.7
+"""Standard deviation of starts about where the robot is [rad]."""
+SPREAD = 0.3
+"""Standard deviation of starts about joints that the file names [rad]."""
+BEYOND = 0.5
+"""Starts may be beyond joints' limits by this, as the steps that follow bring joints back [rad]."""
+ROUNDED = 5e-3
+"""How far joints may be beyond the bounds for decisions, which lie inside the limits [rad]."""
+DEAR = 5.0
+"""What a radian beyond limits counts, as a share of the time."""
+FARTHEST = 0.7
+"""Joints that differ by more from node to node jump [rad]."""
+
+
+@dataclass(frozen=True)
+class SeamStarts:
+    """Ways along a seam."""
+
+    position: FloatArray
+    """Joints at the nodes, quickest first [rad], shape (m, nodes, n)."""
+    failure: NoSeam | None
+    """What ends the farthest way, where none covers the seam."""
+
+
+def standing_joints(problem: SeamProblem, *, moving: bool) -> BoolArray:
+    """Returns the joints that are the same all along the seam, shape (n,).
+
+    Args:
+        problem: the seam.
+        moving: whether the part, or the platform under the tool, may move.
+    """
+    chain, hold = problem.chain, problem.chain.work.hold
+    if hold.way is not None or (moving and not hold.stands):
+        return ~chain.closes
+    return ~chain.slave_joints
+
+
+def part_poses(problem: SeamProblem, share: FloatArray) -> Poses | None:
+    """Returns where the part has to be at shares of the seam, or None where the file leaves it open."""
+    work = problem.chain.work
+    if work.master is None or not work.hold.given:
+        return None
+    return work.hold.at(share)
+
+
+def seam_starts(problem: SeamProblem, *, moving: bool = False) -> SeamStarts:
+    """Returns ways along the whole seam, quickest first; joints may be a little beyond limits, which counts as slow.
+
+    Joints of both arms are drawn at random, Newton steps close the chain at the seam's middle, and from there the tool
+    follows the seam to both ends by steps of least norm that pull joints to the middle of their ranges.
+
+    Args:
+        problem: the seam.
+        moving: whether joints that carry the part may move along the seam; the part stands else.
+    """
+    stands = standing_joints(problem, moving=moving)
+    middle = 0 if problem.begin is not None else problem.nodes // 2
+    ways = np.empty((0, problem.nodes, len(problem.start)))
+    drawn = _drawn(problem, middle)
+    if len(drawn):
+        ways = np.empty((len(drawn), problem.nodes, drawn.shape[1]))
+        ways[:, middle] = drawn
+        alive = np.arange(len(drawn))
+        for nodes in (range(middle + 1, problem.nodes), range(middle - 1, -1, -1)):
+            for node in nodes:
+                alive = (
+                    alive[_next(problem, ways, alive, node, nodes.step, stands)]
+                    if len(alive)
+                    else alive
+                )
+        ways = ways[alive]
+    if not len(ways):
+        return SeamStarts(ways, _first_failure(problem, stands))
+    if problem.clear is not None:
+        clear = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1).all(axis=1)
+        if not clear.any():
+            return SeamStarts(ways[:0], NoSeam(TOUCHES + _touching(problem, ways), 1.0))
+        ways = ways[clear]
+    if problem.begin is None:
+        ways = turned_back(problem, ways)
+    costs = np.array([way_cost(problem, way) for way in ways])
+    costs *= 1.0 + DEAR * beyond_limits(problem, ways).max(axis=-1, initial=0.0)
+    return SeamStarts(ways[np.argsort(costs, kind="stable")], None)
+
+
+def _touching(problem: SeamProblem, ways: FloatArray) -> str:
+    """Returns what the way that touches least touches first."""
+    if problem.clear is None or problem.what_touches is None:
+        return ""
+    free = problem.clear(ways.reshape(-1, ways.shape[-1])).reshape(len(ways), -1)
+    best = int(free.sum(axis=1).argmax())
+    node = int(np.argmin(free[best]))
+    place = problem.shares[node] * problem.chain.work.length * 1e3
+    return f"; of the one that does least {problem.what_touches(ways[best, node])}, {place:.1f} mm along the seam"
+
+
+def _first_failure(problem: SeamProblem, stands: BoolArray) -> NoSeam:
+    """Returns the first place of the seam that fails, from its begin, and why: that of the way that gets farthest."""
+    drawn = _drawn(problem, 0)
+    if not len(drawn):
+        return NoSeam(_apart(problem), 0.0)
+    here = before = drawn
+    fine = np.linspace(0.0, 1.0, FINER * (problem.nodes - 1) + 1)
+    for k in range(1, len(fine)):
+        guess = here + (here - before) * (k > 1)
+        found = _step(problem, guess, fine[k], stands)
+        near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
+        good = near & (beyond_limits(problem, found.position) < BEYOND)
+        if not good.any():
+            return NoSeam(_why(problem, found.position[near]), float(fine[k]))
+        before, here = here[good], found.position[good]
+    return NoSeam(LIMITS, 1.0)
+
+
+def _apart(problem: SeamProblem) -> str:
+    """Returns why nothing that was drawn has tool and part together where the seam begins."""
+    found = _closed_draws(problem, 0)
+    nearest = int(np.argmin(found.residual))
+    if found.residual[nearest] > CLOSED:
+        apart = f"{found.residual[nearest] * 1e3:.1f} mm (a radian counted as {TURN:g} m)"
+        return f"no joints bring tool and part together there: at best {apart} are missing"
+    held = found.position[found.residual < CLOSED]
+    nearest = int(np.argmin(beyond_limits(problem, held)))
+    return _why(problem, held[nearest : nearest + 1])
+
+
+def _drawn(problem: SeamProblem, node: int) -> FloatArray:
+    """Returns joints that close the chain at a node, (m, n) [rad]."""
+    if problem.begin is not None:
+        return problem.begin[None]
+    found = _closed_draws(problem, node)
+    good = (found.residual < CLOSED) & (beyond_limits(problem, found.position) < BEYOND)
+    return found.position[good]
+
+
+def _closed_draws(problem: SeamProblem, node: int) -> Closed:
+    """Returns joints that were drawn, after Newton steps that close the chain at a node where they can."""
+    chain, limits = problem.chain, problem.limits
+    random = np.random.default_rng(problem.seed)
+    count, n = problem.samples, len(limits.joints)
+    q = np.tile(problem.start, (count, 1))
+    drawn = chain.closes
+    middle = (limits.lower + limits.upper) / 2.0
+    middle = np.where(np.isfinite(middle), middle, 0.0)
+    if problem.near is not None:
+        spread = SPREAD * np.linspace(0.0, 1.0, count)[:, None]
+        q = np.where(drawn, problem.near + spread * random.normal(size=(count, n)), q)
+        towards = problem.near
+    else:
+        half = np.minimum((limits.upper - limits.lower) / 2.0 * WIDTH, WIDEST)
+        wide = middle + half * random.uniform(-1.0, 1.0, size=(count, n))
+        about = problem.start + ABOUT * random.normal(size=(count, n))
+        # Every other one about where the robot is: of ways as good as each other the nearer one shall be met.
+        near = (np.arange(count) % 2 == 0)[:, None] & (problem.coming is not None)
+        q = np.where(drawn, np.where(near, about, wide), q)
+        towards = middle
+    share = np.full(count, problem.shares[node])
+    weight = limits.velocity**2 * drawn
+    return close(
+        chain,
+        q,
+        share,
+        weight,
+        CLOSING_STEPS,
+        part=part_poses(problem, share),
+        towards=towards,
+        pulls=CLOSING_STEPS // 2,
+    )
+
+
+def beyond_limits(problem: SeamProblem, position: FloatArray) -> FloatArray:
+    """Returns how far the chain's joints (..., n) are beyond their bounds, the farthest of them, shape (...) [rad]."""
+    low, high = problem.bounds
+    # Closing the chain moves joints a little from where they were decided; the margin to the limits has room for it.
+    beyond = np.maximum(np.maximum(low - position, position - high) - ROUNDED, 0.0)
+    found: FloatArray = (beyond * problem.chain.closes).max(axis=-1)
+    return found
+
+
+def _next(
+    problem: SeamProblem,
+    ways: FloatArray,
+    alive: IntArray,
+    node: int,
+    side: int,
+    stands: BoolArray,
+) -> BoolArray:
+    """Fills in one node of the ways that are alive, and returns which of them still are."""
+    here = ways[alive, node - side]
+    # Where ways begin there is no place before.
+    first = node - side == (0 if problem.begin is not None else problem.nodes // 2)
+    guess = here if first else here + (here - ways[alive, node - 2 * side])
+    found = _step(problem, guess, problem.shares[node], stands)
+    ways[alive, node] = found.position
+    near = (found.residual < CLOSED) & (np.abs(found.position - here).max(axis=1) < FARTHEST)
+    return np.asarray(near & (beyond_limits(problem, found.position) < BEYOND))
+
+
+def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArray) -> Closed:
+    """Returns joints (k, n) [rad] that close the chain at a share of the seam, near a guess."""
+    chain, limits = problem.chain, problem.limits
+    shares = np.full(len(guess), share)
+    middle = (limits.lower + limits.upper) / 2.0
+    return close(
+        chain,
+        guess,
+        shares,
+        limits.velocity**2 * (chain.closes & ~stands),
+        FOLLOWING_STEPS,
+        part=part_poses(problem, shares),
+        towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
+        pulls=PULLS,
+    )
+
+
+def _why(problem: SeamProblem, position: FloatArray) -> str:
+    """Returns what ended the last ways, of which these (k, n) [rad] got there: a joint's limit, or out of reach."""
+    work, limits = problem.chain.work, problem.limits
+    if not len(position):
+        also = (
+            ""
+            if work.downhand is None
+            else f" with its surface within {np.rad2deg(work.downhand):g} deg of upwards"
+        )
+        return f"the {work.slave} arm does not reach it{also}, or is stretched or singular there"
+    low, high = problem.bounds
+    beyond = np.maximum(low - position, position - high) * problem.chain.closes
+    _, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    value = position[int(np.argmax(beyond[:, joint])), joint]
+    bound = limits.upper[joint] if value > high[joint] else limits.lower[joint]
+    return f"joint {limits.joints[joint]} comes to its limit of {np.rad2deg(bound):.1f} deg"

@@ -1,0 +1,234 @@
+"""A seam in time: steady speed, ramps at its ends, then the trajectory with chain and limits looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.kinds.seam.path import SeamPath
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.seam import SeamWork, longest_ramp
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
+from dualarm_cli.timing.steady_search import (
+    SteadyProfile,
+    fastest_profile,
+    profile_of_duration,
+    steady_limit,
+)
+
+SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
+"""Times between knots that are tried until the chain is closed between them too [s]."""
+OPEN = 4e-7
+"""How far the chain may be open between knots [m, rad]."""
+UNEVEN = 4e-4
+"""Share by which the speed along the seam may be off between knots, ramps not counted."""
+PER_KNOT = 3
+"""Instants between knots that are looked at."""
+TIGHTER = (1.0, 0.97, 0.92, 0.85)
+"""Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
+TOO_FAST = "too fast"
+"""How reasons begin that less speed would help against."""
+LESS = "ask for less speed, or say 'slower: allowed'"
+"""What helps then."""
+DIVIDE = "ask for less speed, or divide the curve into two tasks"
+"""What helps where the motion between knots strays."""
+AS_ASKED = 1.0 - 1e-9
+ACCELERATION_MARGIN = 0.99
+"""Share of the file's acceleration along the seam that is used: the motion's spline is a little dearer."""
+CAP_MARGIN = 0.999
+"""Share of a cap on the tools' speed that is used: between places and knots they are a little faster."""
+
+
+@dataclass(frozen=True)
+class TimedSeam:
+    """A seam as it is worked."""
+
+    trajectory: Trajectory
+    """All joints of the robot, from where the seam begins to where it ends."""
+    profile: SteadyProfile
+    """Where on the seam the tool is when."""
+    residual: float
+    """How far the chain is open at most [m, rad]."""
+    capped: bool = False
+    """Whether a cap on the tools' speed in the world decides how fast it is worked."""
+
+    def speed(self, length: float) -> float:
+        """Returns the steady speed along a seam of a length [m/s]."""
+        return self.profile.speed * length
+
+
+def timed_seam(
+    path: SeamPath,
+    work: SeamWork,
+    limits: JointLimits,
+    pace: float,
+    *,
+    trapezoid: bool,
+    cap: float = np.inf,
+) -> TimedSeam | str:
+    """Returns the seam in time, or why it cannot be worked as the file asks.
+
+    Args:
+        path: its joints.
+        work: the seam.
+        limits: of all joints, at the job's speed.
+        pace: the job's share of full speed.
+        trapezoid: whether accelerations may jump, as far as joints have no jerk limits.
+        cap: largest steady speed for which all tools keep to their cap in the world [1/s].
+    """
+    jumps = trapezoid and not np.isfinite(limits.jerk).any()
+    reason = f"no motion along it keeps all limits; {DIVIDE}"
+    for share in TIGHTER:
+        tight = replace(
+            limits,
+            velocity=limits.velocity * (1.0 if share == 1.0 else 0.999),
+            acceleration=limits.acceleration * share,
+            jerk=limits.jerk * share,
+        )
+        profile = _profile(path, work, tight, pace, cap * CAP_MARGIN, trapezoid=jumps)
+        if isinstance(profile, str):
+            return profile
+        for k, spacing in enumerate(SPACINGS):
+            trajectory = _trajectory(path, profile, limits, spacing, jumps=jumps)
+            worst = _largest_share(trajectory, limits)
+            if worst > 1.0:
+                reason = f"between its knots a joint exceeds a limit {worst:.4f} times; {DIVIDE}"
+                break
+            residual, uneven = _deviations(path.chain, profile, trajectory)
+            if residual <= OPEN and uneven <= UNEVEN:
+                capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
+                return TimedSeam(trajectory, profile, residual, capped)
+            reason = (
+                f"the chain opens by {residual * 1e6:.2f} um (or urad) between its knots; {DIVIDE}"
+                if residual > OPEN
+                else f"its speed is uneven by {uneven:.2%} between its knots; {DIVIDE}"
+            )
+            # A spline's error falls with the fourth power of its knots' distance.
+            if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
+                return reason
+    return reason
+
+
+def _profile(
+    path: SeamPath,
+    work: SeamWork,
+    limits: JointLimits,
+    pace: float,
+    cap: float,
+    *,
+    trapezoid: bool,
+) -> SteadyProfile | str:
+    """Returns how fast a seam is worked, at a steady speed of cap [1/s] at most, or why not as asked."""
+    length = work.length
+    acceleration = None
+    if work.acceleration is not None:
+        acceleration = ACCELERATION_MARGIN * work.acceleration * pace**2 / length
+    if work.duration is not None:
+        found = profile_of_duration(
+            path.rates, limits, work.duration / pace, acceleration, trapezoid=trapezoid
+        )
+        if found is not None and found.speed <= cap:
+            return found
+        most, asked = np.inf, f"{work.duration / pace:.4g} s"
+    else:
+        assert work.speed is not None
+        most, asked = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
+    found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
+    if found is None:
+        return "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed"
+    if work.slower:
+        return found
+    if work.duration is None and found.speed >= most * AS_ASKED:
+        longest = longest_ramp(work, pace)
+        if max(found.start.time, found.end.time) <= longest:
+            return found
+        return (
+            f"{TOO_FAST}: coming to {asked} takes {max(found.start.time, found.end.time):.3g} s, more than the "
+            f"{longest:.3g} s that a ramp may take; {LESS}"
+        )
+    top = steady_limit(path.rates, limits)
+    speed = f"{found.speed * length * 1e3:.4g} mm/s"
+    if found.speed >= cap * AS_ASKED:
+        return (
+            f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); the cap on the tools' speed in "
+            f"the world decides; raise it, {LESS}"
+        )
+    if top.speed > most:
+        return (
+            f"{TOO_FAST}: too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
+            f"{found.duration:.3f} s; {LESS}"
+        )
+    return (
+        f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
+        f"decides {top.share * length * 1e3:.1f} mm along the seam; {LESS}"
+    )
+
+
+def _trajectory(
+    path: SeamPath, profile: SteadyProfile, limits: JointLimits, spacing: float, *, jumps: bool
+) -> Trajectory:
+    """Returns the trajectory with knots so far apart at most, four parts of each phase or more."""
+    edges = profile.edges()
+    edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9])]
+    phases = []
+    for start, end in pairwise(edges.tolist()):
+        parts = max(4, int(np.ceil((end - start) / spacing)))
+        phases.append(np.linspace(start, end, parts + 1))
+    if not jumps:
+        time = np.concatenate([phases[0], *[phase[1:] for phase in phases[1:]]])
+        q, v, a = rest_to_rest_spline(time, path.at(profile.at(time)[0]))
+        return Trajectory(limits.joints, time, q, v, a)
+    pieces = []
+    for time in phases:
+        share, speed, _ = profile.at(time)
+        first = path.rates.at(share[[0, -1]])[0] * speed[[0, -1], None]
+        pieces.append(clamped_spline(time, path.at(share), first[0], first[1]))
+    q, v, a = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
+    time, rest = np.concatenate(phases), np.zeros((1, q.shape[1]))
+    # At rest before and after: there too accelerations jump.
+    return Trajectory(
+        limits.joints,
+        np.concatenate([time[:1], time, time[-1:]]),
+        np.vstack([q[:1], q, q[-1:]]),
+        np.vstack([rest, v, rest]),
+        np.vstack([rest, a, rest]),
+    )
+
+
+def _largest_share(trajectory: Trajectory, limits: JointLimits) -> float:
+    """Returns the largest share of a limit that a motion uses."""
+    velocity, acceleration, jerk = largest_rates(
+        trajectory.time, trajectory.velocity, trajectory.acceleration
+    )
+    return float(
+        max(
+            (velocity / limits.velocity).max(),
+            (acceleration / limits.acceleration).max(),
+            (jerk / limits.jerk).max(),
+        )
+    )
+
+
+def _deviations(
+    chain: Chain, profile: SteadyProfile, trajectory: Trajectory
+) -> tuple[float, float]:
+    """Returns how far the chain is open at most, and the share by which its steady speed is off, between knots too."""
+    knots = np.unique(trajectory.time)
+    share = np.arange(PER_KNOT) / PER_KNOT
+    time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
+    bodies = chain.bodies(trajectory.at(time)[0])
+    nearest = chain.nearest_share(bodies, profile.at(time)[0])
+    left = [chain.equations(bodies, nearest).exact.left]
+    hold = chain.work.hold
+    if chain.work.master is not None and hold.given:
+        left.append(chain.part_equations(bodies, *hold.at(nearest)).left)
+    residual = float(max(np.abs(one).max() for one in left))
+    steady = (time > profile.start.time) & (time < profile.duration - profile.end.time)
+    if steady.sum() < 2:
+        return residual, 0.0
+    rate = np.diff(nearest[steady]) / np.diff(time[steady])
+    return residual, float(np.abs(rate / profile.speed - 1.0).max())

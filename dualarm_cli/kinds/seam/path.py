@@ -1,0 +1,203 @@
+"""The joints anywhere along a seam: the solver's nodes joined smoothly, the chain closed at every place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.kinds.seam.closed_chain.closing import all_equations, close
+from dualarm_cli.kinds.seam.closed_chain.problem import SeamMotion, SeamProblem
+from dualarm_cli.kinds.seam.closed_chain.starts import part_poses, standing_joints
+from dualarm_cli.kinematics.whole_body import WholeBody
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.timing.steady_search import PathRates, steady_limit
+
+PER_NODE = 16
+"""Places at which the chain is closed at first, from node to node."""
+BETWEEN = 5e-8
+"""Residual between two places above which there is one more [m, radians by TURN]."""
+HALVINGS = 6
+"""How often places are added."""
+CLOSING_STEPS = 6
+"""Newton steps at each place."""
+CLOSED = 1e-9
+"""Residual that counts as closed [m, radians by TURN]."""
+EVENED_OUT = (0.0, 0.6, 1.2, 2.0, 3.0)
+"""Half widths over which joints are evened out, in distances of nodes; the one that allows most speed is taken."""
+FARTHEST = 0.05
+"""Joints that closing the chain moves by more have come to another way [rad]."""
+FADED = 0.2
+"""Share of a seam within which it comes to its own from where another one ended."""
+STANDS = 1e-9
+"""Joints that move less along the nodes stand [rad]."""
+
+
+@dataclass(frozen=True)
+class SeamPath:
+    """Joints along a seam as a smooth function of the share: a quintic spline through places with the chain closed."""
+
+    chain: Chain
+    """Whose equations it keeps."""
+    share: FloatArray
+    """The places, rising from 0 to 1, shape (k,): closer where the chain would open between them."""
+    position: FloatArray
+    """All joints there [rad], shape (k, n)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("share", "position"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def of(cls, problem: SeamProblem, motion: SeamMotion) -> SeamPath | None:
+        """Returns the joints anywhere along a seam by those at the nodes; None where the chain opens in between."""
+        even = np.linspace(0.0, 1.0, PER_NODE * (len(problem.shares) - 1) + 1)
+        position = _spline(problem.shares, motion.position)(even)
+        best, highest = None, 0.0
+        for width in EVENED_OUT:
+            near = _spline(even, _evened_out(position, width))
+            found = cls._closed(problem, motion, even, near)
+            if found is None:
+                continue
+            speed = steady_limit(found.rates, problem.limits).speed
+            if speed > highest:
+                best, highest = found, speed
+        return best
+
+    @classmethod
+    def _closed(
+        cls, problem: SeamProblem, motion: SeamMotion, share: FloatArray, near: Any
+    ) -> SeamPath | None:
+        """Returns the path next to joints that nearly close the chain, with as many places as keep it closed.
+
+        Args:
+            problem: the seam.
+            motion: joints at its nodes.
+            share: the places to begin with, shape (k,).
+            near: joints [rad] as a function of the share.
+        """
+        position = _closed(problem, motion, share, near(share))
+        if position is None:
+            return None
+        for _ in range(HALVINGS):
+            middle = (share[1:] + share[:-1]) / 2.0
+            between = _spline(share, position)(middle)
+            left = all_equations(problem.chain, between, middle, _poses(problem, middle)).exact
+            opens = left.size > BETWEEN
+            if not opens.any():
+                break
+            # The spline between two places hangs on their neighbours too.
+            opens = np.convolve(opens, np.ones(3), mode="same") > 0.0
+            more = _closed(problem, motion, middle[opens], near(middle[opens]))
+            if more is None:
+                return None
+            share = np.concatenate([share, middle[opens]])
+            order = np.argsort(share)
+            share, position = share[order], np.concatenate([position, more])[order]
+        if problem.begin is not None:
+            position = _from(problem.begin, share, position)
+        return cls(problem.chain, share, position)
+
+    @cached_property
+    def _joints(self) -> Any:
+        return _spline(self.share, self.position)
+
+    def at(self, share: FloatArray) -> FloatArray:
+        """Returns all joints at shares (k,) of the seam [rad], shape (k, n)."""
+        return np.asarray(self._joints(share), dtype=np.float64)
+
+    @cached_property
+    def even(self) -> FloatArray:
+        """Equidistant shares, as close as the closest places, shape (m,)."""
+        return np.linspace(0.0, 1.0, round(1.0 / float(np.diff(self.share).min())) + 1)
+
+    @cached_property
+    def rates(self) -> PathRates:
+        """How the joints change with the share, at equidistant shares."""
+        first, second, third = (self._joints(self.even, order) for order in (1, 2, 3))
+        return PathRates(first, second, third)
+
+    def tool_rates(self, cell: Cell) -> FloatArray:
+        """Returns how far the tool that moves most goes in the world per unit of the share, at `even`, (m,) [m].
+
+        Args:
+            cell: with the arms' own tools; in the chain the master's is the part.
+        """
+        body, first = WholeBody(cell), self.rates.first
+        J = np.array([body.at(q).J for q in self.at(self.even)])
+        velocity = (J @ first[..., None]).reshape(len(first), -1, 6)[..., :3]
+        found: FloatArray = np.linalg.norm(velocity, axis=2).max(axis=1)
+        return found
+
+
+def _spline(share: FloatArray, position: FloatArray) -> Any:
+    """Returns a quintic spline (C4) through joints (k, n) at shares (k,)."""
+    # Slow to import, and needed for seams alone.
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(share, position, k=5)
+
+
+def _closed(
+    problem: SeamProblem, motion: SeamMotion, share: FloatArray, position: FloatArray
+) -> FloatArray | None:
+    """Returns joints (k, n) [rad] with the chain closed; None where it cannot be, or beyond a limit or freedom."""
+    chain, limits = problem.chain, problem.limits
+    found = close(
+        chain,
+        position,
+        share,
+        limits.velocity**2 * (chain.closes & ~_stands(problem, motion)),
+        CLOSING_STEPS,
+        part=_poses(problem, share),
+        exact=True,
+    )
+    q = found.position
+    inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()
+    moved = float(np.abs(q - position).max())
+    good = inside and found.residual.max() < CLOSED and moved < FARTHEST
+    return q if good and not chain.leans_too_far(chain.bodies(q), share) else None
+
+
+def _from(begin: FloatArray, share: FloatArray, position: FloatArray) -> FloatArray:
+    """Returns joints (k, n) at shares (k,) that begin exactly where they have to (n,), and are their own after FADED.
+
+    Where a seam goes on from another, what files round away opens the chain a little at first.
+    """
+    x = np.clip(share / FADED, 0.0, 1.0)
+    fade = 1.0 - x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+    return position + fade[:, None] * (begin - position[0])
+
+
+def _evened_out(position: FloatArray, width: float) -> FloatArray:
+    """Returns means of joints (k, n) over some nodes' distance, fading to nothing at both ends.
+
+    A solver's accelerations have corners where a limit decides, and the chain's closing between nodes adds more: a
+    mean over W takes away what is shorter than W.
+    """
+    half = round(width * PER_NODE)
+    if half == 0:
+        return position
+    window = np.hanning(2 * half + 3)[1:-1]
+    # Turned about the end points, so that straight ways stay straight.
+    padded = np.pad(position, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    means = np.stack(
+        [np.convolve(column, window / window.sum(), mode="valid") for column in padded.T], axis=1
+    )
+    return np.asarray(means)
+
+
+def _stands(problem: SeamProblem, motion: SeamMotion) -> BoolArray:
+    """Returns the joints that are the same at all nodes, shape (n,)."""
+    still = np.ptp(motion.position, axis=0) < STANDS
+    return standing_joints(problem, moving=True) | still
+
+
+def _poses(problem: SeamProblem, share: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Returns where the part has to be; a part that stands does so by its master's joints, which stand."""
+    return None if problem.chain.work.hold.stands else part_poses(problem, share)

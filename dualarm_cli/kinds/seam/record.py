@@ -1,0 +1,201 @@
+"""A seam as it is planned, and what is recorded of it: stages, segments, events, and what a reader should know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.clearing.record import Record
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.seam.closed_chain.chain import Chain
+from dualarm_cli.kinds.seam.motion import TimedSeam
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Dwell, Job, Task
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.timing.composition import SAME_TIME, hold
+
+
+@dataclass(frozen=True)
+class PlannedSeam:
+    """A seam with the tool's way to it and from it."""
+
+    approach: Trajectory | None
+    """To where it begins; None for no length."""
+    dwell_start: Trajectory
+    """Standing where it begins."""
+    seam: TimedSeam
+    """The seam."""
+    dwell_end: Trajectory
+    """Standing where it ends."""
+    retract: Trajectory | None
+    """Away from it; None for no length."""
+    solver: str
+    """Name of the seam solver."""
+    chain: Chain
+    """Part and tool."""
+
+    @property
+    def coming(self) -> float:
+        """How long the tool's approach and its dwell before the seam take [s]."""
+        return self.dwell_start.duration + (self.approach.duration if self.approach else 0.0)
+
+    @property
+    def first(self) -> FloatArray:
+        """All joints where the tool's approach begins [rad], shape (n,)."""
+        start: FloatArray = (self.approach or self.seam.trajectory).position[0]
+        return start
+
+
+def quicker(one: PlannedSeam | str, other: PlannedSeam | str) -> PlannedSeam | str:
+    """Returns the quicker of two answers; a plan before any reason, the later reason before the earlier one."""
+    if isinstance(other, str):
+        return other if isinstance(one, str) else one
+    if isinstance(one, str):
+        return other
+    return min(one, other, key=lambda plan: plan.seam.trajectory.duration)
+
+
+SLOWED = 1.001
+"""Speeds lower by this factor are worth a word."""
+
+
+def add_seam(
+    record: Record,
+    model: CellModel,
+    section: tuple[Task, ...],
+    found: PlannedSeam,
+    begin: float,
+    job_speed: float,
+) -> None:
+    """Appends a seam: a stage up to where it begins, with the transfer there, and a stage for itself.
+
+    Args:
+        record: what is planned so far, the transfer as its last stage.
+        model: the job's cell.
+        section: the seam's tasks, one per arm that works.
+        found: the seam as it is worked.
+        begin: when its first stage begins, with the transfer where there is one [s].
+        job_speed: the job's share of full speed.
+    """
+    writer = _Writer(record, model, section)
+    transfer = record.stages.pop() if record.clock > begin else None
+    work = found.chain.work
+    # Where there is no transfer that takes the time of the way there, it is waited for.
+    entry = begin + (work.entry_duration or 0.0) / job_speed
+    late = max(work.not_before, entry) - record.clock - found.coming
+    if late > SAME_TIME:
+        writer.add("wait", "seam_start", hold(model.cell.robot.joints, found.first, late), None)
+    if found.approach is not None:
+        writer.add("approach", "seam_start", found.approach, "wait")
+    writer.event("seam_start", found.seam.trajectory.position[0], work.dwell_start)
+    if work.dwell_start > 0.0:
+        writer.add("dwell", "seam_start", found.dwell_start, "wait")
+    writer.stage(found.solver, begin, transfer, found.seam.trajectory.position[0])
+    begin = record.clock
+    writer.add("seam", "seam_end", found.seam.trajectory, "seam")
+    writer.event("seam_end", found.seam.trajectory.position[-1], work.dwell_end)
+    if work.dwell_end > 0.0:
+        writer.add("dwell", "seam_end", found.dwell_end, "wait")
+    if found.retract is not None:
+        writer.add("retract", "seam_end", found.retract, "wait")
+    writer.stage(found.solver, begin, None, record.pieces[-1].position[-1])
+
+
+class _Writer:
+    """Appends the pieces of one seam."""
+
+    def __init__(self, record: Record, model: CellModel, section: tuple[Task, ...]) -> None:
+        self._record, self._model = record, model
+        self._tasks = {task.arm: task for task in section}
+        work = section[0].seam
+        assert work is not None
+        self._work = work
+
+    def add(
+        self, kind: SegmentKind, action: str, motion: Trajectory, master: SegmentKind | None
+    ) -> None:
+        """Appends a motion: what the slave does, and what the master does meanwhile, the same if None."""
+        record = self._record
+        start, end = record.clock, record.clock + motion.duration
+        for arm in self._model.cell.robot.arms:
+            task = self._tasks.get(arm.name)
+            if task is None:
+                part = Segment(arm.name, "wait", "", "", start, end, reason="partner")
+                record.segments.append(part)
+                continue
+            own = kind if master is None or arm.name == self._work.slave else master
+            dwell = Dwell(gripper=end - start) if own == "dwell" else None
+            reason: WaitReason = ""
+            if own == "wait":
+                reason = "window" if kind == "wait" else "partner"
+            part = Segment(arm.name, own, task.id, action, start, end, dwell, reason)
+            record.segments.append(part)
+        record.pieces.append(motion)
+        record.clock = end
+
+    def event(self, action: str, position: np.ndarray, dwell: float) -> None:
+        """Notes where the working arms' tools are now."""
+        for name, task in self._tasks.items():
+            pose = self._model.tool_pose(name, position)
+            stands = dwell if name == self._work.slave else 0.0
+            self._record.events.append(
+                Event(self._record.clock, name, task.id, action, f"{name}_tcp", pose, stands)
+            )
+
+    def stage(
+        self, solver: str, begin: float, transfer: Stage | None, position: np.ndarray
+    ) -> None:
+        """Closes a stage in which the robot comes to a position; it has no length where a plan begins on the seam."""
+        columns = self._model.platform_columns
+        self._record.stages.append(
+            Stage(
+                start=begin,
+                end=self._record.clock,
+                tasks=(next(iter(self._tasks.values())).id,),
+                platform_solver=solver,
+                platform_angle=float(position[columns[0]]) if len(columns) == 1 else None,
+                platform_time=transfer.platform_time if transfer else 0.0,
+                arm_times=transfer.arm_times if transfer else {},
+                joint_times=transfer.joint_times if transfer else {},
+                bottleneck=transfer.bottleneck if transfer else "",
+            )
+        )
+
+
+def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[str]:
+    """Returns what a reader must know of how a seam is worked."""
+    notes = []
+    # What decides is not looked for: the file's own acceleration is one of the limits.
+    why = "as the cap on the tools' speed asks" if found.seam.capped else "as limits ask"
+    speed = found.seam.speed(work.length)
+    if work.speed is not None and speed * SLOWED < work.speed * job.speed:
+        notes.append(
+            f"{task}: worked at {speed * 1e3:.4g} mm/s, {why} for, not at "
+            f"{work.speed * job.speed * 1e3:.4g} mm/s"
+        )
+    if (
+        work.duration is not None
+        and found.seam.trajectory.duration > SLOWED * work.duration / job.speed
+    ):
+        notes.append(
+            f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why} for, not "
+            f"{work.duration / job.speed:.3f} s"
+        )
+    if job.speed < 1.0 and work.speed is not None:
+        notes.append(
+            f"{task}: at {job.speed:.0%} of full speed seams are slower as well: "
+            f"{work.speed * job.speed * 1e3:.4g} mm/s for {work.speed * 1e3:.4g}"
+        )
+    bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
+    if bodies:
+        notes.append(
+            f"{task}: {' and '.join(bodies)} without shapes: nothing keeps clear of what they stand for"
+        )
+    if work.touches and f"{work.slave}_tool" not in bodies:
+        notes.append(
+            f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, not reach into it"
+        )
+    return notes

@@ -1,0 +1,250 @@
+"""Spherical-revolute-spherical geometry of a seven-axis arm, measured on its axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+
+PARALLEL = 1e-9
+"""Below this sine of their angle two axes count as parallel when their distance is measured."""
+
+
+@dataclass(frozen=True)
+class SrsDeviation:
+    """How far an arm is from exact SRS geometry."""
+
+    shoulder: float
+    """Largest distance of axes 1 to 3 from their common centre [m]."""
+    elbow: float
+    """Largest distance of axes 3 to 5 from their common centre [m]."""
+    wrist: float
+    """Largest distance of axes 5 to 7 from their common centre [m]."""
+    gaps: tuple[float, ...]
+    """Distance of each axis from the next one, six of them [m]: the offsets of a data sheet."""
+    angle: float
+    """Largest deviation of two consecutive axes from a right angle [rad]."""
+
+    @property
+    def largest(self) -> float:
+        """The largest of them, in m or rad."""
+        return max(self.shoulder, self.elbow, self.wrist, *self.gaps, self.angle)
+
+    def __str__(self) -> str:
+        """Returns the deviations in mm and rad."""
+        gaps = ", ".join(f"{gap * 1000:.3g}" for gap in self.gaps)
+        return (
+            f"axes miss the shoulder by {self.shoulder * 1000:.3g} mm, the elbow by "
+            f"{self.elbow * 1000:.3g} mm, the wrist by {self.wrist * 1000:.3g} mm, "
+            f"each other by {gaps} mm, right angles by {self.angle:.3g} rad"
+        )
+
+
+@dataclass(frozen=True)
+class SrsGeometry:
+    """An SRS arm at q = 0 in its base frame."""
+
+    axes: FloatArray
+    """Unit joint axes, shape (7, 3)."""
+    shoulder: FloatArray
+    """Where axes 1 to 3 meet [m], shape (3,)."""
+    elbow: FloatArray
+    """Where axes 3 to 5 meet [m], shape (3,)."""
+    wrist: FloatArray
+    """Where axes 5 to 7 meet [m], shape (3,)."""
+    R_flange: FloatArray
+    """Rotation of the flange, shape (3, 3)."""
+    p_flange: FloatArray
+    """Position of the flange [m], shape (3,)."""
+    deviation: SrsDeviation
+    """How far the axes are from meeting like that."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("axes", "shoulder", "elbow", "wrist", "R_flange", "p_flange"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def measure(
+        cls, axes: FloatArray, points: FloatArray, R_flange: FloatArray, p_flange: FloatArray
+    ) -> SrsGeometry:
+        """Returns centres, links and deviations of any seven axes, SRS or not.
+
+        A centre is the point nearest to its three axes in the least-squares sense.
+
+        Args:
+            axes: unit joint axes at q = 0, shape (7, 3).
+            points: a point on each axis [m], shape (7, 3).
+            R_flange: rotation of the flange, shape (3, 3).
+            p_flange: position of the flange [m], shape (3,).
+        """
+        axes, points = np.asarray(axes, dtype=np.float64), np.asarray(points, dtype=np.float64)
+        (shoulder, miss_s), (elbow, miss_e), (wrist, miss_w) = (
+            _meeting_point(axes[i : i + 3], points[i : i + 3]) for i in (0, 2, 4)
+        )
+        gaps = tuple(_distance(axes[i], points[i], axes[i + 1], points[i + 1]) for i in range(6))
+        skew = np.abs((axes[:-1] * axes[1:]).sum(axis=1)).max()
+        deviation = SrsDeviation(miss_s, miss_e, miss_w, gaps, float(np.arcsin(min(1.0, skew))))
+        return cls(axes, shoulder, elbow, wrist, R_flange, p_flange, deviation)
+
+    @property
+    def upper(self) -> float:
+        """Length of the upper arm, shoulder to elbow [m]."""
+        return float(np.linalg.norm(self.elbow - self.shoulder))
+
+    @property
+    def fore(self) -> float:
+        """Length of the forearm, elbow to wrist [m]."""
+        return float(np.linalg.norm(self.wrist - self.elbow))
+
+    @property
+    def p_flange_wrist(self) -> FloatArray:
+        """Wrist centre in the flange frame [m], shape (3,)."""
+        wrist: FloatArray = self.R_flange.T @ (self.wrist - self.p_flange)
+        return wrist
+
+    def is_srs(self, tolerance: float) -> bool:
+        """Returns whether every deviation is within the tolerance [m and rad] and both links exist.
+
+        Args:
+            tolerance: largest deviation that may be ignored; the closed forms are wrong by about as
+                much at the shoulder, and by an angular deviation times the reach at the flange.
+        """
+        return self.deviation.largest <= tolerance and min(self.upper, self.fore) > tolerance
+
+
+def _meeting_point(axes: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the point nearest to lines in the least-squares sense, and its largest distance."""
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal, right = across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0]
+    centre = np.linalg.lstsq(normal, right, rcond=None)[0]
+    distance = np.linalg.norm((across @ (centre - points)[:, :, None])[..., 0], axis=1)
+    return centre, float(distance.max())
+
+
+def _distance(e: FloatArray, p: FloatArray, f: FloatArray, r: FloatArray) -> float:
+    """Returns the distance [m] of the line through p along e from the line through r along f."""
+    common = np.cross(e, f)
+    sine = np.linalg.norm(common)
+    if sine < PARALLEL:
+        return float(np.linalg.norm(np.cross(e, r - p)))
+    return float(abs(common @ (r - p)) / sine)
+
+
+ZERO = 1e-12
+"""Offsets below this are rounding of the robot description and count as none [rad]."""
+LEANING = 1e-9
+"""An outer axis this close to a right angle with its link keeps the sign it has."""
+
+
+@dataclass(frozen=True)
+class SrsCanonical:
+    """Joints theta = sign q + offset, with which the flange rotation is B Z Y Z Y Z Y Z C.
+
+    Z(theta1) Y(theta2) Z(theta3) orients the upper arm, Y(theta4) bends the elbow, and the last
+    triple is the wrist; each link lies along the z axis before it, so that theta4 = 0 is the
+    stretched arm, theta2 = 0 the upper arm along axis 1 and theta6 = 0 axis 7 along the forearm.
+    Our own derivation: Rot(e1, q1) Rot(e2, q2) Rot(e3, q3) with e1 ⊥ e2 ⊥ e3 equals
+    B Z(q1) Y(q2 + b) Z(q3) Y(-b) B^T with B = [e2 × e1, e2, e1] and
+    e3 = cos b e1 + sin b e2 × e1; the angle from one Y axis to the next is an offset of the Z
+    between.
+    """
+
+    sign: FloatArray
+    """+1 or -1 per joint, shape (7,); joints 2, 4 and 6 always have +1."""
+    offset: FloatArray
+    """Angle of the canonical joint at q = 0 [rad], shape (7,); joints 1 and 7 have none."""
+    B: FloatArray
+    """Base frame of the canonical chain, its z along axis 1, shape (3, 3)."""
+    C: FloatArray
+    """Flange in the last canonical frame, shape (3, 3)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("sign", "offset", "B", "C"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def of(cls, geometry: SrsGeometry) -> SrsCanonical:
+        """Returns the canonical form of an SRS geometry.
+
+        Args:
+            geometry: of an SRS arm; deviations are absorbed link by link, so that all frames stay
+                orthonormal.
+        """
+        n = geometry.axes
+        upper = _unit(geometry.elbow - geometry.shoulder)
+        fore = _unit(geometry.wrist - geometry.elbow)
+        sign = np.ones(7)
+        # Outer axes point along their link rather than against it: theta2 and theta6 are then
+        # measured from the nearer of the two singular positions.
+        sign[0] = -1.0 if n[0] @ upper < -LEANING else 1.0
+        sign[2] = np.sign(n[2] @ upper) or 1.0
+        sign[4] = np.sign(n[4] @ fore) or 1.0
+        sign[6] = -1.0 if n[6] @ fore < -LEANING else 1.0
+        e1, e2 = sign[0] * n[0], _unit(n[1] - (n[1] @ n[0]) * n[0])
+        B = np.column_stack([np.cross(e2, e1), e2, e1])
+        offset = np.zeros(7)
+        frame, offset[1] = _swing(B, upper)
+        frame, offset[2] = _twist(frame, n[3])
+        frame, offset[3] = _swing(frame, fore)
+        frame, offset[4] = _twist(frame, n[5])
+        frame, offset[5] = _swing(frame, sign[6] * n[6])
+        offset[np.abs(offset) < ZERO] = 0.0
+        return cls(sign, offset, B, frame.T @ geometry.R_flange)
+
+    def chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Returns flange columns (3, 3, n), directions of upper arm and forearm, and elbow normal.
+
+        Everything is in the canonical base frame; the flange is column by column: [:, j] is column
+        j. The normal is joint 4's axis, turned over where theta4 < 0, shape (3, n) like the
+        directions.
+
+        Args:
+            q: joints [rad], shape (..., 7), n of them.
+        """
+        theta = self.sign[:, None] * q.reshape(-1, 7).T + self.offset[:, None]
+        s, c = np.sin(theta), np.cos(theta)
+        frame = tuple(np.eye(3)[:, :, None])
+        frame = _turn_bend(frame, s[0], c[0], s[1], c[1])
+        upper = frame[2]
+        # Bending does not move the axis it is about: y of the frame is joint 4's axis.
+        frame = _turn_bend(frame, s[2], c[2], s[3], c[3])
+        normal, fore = frame[1] * np.where(s[3] < 0.0, -1.0, 1.0), frame[2]
+        x, y, z = _turn_bend(frame, s[4], c[4], s[5], c[5])
+        columns = np.stack([c[6] * x + s[6] * y, c[6] * y - s[6] * x, z], axis=1)
+        return columns, upper, fore, normal
+
+
+def _turn_bend(
+    frame: tuple[FloatArray, ...],
+    s_turn: FloatArray,
+    c_turn: FloatArray,
+    s_bend: FloatArray,
+    c_bend: FloatArray,
+) -> tuple[FloatArray, ...]:
+    """Returns the columns of frame · Z(turn) · Y(bend), (3, n) each."""
+    x, y, z = frame
+    x, y = c_turn * x + s_turn * y, c_turn * y - s_turn * x
+    return c_bend * x - s_bend * z, y, s_bend * x + c_bend * z
+
+
+def _swing(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the frame turned about its y until z points along a direction, and the angle."""
+    angle = float(np.arctan2(direction @ frame[:, 0], direction @ frame[:, 2]))
+    c, s = np.cos(angle), np.sin(angle)
+    return frame @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), angle
+
+
+def _twist(frame: FloatArray, direction: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the frame turned about its z until y points along a direction, and the angle."""
+    angle = float(np.arctan2(-(direction @ frame[:, 0]), direction @ frame[:, 1]))
+    c, s = np.cos(angle), np.sin(angle)
+    return frame @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), angle
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    unit: FloatArray = v / np.linalg.norm(v)
+    return unit

@@ -1,1 +1,0 @@
-"""Minimum time over a whole sequence: platform angles and postures of both arms together, and a bound."""

@@ -1,0 +1,1 @@
+"""Curves by the length along them: contours on parts, tool paths, points for controllers."""

@@ -1,0 +1,193 @@
+"""Curves as a controller needs them: points at equal steps of the length, and how good they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.model.curves.contours import Contour
+from dualarm_cli.model.curves.feature_curve import MeasuredCurve
+
+SHORTEST_STEP = 2e-6
+"""Least step [m]."""
+MOST_POINTS = 100_000
+"""Points of one curve."""
+REMAINDER = 1e-6
+"""What is left at the end and shorter than this is joined to the last step [m]."""
+CELLS = 16384
+"""Least number of stretches over which curvature is bounded."""
+INNER = 16
+"""Equal parts of a step's parameter between which its distance from the chord is measured."""
+ROUNDING = 1.0 + 1e-9
+"""What bounds are made longer by, so that rounding does not undo them."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a curve with their frames; the last step may be shorter."""
+
+    step: float
+    """Length of a step as it should be: speed times interval [m]."""
+    parameter: FloatArray
+    """Of the contour, from 0 to 1, shape (k,)."""
+    R: FloatArray
+    """Frames in the part: x along the curve, z out of the surface, shape (k, 3, 3)."""
+    p: FloatArray
+    """Points in the part [m], shape (k, 3)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("parameter", "R", "p"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How good points of a curve are; lengths are integrated anew, apart from what placed the points."""
+
+    spacing_error: float
+    """Largest difference of a whole step's length along the curve from what it should be [m]."""
+    speed_error: float
+    """The same as a share of the speed."""
+    drift: float
+    """How far the last whole step ends from where constant speed would be [m]."""
+    last_step: float
+    """Length of the last step, to the curve's end [m]."""
+    chord_error: float
+    """Largest distance of the curve from the chord between neighbouring points, measured [m]."""
+    chord_bound: float
+    """What no distance from a chord exceeds, proven [m]."""
+    curvature_bound: float
+    """What the curvature does not exceed anywhere, proven [1/m]; infinite where it is too sharp to tell."""
+    turn: float
+    """Largest turn of the frame between neighbours [rad]."""
+    least_dot: float
+    """Smallest cosine between an axis of a frame and the same one of the next: a flip would be below 0."""
+    lean: float
+    """Largest angle between a frame's x and the curve's direction [rad]: 0 unless the frames are given by a file."""
+
+
+def step_lengths(length: float, step: float) -> FloatArray:
+    """Returns the lengths along a curve at which its points are, whole steps and then the end, (k,) [m].
+
+    Args:
+        length: of the curve [m].
+        step: [m].
+    """
+    count = max(int(np.floor((length - REMAINDER) / step)), 0)
+    return np.append(step * np.arange(count + 1.0), length)
+
+
+def by_length(curve: MeasuredCurve, step: float) -> Points:
+    """Returns points at equal lengths along a curve, with a shorter last step to its end: the integral of Eq. 14.
+
+    Args:
+        curve: the curve.
+        step: speed times interval [m].
+    """
+    parameter = curve.arc.at(step_lengths(curve.length, step))
+    parameter[0], parameter[-1] = 0.0, 1.0
+    return Points(step, parameter, *curve.at_parameter(parameter))
+
+
+def by_euler(curve: MeasuredCurve, step: float) -> Points:
+    """Returns points by the forward step that [Qin2024] prints, Eq. 14 to 17: theta + V T / |P'(theta)|.
+
+    What is printed stops at the last step that is not beyond the end; the end is added.
+
+    Args:
+        curve: the curve.
+        step: speed times interval, V T [m].
+    """
+    found, theta = [0.0], 0.0
+    while True:
+        rate = curve.contour.rate(np.array([theta]))[0]
+        size = float(np.sqrt(rate @ rate))
+        theta += step / size
+        if theta > 1.0 - REMAINDER / size:
+            break
+        found.append(theta)
+    parameter = np.array([*found, 1.0])
+    return Points(step, parameter, *curve.at_parameter(parameter))
+
+
+def judge(curve: MeasuredCurve, points: Points) -> Quality:
+    """Returns how good points of a curve are.
+
+    A step of length h along a curve whose curvature is at most kappa stays within kappa h² / 8 of its chord: the
+    error of linear interpolation by the length, whose second derivative is the curvature. kappa is bounded on short
+    cells from the contour's derivatives in closed form at their middle and a bound on the third derivative over the
+    cell. What max |P''| times the square of the parameter's step over 8 is holds too; the smaller one counts.
+
+    Args:
+        curve: the curve.
+        points: points on it.
+    """
+    contour, t = curve.contour, points.parameter
+    # Steps are cut into cells, so that there are enough of them on coarse steps too.
+    parts = -(-CELLS // (len(t) - 1))
+    cells = np.linspace(t[:-1], t[1:], parts, endpoint=False, axis=1)
+    edges = np.append(cells.ravel(), t[-1])
+    spacing = _cell_lengths(contour, edges).reshape(-1, parts).sum(axis=1)
+    whole = spacing[:-1] - points.step
+    kappa, second = (bound.reshape(-1, parts).max(axis=1) for bound in _bounds(contour, edges))
+    bounds = np.minimum(kappa * spacing**2, second * np.diff(t) ** 2) / 8.0
+    turned = log_rotation(np.swapaxes(points.R[:-1], 1, 2) @ points.R[1:])
+    rate = contour.rate(t) @ curve.T_part_curve.rotation.T
+    sine = np.linalg.norm(np.cross(points.R[:, :, 0], rate), axis=1)
+    error = float(np.abs(whole).max(initial=0.0))
+    return Quality(
+        spacing_error=error,
+        speed_error=error / points.step,
+        drift=float(abs(whole.sum())),
+        last_step=float(spacing[-1]),
+        chord_error=_chord_error(contour, t),
+        chord_bound=float(bounds.max()) * ROUNDING,
+        curvature_bound=float(kappa.max()) * ROUNDING,
+        turn=float(np.linalg.norm(turned, axis=1).max()),
+        least_dot=float((points.R[:-1] * points.R[1:]).sum(axis=1).min()),
+        lean=float(np.arctan2(sine, (points.R[:, :, 0] * rate).sum(axis=1)).max()),
+    )
+
+
+def _cell_lengths(contour: Contour, edges: FloatArray) -> FloatArray:
+    """Returns the lengths of cells between parameters (k + 1,), by five-point Gauss-Legendre, (k,) [m]."""
+    h = np.diff(edges)
+    inner = edges[:-1, None] + h[:, None] * (0.5 + 0.5 * _NODES)
+    speed = np.linalg.norm(contour.rate(inner.ravel()), axis=1).reshape(inner.shape)
+    found: FloatArray = h * (speed @ (0.5 * _WEIGHTS))
+    return found
+
+
+def _bounds(contour: Contour, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns what curvature [1/m] and second derivative [m] do not exceed on cells between parameters (k + 1,).
+
+    Over a cell of half width d around t: |P''| <= |P''(t)| + d T with T >= |P'''|; |P'| >= |P'(t)| - d max|P''|;
+    |P' x P''| <= |P'(t) x P''(t)| + d T max|P'|; the curvature is |P' x P''| / |P'|³.
+    """
+    t, d = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    rate, bend, third = contour.rate(t), contour.second(t), contour.third_bound(t, d)
+    size = np.linalg.norm(rate, axis=1)
+    second = np.linalg.norm(bend, axis=1) + d * third
+    least, most = np.maximum(size - d * second, 0.0), size + d * second
+    across = np.linalg.norm(np.cross(rate, bend), axis=1) + d * third * most
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kappa = np.where(across > 0.0, across / least**3, 0.0)
+    return kappa, second
+
+
+def _chord_error(contour: Contour, t: FloatArray) -> float:
+    """Returns the largest distance of a curve from the chords between parameters (k,), measured at inner points [m]."""
+    p = contour.point(t)
+    chord = np.diff(p, axis=0)
+    chord /= np.linalg.norm(chord, axis=1)[:, None]
+    worst = 0.0
+    for share in np.arange(1, INNER) / INNER:
+        off = contour.point(t[:-1] + share * np.diff(t)) - p[:-1]
+        across = off - (off * chord).sum(axis=1)[:, None] * chord
+        worst = max(worst, float(np.linalg.norm(across, axis=1).max()))
+    return worst

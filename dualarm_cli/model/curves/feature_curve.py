@@ -1,0 +1,193 @@
+"""Feature curves of parts, by the length along them; their frames never flip."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.model.curves.arc_length import ArcLength
+from dualarm_cli.model.curves.contours import Contour
+from dualarm_cli.model.curves.point_spline import (
+    SAME_NORMAL,
+    UNIT,
+    PointSpline,
+    chord_parameters,
+    quintic,
+    telling,
+)
+from dualarm_cli.model.curves.tool_path import Poses
+
+STANDS = 1e-9
+"""Share of a contour's largest speed by its parameter below which it stands still."""
+SAME_PLACE = 1e-5
+"""Distance below which a curve through poses ends where it begins [m]."""
+
+
+@dataclass(frozen=True)
+class MeasuredCurve(ABC):
+    """A curve on a part, by the length along it."""
+
+    contour: Contour
+    """The curve by a parameter, in a frame of its own."""
+    T_part_curve: pin.SE3
+    """That frame in the part's."""
+
+    @cached_property
+    def arc(self) -> ArcLength:
+        """Its length over the contour's parameter ([Qin2024] Eq. 14)."""
+        return ArcLength.refine(
+            lambda t: np.asarray(np.linalg.norm(self.contour.rate(t), axis=1)), self.contour.nodes
+        )
+
+    @cached_property
+    def length(self) -> float:
+        """Length [m]."""
+        return self.arc.whole
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns frames on the curve in the part's frame at lengths (k,) [m]."""
+        return self.at_parameter(self.arc.at(np.clip(s, 0.0, self.length)))
+
+    def at_parameter(self, t: FloatArray) -> Poses:
+        """Returns frames on the curve in the part's frame at the contour's parameters (k,)."""
+        T = self.T_part_curve
+        return T.rotation @ self.frames(t), self.contour.point(t) @ T.rotation.T + T.translation
+
+    def directions(self, s: FloatArray) -> FloatArray:
+        """Returns unit vectors (k, 3) along the curve in the part's frame at lengths (k,) [m].
+
+        Frames that a file gives may have x elsewhere.
+        """
+        rate = self.contour.rate(self.arc.at(np.clip(s, 0.0, self.length)))
+        found: FloatArray = rate @ self.T_part_curve.rotation.T
+        return found / np.linalg.norm(found, axis=1)[:, None]
+
+    @abstractmethod
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+
+
+@dataclass(frozen=True)
+class FeatureCurve(MeasuredCurve):
+    """A contour on a part with a frame: x along the curve, z out of the surface.
+
+    z is the surface's normal made perpendicular to the curve; as both are smooth the frame never flips ([Qin2024]
+    section 3.3, Fig. 8).
+    """
+
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        return contour_frames(self.contour, t)
+
+
+@dataclass(frozen=True)
+class PoseCurve(MeasuredCurve):
+    """A smooth curve through frames that are given: C4 in position and in rotation, by the chords' lengths.
+
+    Only the way counts as its length, not the turning. Rotations are quintics of their quaternions' entries.
+    """
+
+    rotations: FloatArray
+    """At the contour's points, shape (k, 3, 3)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the array."""
+        object.__setattr__(self, "rotations", readonly(self.rotations))
+
+    @classmethod
+    def through(cls, poses: Sequence[pin.SE3], T_part_curve: pin.SE3) -> PoseCurve:
+        """Returns the curve through frames, smooth also where it ends as it begins.
+
+        Args:
+            poses: two or more; neighbours stand at different places.
+            T_part_curve: what they are given in, in the part's frame.
+        """
+        p = np.array([pose.translation for pose in poses])
+        R = np.array([pose.rotation for pose in poses])
+        closed = len(p) > 3 and float(np.linalg.norm(p[0] - p[-1])) < SAME_PLACE
+        t, turned = chord_parameters(p), _quaternions(R)
+        # Rotations that are the same at both ends are told as open ones all the same: their quaternions change signs.
+        k = max(telling(t, p, closed=closed), telling(t, UNIT * turned, closed=False), key=len)
+        return cls(PointSpline(p[k], R[k, :, 2], closed, t[k]), T_part_curve, R[k])
+
+    @cached_property
+    def _turning(self) -> object:
+        assert isinstance(self.contour, PointSpline)
+        knots, q = self.contour.knots, _quaternions(self.rotations)
+        sign = 1.0 if float(q[0] @ q[-1]) > 0.0 else -1.0
+        if not self.contour.closed or np.abs(q[-1] - sign * q[0]).max() > SAME_NORMAL:
+            return quintic(knots, q, closed=False)
+        # Twice round, the quaternions are themselves again.
+        twice = np.concatenate([q[:-1], sign * q[:-1], q[:1]])
+        return quintic(np.concatenate([knots[:-1], 1.0 + knots]), twice, closed=True)
+
+    def frames(self, t: FloatArray) -> FloatArray:
+        """Returns rotations (k, 3, 3) in the contour's frame at its parameters (k,)."""
+        # Slow to import, and needed for poses alone.
+        from scipy.spatial.transform import Rotation
+
+        return np.asarray(Rotation.from_quat(self._turning(t)).as_matrix())  # type: ignore[operator]
+
+
+def _quaternions(R: FloatArray) -> FloatArray:
+    """Returns the unit quaternions (k, 4) of rotations (k, 3, 3), each the nearer one to its neighbour."""
+    from scipy.spatial.transform import Rotation
+
+    q = Rotation.from_matrix(R).as_quat()
+    turns = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    found: FloatArray = q * np.cumprod(np.append(1.0, turns))[:, None]
+    return found
+
+
+def contour_frames(contour: Contour, t: FloatArray) -> FloatArray:
+    """Returns rotations (k, 3, 3) at parameters (k,): x along the curve, z out of the surface, y = z x x."""
+    rate, normal = contour.rate(t), contour.normal(t)
+    x = rate / np.linalg.norm(rate, axis=1)[:, None]
+    z = normal - (normal * x).sum(axis=1)[:, None] * x
+    z /= np.linalg.norm(z, axis=1)[:, None]
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def least_lean(contour: Contour) -> float:
+    """Returns the least angle between a contour and its surface's normal [rad]: near 0 there is no frame."""
+    rate, normal = contour.rate(contour.nodes), contour.normal(contour.nodes)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sine = np.linalg.norm(np.cross(rate, normal), axis=1) / (
+            np.linalg.norm(rate, axis=1) * np.linalg.norm(normal, axis=1)
+        )
+    return float(np.arcsin(np.clip(np.nan_to_num(sine), 0.0, 1.0)).min())
+
+
+def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
+    """Returns the largest turn of a contour's direction from node to node [rad], and where that is, shape (3,) [m].
+
+    On a smooth contour it is small; where it is large the contour has a corner or turns back, and its frame flips.
+    """
+    rate = contour.rate(contour.nodes)
+    turned = _angles(rate)
+    # Where the direction vanishes it cannot be told from its neighbours': the contour stops there.
+    turned[np.linalg.norm(rate[1:], axis=1) < STANDS * np.linalg.norm(rate, axis=1).max()] = np.pi
+    k = int(np.argmax(turned))
+    return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
+
+
+def sharpest_roll(contour: Contour) -> tuple[float, FloatArray]:
+    """Returns the largest turn of z of a contour's frames from node to node [rad], and where that is, shape (3,) [m].
+
+    Where it is large, normals that are given turn over between two points.
+    """
+    turned = _angles(contour_frames(contour, contour.nodes)[:, :, 2])
+    k = int(np.argmax(turned))
+    return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]
+
+
+def _angles(v: FloatArray) -> FloatArray:
+    """Returns the angles between neighbouring vectors (k, 3), shape (k - 1,) [rad]."""
+    sine = np.linalg.norm(np.cross(v[:-1], v[1:]), axis=1)
+    return np.arctan2(sine, (v[:-1] * v[1:]).sum(axis=1))

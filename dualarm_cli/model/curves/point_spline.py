@@ -1,0 +1,205 @@
+"""Smooth contours through points, with normals given or carried along without turning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.model.curves.contours import NODES
+
+ALONG = 1e-9
+"""Sine of the angle to the curve below which a normal points along it."""
+SAME_NORMAL = 1e-6
+"""Difference of the first and last normal of a closed spline below which they are one."""
+FEW = 8
+"""Points below which the ends of an open spline are straight; more of them tell how it bends there."""
+EXACT, ROUNDED = 1e-9, 1e-5
+"""How near a spline through some of the points comes to the others where these add nothing, and where what is left may
+be what files round away [m]."""
+UNIT = 0.2
+"""Length that a unit vector counts as there [m]: rounded points also misplace vectors along the curve."""
+GAINED = 4.0
+"""Factor by which twice as many points have to bring it nearer: rounding gains nothing."""
+
+
+@dataclass(frozen=True)
+class PointSpline:
+    """A smooth curve through points: a quintic (C4), by the chords' lengths, with normals given or carried along."""
+
+    points: FloatArray
+    """Two or more; neighbours differ [m], shape (k, 3). Where it is closed the last one is taken to be the first."""
+    up: FloatArray
+    """Out of the surface: at every point, shape (k, 3); or at the first one, shape (3,), and from there on turned no
+    more than the curve bends (rotation-minimising)."""
+    closed: bool = False
+    """Whether the last point is the first one, and the curve is as smooth there as anywhere."""
+    given: FloatArray | None = None
+    """Parameters of the points, from 0 to 1, shape (k,); None for those by their own chords' lengths."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("points", "up", "given"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @classmethod
+    def through(cls, points: FloatArray, up: FloatArray, *, closed: bool) -> PointSpline:
+        """Returns the spline through as many of the points as tell the others: see `telling`."""
+        t = chord_parameters(points)
+        normals = up if up.ndim == 2 else np.zeros((len(points), 0))
+        k = telling(t, np.concatenate([points, UNIT * _directions(normals)], axis=1), closed=closed)
+        return cls(points[k], up[k] if up.ndim == 2 else up, closed, t[k])
+
+    @cached_property
+    def knots(self) -> FloatArray:
+        """Parameters of the points, from 0 to 1, shape (k,)."""
+        return chord_parameters(self.points) if self.given is None else self.given
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """The knots, and equal parts between them."""
+        pieces = len(self.knots) - 1
+        parts = max(4, -(-(NODES - 1) // pieces))
+        at = np.linspace(0.0, float(pieces), pieces * parts + 1)
+        return readonly(np.interp(at, np.arange(pieces + 1.0), self.knots))
+
+    @cached_property
+    def _curve(self) -> object:
+        # Periodic ends have to be the same to the last digit.
+        points = np.concatenate([self.points[:-1], self.points[:1]]) if self.closed else self.points
+        return quintic(self.knots, points, closed=self.closed)
+
+    @cached_property
+    def _normals(self) -> object:
+        if self.up.ndim == 1:
+            nodes = self.nodes
+            carried = _carried_along(self.up, self.point(nodes), self.rate(nodes))
+            return quintic(nodes, carried, closed=False)
+        up = _directions(self.up)
+        if self.closed and np.allclose(up[0], up[-1], rtol=0.0, atol=SAME_NORMAL):
+            up[-1] = up[0]
+            return quintic(self.knots, up, closed=True)
+        return quintic(self.knots, up, closed=False)
+
+    def point(self, t: FloatArray) -> FloatArray:
+        """Returns points (k, 3) [m] at parameters (k,)."""
+        return np.asarray(self._curve(t))  # type: ignore[operator]
+
+    def rate(self, t: FloatArray) -> FloatArray:
+        """Returns their derivatives by the parameter (k, 3) [m]."""
+        return np.asarray(self._curve(t, 1))  # type: ignore[operator]
+
+    def second(self, t: FloatArray) -> FloatArray:
+        """Returns their second derivatives by the parameter (k, 3) [m]."""
+        return np.asarray(self._curve(t, 2))  # type: ignore[operator]
+
+    def third_bound(self, t: FloatArray, half: FloatArray) -> FloatArray:
+        """Returns what the third derivative's length does not exceed (k,) [m] within `half` (k,) of parameters (k,).
+
+        It is a parabola between knots, within the hull of its three Bezier points: the farthest of those of the
+        stretches between knots that are touched.
+        """
+        third, fourth = (np.asarray(self._curve(self.knots, k)) for k in (3, 4))  # type: ignore[operator]
+        middle = third[:-1] + 0.5 * np.diff(self.knots)[:, None] * fourth[:-1]
+        hull = np.stack([third[:-1], middle, third[1:]])
+        size = np.linalg.norm(hull, axis=2).max(axis=0)
+        last = len(size) - 1
+        low = np.clip(np.searchsorted(self.knots, t - half, side="left") - 1, 0, last)
+        high = np.clip(np.searchsorted(self.knots, t + half, side="right") - 1, 0, last)
+        edges = np.stack([low, high + 1], axis=1).ravel()
+        found: FloatArray = np.maximum.reduceat(np.append(size, 0.0), edges)[::2]
+        return found
+
+    def normal(self, t: FloatArray) -> FloatArray:
+        """Returns vectors (k, 3) that point out of the surface."""
+        return np.asarray(self._normals(t))  # type: ignore[operator]
+
+
+def chord_parameters(points: FloatArray) -> FloatArray:
+    """Returns parameters of points (k, 3) from 0 to 1 by the chords' lengths, shape (k,)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    found = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+    found[-1] = 1.0
+    return readonly(found)
+
+
+def telling(knots: FloatArray, values: FloatArray, *, closed: bool) -> IntArray:
+    """Returns the places of as few of k values as tell the others, or of all, rising.
+
+    A curve is the same however densely a file describes it: derivatives of a spline through all of many points are
+    those of what the file rounds away. Those that are taken are equally many apart; they are doubled until the spline
+    passes the others at EXACT, or at ROUNDED and twice as many bring it no nearer.
+
+    Args:
+        knots: parameters of the values, rising, shape (k,).
+        values: points, or unit vectors by UNIT [m], shape (k, d).
+        closed: whether the last value is the first one.
+    """
+    last, pieces, before = len(knots) - 1, FEW, np.inf
+    fewer = np.arange(0)
+    values = np.concatenate([values[:-1], values[:1]]) if closed else values
+    while 2 * pieces <= last:
+        k: IntArray = np.linspace(0, last, pieces + 1).round().astype(np.int64)
+        found = np.asarray(quintic(knots[k], values[k], closed=closed)(knots))  # type: ignore[operator]
+        off = float(np.abs(found - values).max())
+        if before <= ROUNDED and off * GAINED > before:
+            return fewer
+        if off <= EXACT:
+            return k
+        pieces, before, fewer = 2 * pieces, off, k
+    return np.arange(last + 1)
+
+
+def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
+    """Returns a quintic spline (C4): its tangents are smooth enough for finite jerk.
+
+    Periodic where it is closed. At open ends it goes on as the values next to them tell; of few values it is straight.
+    """
+    # Slow to import, and needed for splines alone.
+    from scipy.interpolate import make_interp_spline
+
+    if not closed and len(knots) > FEW:
+        return make_interp_spline(knots, values, k=5)
+    free = [(2, np.zeros(values.shape[1])), (4, np.zeros(values.shape[1]))]
+    return make_interp_spline(knots, values, k=5, bc_type="periodic" if closed else (free, free))
+
+
+def _directions(vectors: FloatArray) -> FloatArray:
+    """Returns vectors (k, d) at length 1: a long normal beside short ones would pull the curve between them."""
+    if not vectors.size:
+        return vectors
+    found: FloatArray = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return found
+
+
+def _carried_along(up: FloatArray, p: FloatArray, rate: FloatArray) -> FloatArray:
+    """Returns a normal carried along a curve without turning about it, by double reflection ([Wang2008]).
+
+    Zeros where it points along the curve at the first point: there is nothing to carry then.
+
+    Args:
+        up: at the first point, shape (3,).
+        p: points [m], shape (k, 3).
+        rate: along the curve, shape (k, 3).
+    """
+    tangent = rate / np.linalg.norm(rate, axis=1)[:, None]
+    found = np.empty_like(p)
+    r = up - (up @ tangent[0]) * tangent[0]
+    if np.linalg.norm(r) < ALONG * np.linalg.norm(up):
+        return np.zeros_like(p)
+    found[0] = r = r / np.linalg.norm(r)
+    for k in range(len(p) - 1):
+        # First in the plane between the points, then in the one between the tangents.
+        v = p[k + 1] - p[k]
+        scale = 2.0 / (v @ v)
+        r = r - scale * (v @ r) * v
+        t = tangent[k] - scale * (v @ tangent[k]) * v
+        w = tangent[k + 1] - t
+        size = w @ w
+        if size > 0.0:
+            r = r - 2.0 / size * (w @ r) * w
+        found[k + 1] = r
+    return found

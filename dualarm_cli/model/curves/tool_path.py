@@ -1,0 +1,248 @@
+"""Tool paths: lines, arcs, turns and splines of a tool centre point, by the length travelled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.geometry.rotations import exp_rotation, log_rotation
+from dualarm_cli.model.curves.arc_length import ArcLength
+
+TURN_LENGTH = 0.1
+"""Length that turning by one radian counts as [m]: what a tool that turns on the spot travels."""
+SAME_DIRECTION = 1e-3
+"""Difference of the directions of two pieces, per unit of length, above which they meet in a corner."""
+SPLINE_NODES = 2048
+"""Points at which the length of a spline is measured."""
+
+Poses = tuple[FloatArray, FloatArray]
+"""Rotations (k, 3, 3) and positions (k, 3) [m] in the world."""
+
+
+class Piece(Protocol):
+    """A smooth stretch of a path."""
+
+    @property
+    def length(self) -> float:
+        """Length [m]: the tool centre point's way, or TURN_LENGTH per radian of turning where that is more."""
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m], 0 to `length`."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight way; the tool turns about one axis, in proportion to the way."""
+
+    start: pin.SE3
+    """Pose at its start."""
+    end: pin.SE3
+    """Pose at its end."""
+
+    @cached_property
+    def _turn(self) -> FloatArray:
+        return log_rotation(self.start.rotation.T @ self.end.rotation)
+
+    @cached_property
+    def length(self) -> float:
+        """Length [m]."""
+        way = float(np.linalg.norm(self.end.translation - self.start.translation))
+        return max(way, TURN_LENGTH * float(np.linalg.norm(self._turn)))
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m]."""
+        share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
+        way = self.end.translation - self.start.translation
+        R = self.start.rotation @ exp_rotation(share * self._turn)
+        return R, self.start.translation + share * way
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A turn about a fixed axis: the tool centre point goes on a circle, the tool turns along or keeps its rotation.
+
+    Arcs are turns too, with a rotation of their own from start to end.
+    """
+
+    start: pin.SE3
+    """Pose at its start."""
+    about: FloatArray
+    """A point of the axis in the world [m], shape (3,)."""
+    axis: FloatArray
+    """Unit vector along the axis in the world, shape (3,)."""
+    angle: float
+    """By how much it turns [rad], positive by the right hand."""
+    rotation: FloatArray
+    """Rotation vector of the tool from start to end, in the world [rad], shape (3,)."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("about", "axis", "rotation"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @cached_property
+    def length(self) -> float:
+        """Length [m]."""
+        arm = self.start.translation - self.about
+        radius = float(np.linalg.norm(arm - self.axis * (self.axis @ arm)))
+        turned = TURN_LENGTH * float(np.linalg.norm(self.rotation))
+        return max(radius * abs(self.angle), turned)
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m]."""
+        share = (s / self.length)[:, None] if self.length else np.zeros((len(s), 1))
+        circle = exp_rotation(share * self.angle * self.axis)
+        R = exp_rotation(share * self.rotation) @ self.start.rotation
+        return R, self.about + circle @ (self.start.translation - self.about)
+
+    @classmethod
+    def through(cls, start: pin.SE3, via: FloatArray, end: pin.SE3) -> Turn | None:
+        """Returns the arc from one pose by a point to another; None where the three points lie on a line.
+
+        Args:
+            start: pose at its start.
+            via: a point on it [m], shape (3,).
+            end: pose at its end; the tool turns about one axis from start to end.
+        """
+        a, b = via - start.translation, end.translation - start.translation
+        normal = np.cross(a, b)
+        size = float(normal @ normal)
+        if size < 1e-12 * (float(a @ a) * float(b @ b)) or size == 0.0:
+            return None
+        # The circumcentre of the three points.
+        to_centre = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
+        about = start.translation + to_centre / (2.0 * size)
+        axis = normal / np.sqrt(size)
+        first, last = start.translation - about, end.translation - about
+        angle = float(np.arctan2(axis @ np.cross(first, last), first @ last) % (2.0 * np.pi))
+        rotation = log_rotation(end.rotation @ start.rotation.T)
+        return cls(start, about, axis, angle, rotation)
+
+
+@dataclass(frozen=True)
+class Spline:
+    """A smooth way through poses: C2 in position (natural cubic) and in rotation, by the chords' lengths."""
+
+    poses: tuple[pin.SE3, ...]
+    """Two or more; neighbours differ."""
+
+    @cached_property
+    def _knots(self) -> FloatArray:
+        steps = [Line(a, b).length for a, b in zip(self.poses, self.poses[1:], strict=False)]
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @cached_property
+    def _curves(self) -> tuple[object, object]:
+        # Slow to import, and needed for splines alone.
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        p = np.array([pose.translation for pose in self.poses])
+        R = Rotation.from_matrix(np.array([pose.rotation for pose in self.poses]))
+        return CubicSpline(self._knots, p, bc_type="natural"), RotationSpline(self._knots, R)
+
+    @cached_property
+    def _lengths(self) -> ArcLength:
+        """Length over the parameter; its nodes are the knots and equal parts between them."""
+        count = max(SPLINE_NODES, 32 * len(self.poses))
+        share = np.linspace(0.0, len(self.poses) - 1.0, count)
+        between = np.interp(share, np.arange(len(self.poses)), self._knots)
+        return ArcLength.measure(self._speed, np.unique([*between.tolist(), *self._knots.tolist()]))
+
+    @cached_property
+    def turns_back(self) -> int | None:
+        """The pose nearest to where way and turning reverse at once, so that the tool would have to stop; else None."""
+        position, rotation = self._curves
+        u = self._lengths.parameter
+        rate = np.hstack([position(u, 1), TURN_LENGTH * rotation(u, 1)])  # type: ignore[operator]
+        back = np.flatnonzero((rate[1:] * rate[:-1]).sum(axis=1) <= 0.0)
+        return int(np.argmin(np.abs(self._knots - u[back[0]]))) if back.size else None
+
+    def _speed(self, u: FloatArray) -> FloatArray:
+        """Returns the length per unit of the parameter, smooth where neither way nor turning vanishes."""
+        position, rotation = self._curves
+        way = np.linalg.norm(position(u, 1), axis=-1)  # type: ignore[operator]
+        turned = TURN_LENGTH * np.linalg.norm(rotation(u, 1), axis=-1)  # type: ignore[operator]
+        found: FloatArray = np.maximum(way, turned)
+        return found
+
+    @cached_property
+    def length(self) -> float:
+        """Length [m]."""
+        return self._lengths.whole
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m]."""
+        at = self._lengths.at(s)
+        position, rotation = self._curves
+        return rotation(at).as_matrix(), position(at)  # type: ignore[operator]
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """The way of one tool centre point: pieces one after the other."""
+
+    pieces: tuple[Piece, ...]
+    """At least one; each starts where the one before ends."""
+    _edges: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Measures the pieces."""
+        edges = np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
+        object.__setattr__(self, "_edges", readonly(edges))
+
+    @property
+    def length(self) -> float:
+        """Length of all pieces [m]."""
+        return float(self._edges[-1])
+
+    def at(self, s: FloatArray) -> Poses:
+        """Returns poses at lengths s (k,) [m]; beyond the ends those of the ends."""
+        s = np.clip(np.asarray(s, dtype=np.float64), 0.0, self.length)
+        k = np.clip(np.searchsorted(self._edges, s, side="right") - 1, 0, len(self.pieces) - 1)
+        R, p = np.empty((len(s), 3, 3)), np.empty((len(s), 3))
+        for number, piece in enumerate(self.pieces):
+            mine = k == number
+            if mine.any():
+                own = np.clip(s[mine] - self._edges[number], 0.0, piece.length)
+                R[mine], p[mine] = piece.at(own)
+        return R, p
+
+    @property
+    def junctions(self) -> tuple[float, ...]:
+        """Lengths at which pieces meet [m]."""
+        return tuple(float(edge) for edge in self._edges[1:-1])
+
+    def pose(self, s: float) -> pin.SE3:
+        """Returns the pose at one length [m]."""
+        R, p = self.at(np.array([s]))
+        return pin.SE3(R[0], p[0])
+
+    @cached_property
+    def corners(self) -> tuple[float, ...]:
+        """Lengths at which the tool has to stop, because way or turning change their direction [m]."""
+        found = []
+        for edge, one, other in zip(self._edges[1:], self.pieces, self.pieces[1:], strict=False):
+            before, after = _direction(one, one.length), _direction(other, 0.0)
+            if np.abs(before - after).max() > SAME_DIRECTION:
+                found.append(float(edge))
+        return tuple(found)
+
+
+def _direction(piece: Piece, s: float) -> FloatArray:
+    """Returns way and turning per length at one end of a piece, shape (6,), by a one-sided difference."""
+    step = 1e-3 * piece.length
+    if step == 0.0:
+        return np.zeros(6)
+    inward = 1.0 if s == 0.0 else -1.0
+    # Second order: from the values at the end, one step and two steps inward.
+    R, p = piece.at(s + inward * step * np.arange(3.0))
+    turn = log_rotation(R @ R[0].T)
+    stacked = np.concatenate([p - p[0], TURN_LENGTH * turn], axis=1)
+    slope: FloatArray = inward * (4.0 * stacked[1] - stacked[2]) / (2.0 * step)
+    return slope

@@ -1,0 +1,282 @@
+"""Transfers that are not straight: along a curve, by a posture, or all joints along one path; within a tool's cap."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from math import comb
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    largest_tool_speed,
+    slowed,
+    transfers_within_tool_speed,
+)
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.line_profile import estimate_line_durations
+from dualarm_cli.timing.problem import LineProblem
+
+CONTROLS = 4
+"""Control points between start and goal: curves of degree five."""
+TIMED_SAMPLES = 9
+"""Points of a curve from which its time is estimated."""
+POPULATION = 40
+"""Curves of a round."""
+ELITE = 8
+"""Best ones of a round, about which the next one is drawn."""
+ROUNDS = 20
+"""Rounds of a search."""
+SPREADS = (0.15, 0.3, 0.6, 1.0)
+"""Standard deviations of the first control points about the straight way [rad]."""
+FIRST = 50
+"""First curves of each spread."""
+LEAST_SPREAD = 0.01
+"""Standard deviation below which nothing is to be gained [rad]."""
+MISSING_WEIGHT = 350.0
+"""What a metre of missing clearance costs at full speed [s/m]."""
+
+Missing = Callable[[FloatArray], FloatArray]
+"""How much clearance curves (c, points, 7) lack, at their points on the average [m], shape (c,); 0 for free ones."""
+ToolTimes = Callable[[FloatArray], FloatArray]
+"""How long the tool needs along curves (c, points, 7) at least [s], shape (c,)."""
+
+
+def curve(start: FloatArray, controls: FloatArray, goal: FloatArray, count: int) -> FloatArray:
+    """Returns points of Bezier curves, shape (..., count, 7) [rad].
+
+    Args:
+        start: where they begin [rad], shape (n,).
+        controls: control points between [rad], shape (..., c, 7).
+        goal: where they end [rad], shape (n,).
+        count: how many points, equally spaced in the parameter.
+    """
+    basis = _bernstein(controls.shape[-2] + 1, count)
+    ends = basis[:, :1] * start + basis[:, -1:] * goal
+    points: FloatArray = ends + basis[:, 1:-1] @ controls
+    return points
+
+
+@lru_cache(maxsize=8)
+def _bernstein(degree: int, count: int) -> FloatArray:
+    """Returns Bernstein polynomials at equally spaced parameters, shape (count, degree + 1)."""
+    s = np.linspace(0.0, 1.0, count)[:, None]
+    k = np.arange(degree + 1)
+    number = np.array([comb(degree, int(i)) for i in k], dtype=np.float64)
+    return number * s**k * (1.0 - s) ** (degree - k)
+
+
+def quick_curves(
+    start: FloatArray,
+    goal: FloatArray,
+    limits: JointLimits,
+    least: float,
+    missing: Missing,
+    samples: int,
+    pace: float,
+    seed: int,
+    tool: ToolTimes | None = None,
+) -> list[FloatArray]:
+    """Returns control points (CONTROLS, n) of the quickest free curves found, best first; none where none is free.
+
+    The cross-entropy method [Rubinstein1999] over the control points, with what is missing of the clearance as a
+    penalty: normal distributions about the best of every round.
+
+    Args:
+        start: where they begin [rad], shape (n,).
+        goal: where they end [rad], shape (n,).
+        limits: of the joints.
+        least: time below which a curve gains nothing [s].
+        missing: how much clearance curves lack.
+        samples: points of a curve that are looked at.
+        pace: how much slower than at full speed the joints are.
+        seed: of the random curves.
+        tool: how long the tool needs along them; None where its speed has no cap.
+    """
+    random, n = np.random.default_rng(seed), len(start)
+    share = np.linspace(0.0, 1.0, CONTROLS + 2)[1:-1, None]
+    straight = start + share * (goal - start)
+    # Most first curves bulge as a whole; the ends of their bulges differ.
+    bulge = random.normal(size=(len(SPREADS), FIRST, 1, n)) + 0.5 * random.normal(
+        size=(len(SPREADS), FIRST, CONTROLS, n)
+    )
+    drawn = straight + (np.array(SPREADS)[:, None, None, None] * bulge).reshape(-1, CONTROLS, n)
+    drawn = np.clip(drawn, limits.lower, limits.upper)
+    best: FloatArray = np.empty((0, CONTROLS, n))
+    worth: FloatArray = np.empty(0)
+    lacking: FloatArray = np.empty(0)
+    for _ in range(ROUNDS):
+        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples, pace, tool)
+        best, worth, lacking = (
+            np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
+        )
+        order = np.argsort(worth, kind="stable")[:ELITE]
+        best, worth, lacking = best[order], worth[order], lacking[order]
+        spread = best.std(axis=0) * 1.1 + LEAST_SPREAD
+        if spread.max() < 2.0 * LEAST_SPREAD:
+            break
+        drawn = best.mean(axis=0) + spread * random.normal(size=(POPULATION, CONTROLS, n))
+        drawn = np.clip(drawn, limits.lower, limits.upper)
+    return [controls for controls, lack in zip(best, lacking, strict=True) if lack == 0.0]
+
+
+def _worth(
+    start: FloatArray,
+    controls: FloatArray,
+    goal: FloatArray,
+    limits: JointLimits,
+    least: float,
+    missing: Missing,
+    samples: int,
+    pace: float,
+    tool: ToolTimes | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
+    few = curve(start, controls, goal, TIMED_SAMPLES)
+    share = np.linspace(0.0, 1.0, TIMED_SAMPLES)
+    time = np.maximum(estimate_line_durations(few, share, limits), least)
+    points = curve(start, controls, goal, samples)
+    if tool is not None:
+        time = np.maximum(time, tool(points))
+    beyond = np.maximum(points - limits.upper, 0.0) + np.maximum(limits.lower - points, 0.0)
+    lack = missing(points) + beyond.sum(axis=(1, 2))
+    # Of equally quick ones the one that moves least.
+    travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
+    return time + pace * MISSING_WEIGHT * lack + 1e-3 * travel, lack
+
+
+CURVE_POINTS = 65
+"""Points of a curve that is passed along."""
+CURVE_KNOTS = 48
+"""Knots of its motion at least."""
+
+
+def detour_pieces(
+    model: CellModel,
+    plan: StagePlan,
+    name: str,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+    platform: Trajectory | None,
+) -> list[Trajectory]:
+    """Returns an arm's way by a posture: there, a pause, and on; or in one curve that does not stop there.
+
+    Args:
+        model: the cell.
+        plan: the stage, with a detour of the arm.
+        name: the arm.
+        columns: columns of each joint group within the limits' joints.
+        limits: what the joints may do.
+        timing: how transfers are timed.
+        cap: largest speed of any tool centre point in the world [m/s], or None.
+        platform: what the platform does meanwhile; None where it stands.
+
+    Raises:
+        InfeasibleError: the tool exceeds its cap however slowly the arm goes, since the platform moves it.
+    """
+    detour, index = plan.detours[name], columns[name]
+    joints = tuple(limits.joints[i] for i in index)
+    if detour.pause is None:
+        points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
+        late = plan.waits.get(name, 0.0)
+
+        def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
+            q = np.tile(plan.start, (len(time), 1))
+            if platform is not None:
+                q[:, columns[PLATFORM]] = platform.at(time + late)[0]
+            q[:, index] = piece.at(time)[0]
+            return q
+
+        return [_along(model, [name], joints, points, limits, timing, cap, position_at)]
+    between = np.array(plan.start)
+    between[index] = detour.points[0]
+    goal = np.array(plan.start)
+    goal[index] = plan.arrival[index]
+    legs = []
+    for start, end in ((plan.start, between), (between, goal)):
+        alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
+        moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
+        legs.append([moved.motion[name]] if name in moved.motion else [])
+    # The posture may be the start itself: the pause comes first then.
+    pause = [hold(joints, detour.points[0], detour.pause)] if detour.pause > 0.0 else []
+    return [*legs[0], *pause, *legs[1]]
+
+
+def path_pieces(
+    model: CellModel,
+    plan: StagePlan,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+) -> dict[str, Trajectory]:
+    """Returns the motion of every joint group along a stage's common path; arguments as of `detour_pieces`."""
+    assert plan.path is not None  # asked for only where there is one
+
+    def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
+        q: FloatArray = piece.at(time)[0]
+        return q
+
+    arms = list(model.arms)
+    whole = _along(model, arms, limits.joints, plan.path, limits, timing, cap, position_at)
+    return {
+        name: whole.select([limits.joints[i] for i in index]) for name, index in columns.items()
+    }
+
+
+def _along(
+    model: CellModel,
+    arms: Sequence[str],
+    joints: tuple[str, ...],
+    points: FloatArray,
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+    position_at: Callable[[Trajectory, FloatArray], FloatArray],
+) -> Trajectory:
+    """Returns the quickest motion along points of a curve [rad], shape (m, n), in which no tool exceeds its cap.
+
+    Args:
+        model: the cell.
+        arms: those whose tools count.
+        joints: that move along the curve.
+        points: of the curve.
+        limits: what the joints may do.
+        timing: how curves are timed.
+        cap: largest speed of those tool centre points in the world [m/s], or None.
+        position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
+
+    Raises:
+        InfeasibleError: a tool exceeds its cap at any speed along the curve.
+    """
+    share, own = np.linspace(0.0, 1.0, len(points)), limits.select(joints)
+
+    def made(factor: float) -> Trajectory:
+        slower = replace(own, velocity=own.velocity * factor)
+        return timing.line(LineProblem(joints, points, share, slower, None, CURVE_KNOTS))
+
+    if cap is None:
+        return made(1.0)
+
+    def speed(piece: Trajectory) -> float:
+        return largest_tool_speed(
+            model, arms, lambda time: position_at(piece, time), piece.duration
+        )
+
+    found = slowed(made, speed, cap)
+    if found is None:
+        raise InfeasibleError(
+            f"limits: tool_speed: along a detour a tool exceeds {cap:g} m/s at any speed of its arm"
+        )
+    return found

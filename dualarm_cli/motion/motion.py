@@ -1,0 +1,368 @@
+"""From decided stages to motion: every transfer, line, dwell and wait of every joint group."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+
+import numpy as np
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.bent_transfers import detour_pieces, path_pieces
+from dualarm_cli.motion.stop_motion import (
+    Key,
+    Known,
+    Recorder,
+    add_handover,
+    add_segment,
+    add_stop,
+    at_knot,
+    stage_of,
+)
+from dualarm_cli.motion.transfers import (
+    PLATFORM,
+    Transfers,
+    transfers_within_tool_speed,
+)
+from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import concatenate, hold, merge
+
+ROUNDS = 3
+"""So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
+ALIKE, ROUNDING = 2e-3, 1e-12
+"""Waits that differ by less are for the same, as parts are met a little later than they could be, or one but for
+rounding [s]."""
+
+
+@dataclass(frozen=True)
+class StageWaits:
+    """What is waited for."""
+
+    common: float = 0.0
+    """How long all wait together before the stage begins [s]."""
+    reasons: Mapping[str, WaitReason] = field(default_factory=dict)
+    """Why, by arm."""
+    held: Mapping[str, float] = field(default_factory=dict)
+    """How long one arm waits in the stage before it leaves, so that both meet their parts [s], by arm."""
+
+
+def waiting_for_tasks(plans: Sequence[StagePlan]) -> list[dict[str, ArmStop]]:
+    """Returns by stage the arms without a stop in it whose next task comes after one not yet over, with its first stop.
+
+    Args:
+        plans: all stages in order.
+    """
+    last = {one.task.id: k for k, plan in enumerate(plans) for one in plan.stops.values()}
+    following: dict[str, ArmStop] = {}
+    found: list[dict[str, ArmStop]] = []
+    for k, plan in reversed(list(enumerate(plans))):
+        found.append(
+            {
+                name: one
+                for name, one in following.items()
+                if name not in plan.stops
+                and one.stop.action == one.task.stops[0].action
+                and any(last.get(other, -1) >= k for other in one.task.after)
+            }
+        )
+        following |= plan.stops
+    return found[::-1]
+
+
+def stage_waits(
+    plan: StagePlan,
+    arrivals: Callable[[Mapping[str, float]], dict[str, float]],
+    arms: Sequence[str],
+    clock: float | None,
+) -> StageWaits:
+    """Returns what a stage waits for.
+
+    All wait together, so that in the stage itself everything stays as it is. Only where both arms meet parts on
+    conveyors does one of them wait in the stage, and does so also where the stage is looked at by itself. What would
+    come too late for its part comes too late: the planner sees it from the event.
+
+    Args:
+        plan: the stage.
+        arrivals: when tools are at their targets, from the stage's begin [s], where arms are held back by so much.
+        arms: names of all arms.
+        clock: when the stage could begin [s]; None for a stage by itself, which has no time to wait for.
+    """
+    meets = {
+        name: stop.stop.belt.at
+        for name, stop in plan.stops.items()
+        if stop.tracked is not None and stop.stop.belt is not None
+    }
+    opens = {
+        name: stop.task.not_before
+        for name, stop in plan.stops.items()
+        if stop.stop.action == stop.task.stops[0].action and stop.task.not_before > (clock or 0.0)
+    }
+    if not meets and (clock is None or not opens):
+        return StageWaits()
+    held: dict[str, float] = {}
+    there = arrivals(held)
+    # On one path all joints move together: nobody is held back.
+    if len(meets) > 1 and plan.path is None:
+        for _ in range(ROUNDS):
+            spare = {name: at - there[name] for name, at in meets.items()}
+            least = min(spare.values())
+            if max(spare.values()) - least <= ROUNDING:
+                break
+            held = {name: held.get(name, 0.0) + more - least for name, more in spare.items()}
+            there = arrivals(held)
+    if clock is None:
+        return StageWaits(held=held)
+    due: dict[str, tuple[float, WaitReason]] = {
+        name: (opens[name] - clock - there[name], "window") for name in opens
+    }
+    for name, at in meets.items():
+        early = at - clock - there[name]
+        if name not in due or early >= due[name][0]:
+            due[name] = early, "conveyor"
+    wait = max(0.0, *(early for early, _ in due.values()))
+    reasons: dict[str, WaitReason] = {
+        name: due[name][1] if name in due and wait - due[name][0] <= ALIKE else "partner"
+        for name in arms
+    }
+    return StageWaits(wait, reasons, held)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A stretch in which a group moves, or stands for one reason."""
+
+    motion: Trajectory
+    """What its joints do."""
+    reason: WaitReason = ""
+    """Why it stands; empty where it moves."""
+
+
+def moves_to_lines(
+    model: CellModel,
+    plan: StagePlan,
+    name: str,
+    transfers: Transfers,
+    together: Mapping[str, Trajectory],
+    platform_end: float,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+    held: float = 0.0,
+) -> list[Move]:
+    """Returns what a group does from a stage's start until its lines begin, or until it has returned.
+
+    Args:
+        model: the cell.
+        plan: the stage.
+        name: the group.
+        transfers: the stage's straight transfers.
+        together: by group, where all joints move along one path.
+        platform_end: when the platform is there, counted from the stage's start [s].
+        columns: columns of each group within the limits' joints.
+        limits: what the joints may do.
+        timing: how transfers are timed.
+        cap: largest speed of any tool centre point [m/s], or None.
+        held: how long it stands first, for what a conveyor brings [s].
+    """
+    index = columns[name]
+    joints = tuple(limits.joints[i] for i in index)
+    late = plan.waits.get(name, 0.0)
+    moves = [Move(hold(joints, plan.start[index], late), "shared_zone")] if late > 0.0 else []
+    if held > 0.0:
+        moves.insert(0, Move(hold(joints, plan.start[index], held), "conveyor"))
+        late += held
+    if name in together:
+        moves.append(Move(together[name]))
+    elif name in plan.detours:
+        pieces = detour_pieces(
+            model, plan, name, columns, limits, timing, cap, transfers.motion.get(PLATFORM)
+        )
+        moves += [Move(piece, "shared_zone" if _stands(piece) else "") for piece in pieces]
+        # Its line begins when the platform is there as well.
+        rest = platform_end - (late + sum(piece.duration for piece in pieces))
+        if name in plan.stops and rest > 0.0:
+            moves.append(Move(hold(joints, plan.arrival[index], rest), "platform"))
+    elif name in transfers.motion:
+        motion = transfers.motion[name]
+        # An arm whose line begins where it is stands until the platform is there.
+        moves.append(Move(motion, "platform" if _stands(motion) else ""))
+    return moves
+
+
+def _stands(motion: Trajectory) -> bool:
+    return bool((motion.position == motion.position[0]).all() and not np.any(motion.velocity))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A job's whole motion and what is said to happen in it."""
+
+    trajectory: Trajectory
+    """All joints of the robot."""
+    stages: tuple[Stage, ...]
+    """In time order."""
+    segments: tuple[Segment, ...]
+    """Arm by arm, in time order."""
+    events: tuple[Event, ...]
+    """In time order."""
+
+
+def realise(
+    model: CellModel,
+    job: Job,
+    plans: list[StagePlan],
+    timing: TimingSolver,
+    known: Known | None = None,
+    *,
+    windows: bool = True,
+    clock: float = 0.0,
+) -> Motion:
+    """Returns the motion of the decided stages under every limit of the job.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        plans: its stages in order.
+        timing: how transfers and lines are timed.
+        known: what is timed already; what is new is added.
+        windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
+        clock: when the first stage begins [s], for its windows; the motion itself is from 0.
+    """
+    robot = job.cell.robot
+    limits = robot.limits.scaled(job.speed)
+    columns = {PLATFORM: model.platform_columns} if robot.platform else {}
+    columns |= {name: arm.columns for name, arm in model.arms.items()}
+    record = Recorder(
+        {name: [] for name in columns},
+        {name: [] for name in model.arms},
+        Known() if known is None else known,
+    )
+    for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):
+        key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
+        if key not in record.known.transfers:
+            record.known.transfers[key] = transfers_within_tool_speed(
+                model, plan, columns, limits, timing, job.tool_speed
+            )
+        transfers = record.known.transfers[key]
+        begin = record.clock
+
+        def arrivals(
+            held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
+        ) -> dict[str, float]:
+            alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
+            _add_stage(alone, model, job, plan, transfers, columns, limits, timing, held, {})
+            return {event.arm: event.time for event in alone.events}
+
+        waits = stage_waits(plan, arrivals, list(model.arms), clock + begin if windows else None)
+        _wait(record, plan, waits, columns, limits.joints)
+        _add_stage(record, model, job, plan, transfers, columns, limits, timing, waits.held, after)
+        record.stages[-1] = replace(record.stages[-1], start=begin)
+    for name, index in columns.items():
+        if not record.pieces[name]:
+            # Nothing ever moves: a free start that is also the end.
+            joints = tuple(robot.joints[i] for i in index)
+            record.pieces[name].append(hold(joints, plans[-1].end[index], 0.0))
+    trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
+    events = [at_knot(event, trajectory.time) for event in record.events]
+    return Motion(
+        trajectory,
+        tuple(record.stages),
+        with_ends([part for name in record.segments for part in record.segments[name]], events),
+        tuple(sorted(events, key=lambda event: (event.time, event.arm))),
+    )
+
+
+def _wait(
+    record: Recorder,
+    plan: StagePlan,
+    waits: StageWaits,
+    columns: Mapping[str, list[int]],
+    joints: tuple[str, ...],
+) -> None:
+    """Lets all joints stand before a stage begins, so that in the stage itself everything stays as it is."""
+    if waits.common <= 0.0:
+        return
+    for name, index in columns.items():
+        group = tuple(joints[i] for i in index)
+        record.pieces[name].append(hold(group, plan.start[index], waits.common))
+        if name != PLATFORM:
+            span = record.clock, record.clock + waits.common
+            add_segment(record, name, "wait", plan.stops.get(name), *span, waits.reasons[name])
+    record.clock += waits.common
+
+
+def _add_stage(
+    record: Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    transfers: Transfers,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    held: Mapping[str, float],
+    after: Mapping[str, ArmStop],
+) -> None:
+    """Appends one stage: transfers, then each arm's lines and dwell, then waiting for the others.
+
+    `after` has the next stops of arms that wait for a task to be over.
+    """
+    begin, ends = record.clock, dict.fromkeys(columns, 0.0)
+    together = {}
+    if plan.path is not None:
+        together = path_pieces(model, plan, columns, limits, timing, job.tool_speed)
+    kind: SegmentKind = "transfer" if plan.stops else "return"
+    for name in columns:
+        moves = moves_to_lines(
+            model,
+            plan,
+            name,
+            transfers,
+            together,
+            ends.get(PLATFORM, 0.0),
+            columns,
+            limits,
+            timing,
+            job.tool_speed,
+            held.get(name, 0.0),
+        )
+        for reason, run in groupby(moves, key=lambda move: move.reason):
+            pieces = [move.motion for move in run]
+            record.pieces[name] += pieces
+            start = ends[name]
+            ends[name] += sum(piece.duration for piece in pieces)
+            if name != PLATFORM and ends[name] > start:
+                span = begin + start, begin + ends[name]
+                what = "wait" if reason else kind
+                add_segment(record, name, what, plan.stops.get(name), *span, reason)
+    arrived = dict(ends)
+    pair = giver_and_taker(plan.stops)
+    if pair is not None:
+        ends |= add_handover(record, model, job, plan, pair, ends, limits, timing)
+    else:
+        for name, arm_stop in plan.stops.items():
+            clock = begin + ends[name]
+            end = add_stop(record, model, job, plan, arm_stop, clock, limits, timing)
+            ends[name] = end - begin
+    length = max(ends.values())
+    for name, index in columns.items():
+        if ends[name] < length:
+            names = tuple(model.cell.robot.joints[i] for i in index)
+            record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
+            if name != PLATFORM:
+                span = begin + ends[name], begin + length
+                why: WaitReason = "after" if name in after else "partner"
+                add_segment(record, name, "wait", after.get(name), *span, why)
+    record.clock = begin + length
+    # In a hand-over the one that comes last decides, not the one that leaves last.
+    last = ends if pair is None else arrived
+    critical = max(plan.stops, key=lambda name: last[name], default="")
+    record.stages.append(stage_of(model, plan, transfers, begin, record.clock, critical))

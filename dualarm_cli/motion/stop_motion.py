@@ -1,0 +1,343 @@
+"""What arms do at their stops, piece by piece: lines, dwells, hand-overs, and what is recorded of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.transfers import PLATFORM, Transfers
+from dualarm_cli.postures import StopProblem
+from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
+from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.problem import LineProblem
+
+
+def stage_of(
+    model: CellModel,
+    plan: StagePlan,
+    transfers: Transfers,
+    start: float,
+    end: float,
+    critical: str,
+) -> Stage:
+    """Returns a stage with the times of its transfers and the joint that decides them.
+
+    Args:
+        model: the job's cell.
+        plan: the stage.
+        transfers: its straight transfers.
+        start: when it begins [s].
+        end: when it is over [s].
+        critical: the arm that is done last; empty for a return.
+    """
+    platform = plan.arrival[model.platform_columns]
+    return Stage(
+        start=start,
+        end=end,
+        tasks=tuple(dict.fromkeys(stop.task.id for stop in plan.stops.values())),
+        platform_solver=plan.solver,
+        platform_angle=float(platform[0]) if len(platform) == 1 else None,
+        platform_time=transfers.times.get(PLATFORM, 0.0),
+        arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
+        joint_times=transfers.joint_times,
+        bottleneck=transfers.bottleneck(critical),
+    )
+
+
+def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) -> Event:
+    """Returns the event of one stop: the pose that was asked for, turned by the chosen yaw."""
+    target, name = arm_stop.stop.target, arm_stop.arm
+    if isinstance(target, PoseTarget):
+        turn = pin.SE3(pin.utils.rotate("z", arm_stop.posture.yaw), np.zeros(3))
+        pose = target.pose * turn
+    else:
+        assert isinstance(target, JointTarget)  # seams are planned in sections of their own
+        position = np.array(plan.arrival)
+        position[model.arms[name].columns] = target.configurations[arm_stop.posture.target]
+        pose = model.tool_pose(name, position)
+    return Event(
+        time=time,
+        arm=name,
+        task=arm_stop.task.id,
+        action=arm_stop.stop.action,
+        frame=f"{name}_tcp",
+        pose=pose,
+        dwell=arm_stop.stop.dwell.total,
+        velocity=_velocity(arm_stop.stop),
+    )
+
+
+def _velocity(stop: Stop) -> tuple[float, float, float]:
+    """Returns the velocity with which a target moves [m/s]."""
+    if stop.belt is None:
+        return 0.0, 0.0, 0.0
+    x, y, z = stop.belt.conveyor.velocity.tolist()
+    return x, y, z
+
+
+def at_knot(event: Event, time: FloatArray) -> Event:
+    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
+    after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
+    nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
+    return replace(event, time=float(nearest))
+
+
+LINE_TOLERANCE = 5e-5
+"""How far the tool may leave its line [m] and its orientation [rad]: half of what is verified."""
+PATH_SAMPLES = 65
+"""Exact inverse kinematics along a line."""
+KNOTS = (24, 48, 96, 192, 384)
+"""Numbers of knots that are tried until the tool stays within the tolerance."""
+CHECKS_PER_KNOT = 4
+"""Instants per interval at which straightness is measured."""
+
+
+def solve_line(
+    arm_stop: ArmStop,
+    line: str,
+    limits: JointLimits,
+    tool_speed: float | None,
+    timing: TimingSolver,
+) -> Trajectory:
+    """Returns the timed motion of one arm along its approach or retract.
+
+    Args:
+        arm_stop: the arm's stop.
+        line: `approach` or `retract`.
+        limits: of the arm's joints.
+        tool_speed: cap on the speed along the line [m/s], or None.
+        timing: how lines are timed.
+
+    Raises:
+        InfeasibleError: the tool cannot be kept within the tolerance.
+    """
+    q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+    for knots in KNOTS:
+        trajectory = timing.line(LineProblem(limits.joints, q, length, limits, tool_speed, knots))
+        distance, angle = line_deviation(arm_stop.problem, q, trajectory)
+        if max(distance, angle) <= LINE_TOLERANCE:
+            return trajectory
+    raise InfeasibleError(
+        f"{arm_stop.stop.place}: task '{arm_stop.task.id}': the {line} line is left by "
+        f"{distance * 1000:.3f} mm and {angle:.2e} rad, more than {LINE_TOLERANCE * 1000} mm; "
+        "the arm passes too close to a singularity"
+    )
+
+
+def line_deviation(
+    problem: StopProblem, q: FloatArray, trajectory: Trajectory
+) -> tuple[float, float]:
+    """Returns how far the tool leaves its line: distance [m] and angle [rad].
+
+    Args:
+        problem: the stop the line belongs to.
+        q: exact joints along the line [rad], shape (m, 7); the ends are what matters.
+        trajectory: the motion to be judged.
+    """
+    share = np.arange(CHECKS_PER_KNOT) / CHECKS_PER_KNOT
+    times = (trajectory.time[:-1, None] + np.diff(trajectory.time)[:, None] * share).ravel()
+    R_end, p_end = problem.arm.forward(np.stack([q[0], q[-1]]))
+    tip_in_flange = -problem.R_tool_flange.T @ problem.p_tool_flange
+    ends = p_end + R_end @ tip_in_flange
+    R, p = problem.arm.forward(trajectory.at(times)[0])
+    tip = p + R @ tip_in_flange
+    direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    offset = tip - ends[0]
+    beside = offset - (offset @ direction)[:, None] * direction
+    # |R - R0| in the Frobenius norm is 2 sqrt(2) sin(angle/2); no loss of digits near zero.
+    gap = np.linalg.norm(R - R_end[0], axis=(1, 2)) / (2.0 * np.sqrt(2.0))
+    angle = 2.0 * np.arcsin(np.clip(gap, 0.0, 1.0))
+    return float(np.linalg.norm(beside, axis=1).max()), float(angle.max())
+
+
+Key = tuple[str | int | bytes, ...]
+"""All that something depends on."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What has been timed already in one job, so that it is not timed again where other stages are mended."""
+
+    lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
+    """Lines, with their stop, lest another one takes its identity."""
+    transfers: dict[Key, Transfers] = field(default_factory=dict)
+    """Straight transfers of stages."""
+
+
+@dataclass
+class Recorder:
+    """Pieces of motion per joint group, and what they mean, while stages are added."""
+
+    pieces: dict[str, list[Trajectory]]
+    segments: dict[str, list[Segment]]
+    known: Known
+    events: list[Event] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
+    clock: float = 0.0
+
+
+def add_handover(
+    record: Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    pair: tuple[ArmStop, ArmStop],
+    ends: Mapping[str, float],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> dict[str, float]:
+    """Appends a hand-over from where both tools are there; returns when each arm is done with it [s].
+
+    The taking arm approaches and grips while the giving one stands still, which then lets go and retracts while the
+    taking one does.
+
+    Args:
+        record: what is planned so far.
+        model: the job's cell.
+        job: what is to be done.
+        plan: the stage.
+        pair: the giving and the taking arm's stop.
+        ends: when each group is where its lines begin, from the stage's start [s].
+        limits: what the joints may do.
+        timing: how lines are timed.
+    """
+    begin, giver, taker = record.clock, *pair
+    there = max(ends.values())
+
+    def wait(arm_stop: ArmStop, start: float, end: float) -> None:
+        if end <= start:
+            return
+        arm = model.arms[arm_stop.arm]
+        stands = hold(arm.arm.joints, plan.arrival[arm.columns], end - start)
+        record.pieces[arm_stop.arm].append(stands)
+        add_segment(record, arm_stop.arm, "wait", arm_stop, start, end, "partner")
+
+    clock = begin + there
+    wait(taker, begin + ends[taker.arm], clock)
+    gripped = add_stop(record, model, job, plan, taker, clock, limits, timing)
+    wait(giver, begin + ends[giver.arm], gripped)
+    away = add_stop(record, model, job, plan, giver, gripped, limits, timing)
+    return {taker.arm: gripped - begin, giver.arm: away - begin}
+
+
+def add_stop(
+    record: Recorder,
+    model: CellModel,
+    job: Job,
+    plan: StagePlan,
+    arm_stop: ArmStop,
+    clock: float,
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> float:
+    """Appends approach, dwell and retract of one arm; returns when they are over [s].
+
+    Args:
+        record: what is planned so far.
+        model: the job's cell.
+        job: what is to be done.
+        plan: the stage.
+        arm_stop: what the arm does in it.
+        clock: when it begins [s].
+        limits: what the joints may do.
+        timing: how lines are timed.
+    """
+    name = arm_stop.arm
+    arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
+    own = limits.select(arm.arm.joints)
+
+    def line(which: str) -> Trajectory:
+        key = (which, *_line_key(model, plan, arm_stop))
+        if key not in record.known.lines:
+            timed = solve_line(arm_stop, which, own, job.tool_speed, timing)
+            record.known.lines[key] = arm_stop.stop, timed
+        return record.known.lines[key][1]
+
+    def add(piece: Trajectory, kind: SegmentKind) -> None:
+        nonlocal clock
+        pieces.append(piece)
+        add_segment(record, name, kind, arm_stop, clock, clock + piece.duration)
+        clock += piece.duration
+
+    if arm_stop.tracked is not None:
+        return _add_tracked(record, model, plan, arm_stop, arm_stop.tracked, clock)
+    if stop.approach > 0:
+        add(line("approach"), "approach")
+    record.events.append(event_of(model, plan, arm_stop, clock))
+    if stop.dwell.total > 0:
+        add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
+    if stop.retract > 0:
+        add(line("retract"), "retract")
+    return clock
+
+
+def _add_tracked(
+    record: Recorder,
+    model: CellModel,
+    plan: StagePlan,
+    arm_stop: ArmStop,
+    tracked: Tracked,
+    clock: float,
+) -> float:
+    """Appends a stop on a conveyor, ramps with the lines beside them; returns when it is over [s]."""
+    name = arm_stop.arm
+    reached, left = clock + tracked.reached, clock + tracked.left
+    over = clock + tracked.motion.duration
+    record.pieces[name].append(tracked.motion)
+    add_segment(record, name, "approach", arm_stop, clock, reached)
+    record.events.append(event_of(model, plan, arm_stop, reached))
+    if left > reached:
+        add_segment(record, name, "dwell", arm_stop, reached, left)
+    add_segment(record, name, "retract", arm_stop, left, over)
+    return over
+
+
+def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:
+    """Returns all that the lines of a stop depend on: its target, where the platform is then, and how it is made."""
+    made, seen = arm_stop.posture, arm_stop.problem
+    numbers = (
+        plan.arrival[model.platform_columns],
+        seen.start,
+        made.q_target,
+        [made.target, made.yaw, made.branch, made.psi_target, made.psi_approach, made.psi_retract],
+    )
+    return arm_stop.arm, id(arm_stop.stop), np.concatenate(numbers).tobytes()
+
+
+def add_segment(
+    record: Recorder,
+    name: str,
+    kind: SegmentKind,
+    arm_stop: ArmStop | None,
+    start: float,
+    end: float,
+    reason: WaitReason = "",
+) -> None:
+    """Notes what an arm does between two instants.
+
+    Args:
+        record: what is planned so far.
+        name: the arm.
+        kind: what it does.
+        arm_stop: the stop that it belongs to; None for none.
+        start: when it begins [s].
+        end: when it ends [s].
+        reason: why it waits, if it does.
+    """
+    task = arm_stop.task.id if arm_stop else ""
+    action = arm_stop.stop.action if arm_stop else ""
+    dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
+    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell, reason))

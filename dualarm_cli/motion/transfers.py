@@ -1,0 +1,226 @@
+"""Transfers of one stage: platform and arms leave together, each as fast as what it waits for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import TOOL_SPEED
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.problem import TransferProblem
+from dualarm_cli.timing.rest_to_rest import rest_to_rest_duration
+
+PLATFORM = "platform"
+"""Name of the joint group of the platform; arms' groups bear the arms' names."""
+SPEED_SAMPLE = 1e-3
+"""Spacing of the instants at which tool speeds are measured [s]."""
+SPEED_STEP = 1e-5
+"""Half-width of the central difference that measures them [s]."""
+SPEED_MARGIN = 1e-3
+"""Share of the tool-speed cap kept free for what lies between the instants."""
+COARSE, FAST = 4, 0.9
+"""Every so many instants are looked at first, and all about those with more than this share of the largest speed."""
+SPEED_TRIES, SURE = 36, 5
+"""Velocity factors that are tried at most, and those by which it should be clear where this leads."""
+CLOSE = 5e-4
+"""A motion whose fastest tool is slower than the cap by no more than this share is as good as any."""
+SLOWEST = 4096
+"""No joint is slowed to less than this part of its speed."""
+
+
+@dataclass(frozen=True)
+class Transfers:
+    """One stage's transfers."""
+
+    motion: Mapping[str, Trajectory]
+    """By joint group; groups with nothing to do are missing."""
+    times: Mapping[str, float]
+    """Closed-form time of each group on its own [s]."""
+    joint_times: Mapping[str, float]
+    """Closed-form time of each joint on its own [s]."""
+    slowest: Mapping[str, str]
+    """Each group's slowest joint; empty where nothing moves."""
+    capped: bool = False
+    """Whether all were slowed for a cap on the tools' speed."""
+
+    def bottleneck(self, arm: str) -> str:
+        """Returns the joint for which an arm's line waits, TOOL_SPEED if capped; of all groups if `arm` is empty."""
+        groups = [g for g in self.times if g in (arm, PLATFORM) or not arm]
+        slowest = max(groups, key=lambda g: self.times[g])
+        if not self.times[slowest] > 0:
+            return ""
+        return TOOL_SPEED if self.capped else self.slowest[slowest]
+
+
+def time_transfers(
+    plan: StagePlan,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+) -> Transfers:
+    """Returns the transfers of one stage.
+
+    An arm's transfer lasts as long as its slowest joint, or the platform's where that is slower, because its line
+    starts when both are there. The platform arrives with the first arm that waits for it. In a return all arrive
+    together.
+
+    Args:
+        plan: the stage.
+        columns: columns of each joint group within the limits' joints.
+        limits: what the joints may do.
+        timing: how a transfer is timed.
+    """
+    moved = np.abs(plan.arrival - plan.start)
+    alone = rest_to_rest_duration(moved, limits.velocity, limits.acceleration, limits.jerk)
+    times = {g: float(alone[index].max()) for g, index in columns.items()}
+    slowest = {
+        g: limits.joints[index[int(np.argmax(alone[index]))]] if times[g] > 0 else ""
+        for g, index in columns.items()
+    }
+    platform = times.get(PLATFORM, 0.0)
+    lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
+    if not plan.stops:
+        lengths = dict.fromkeys(times, max(times.values()))
+    elif PLATFORM in times:
+        lengths[PLATFORM] = min(lengths[name] for name in plan.stops)
+    motion = {}
+    for group, index in columns.items():
+        if times[group] > 0 or group in plan.stops:
+            names = tuple(limits.joints[i] for i in index)
+            own = limits.select(names)
+            motion[group] = timing.transfer(
+                TransferProblem(names, plan.start[index], plan.arrival[index], own, lengths[group])
+            )
+    joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
+    return Transfers(motion, times, joint_times, slowest)
+
+
+def transfers_within_tool_speed(
+    model: CellModel,
+    plan: StagePlan,
+    columns: Mapping[str, list[int]],
+    limits: JointLimits,
+    timing: TimingSolver,
+    cap: float | None,
+) -> Transfers:
+    """Returns the transfers, slowed until no tool exceeds the cap on its speed.
+
+    All joint velocity limits are lowered by one factor; accelerations and jerks stay, so that the tools reach the cap
+    as fast as before.
+
+    Args:
+        model: the cell.
+        plan: the stage.
+        columns: columns of each joint group within the limits' joints.
+        limits: what the joints may do.
+        timing: how a transfer is timed.
+        cap: largest speed of any tool centre point in the world [m/s], or None.
+    """
+    transfers = time_transfers(plan, columns, limits, timing)
+    if cap is None or not transfers.motion:
+        return transfers
+
+    def slower(factor: float) -> Transfers:
+        if factor == 1.0:
+            return transfers
+        return time_transfers(
+            plan, columns, replace(limits, velocity=limits.velocity * factor), timing
+        )
+
+    def speed(tried: Transfers) -> float:
+        length = max(t.duration for t in tried.motion.values())
+        return largest_tool_speed(
+            model, list(model.arms), lambda time: _positions(plan, columns, tried, time), length
+        )
+
+    best = slowed(slower, speed, cap)
+    if best is None:
+        raise InfeasibleError(
+            f"limits: tool_speed: {cap:g} m/s is slower than a {SLOWEST}th of the joints' speed; allow more"
+        )
+    return best if best is transfers else replace(best, capped=True)
+
+
+T = TypeVar("T")
+
+
+def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) -> T | None:
+    """Returns the fastest motion found in which no tool exceeds a cap on its speed; None for none.
+
+    Where velocity limits decide, speed is proportional to them: so the next factor is told by the speed of the last
+    one. Where they do not decide, and that leads nowhere soon, every other one halves what is left.
+
+    Args:
+        make: the motion with all velocity limits times a factor; that with 1 is tried first.
+        speed: the largest speed of a tool in a motion [m/s].
+        cap: what is allowed [m/s]; SPEED_MARGIN of it is kept free.
+    """
+    allowed = cap * (1.0 - SPEED_MARGIN)
+    best, low, high, factor = None, 0.0, 1.0, 1.0
+    for k in range(SPEED_TRIES):
+        tried = make(factor)
+        fastest = speed(tried)
+        if fastest <= allowed:
+            best, low = tried, factor
+            if factor == 1.0 or fastest >= (1.0 - CLOSE) * allowed:
+                return best
+        else:
+            high = factor
+        factor *= (1.0 - 0.5 * CLOSE) * allowed / fastest if fastest > 0.0 else 1.0
+        if not low < factor < high or (k >= SURE and k % 2):
+            factor = 0.5 * (low + high)
+        if factor < 1.0 / SLOWEST or high - low < 0.1 * CLOSE * high:
+            break
+    return best
+
+
+def largest_tool_speed(
+    model: CellModel,
+    arms: Sequence[str],
+    position_at: Callable[[FloatArray], FloatArray],
+    length: float,
+) -> float:
+    """Returns the largest speed of some arms' tool centre points [m/s], at instants SPEED_SAMPLE apart.
+
+    Args:
+        model: the cell.
+        arms: their names.
+        position_at: all joints (m, n) [rad] at instants (m,) [s].
+        length: of the motion [s].
+    """
+
+    def speeds(time: FloatArray) -> FloatArray:
+        both = position_at(np.concatenate([time - SPEED_STEP, time + SPEED_STEP]))
+        tip = model.tool_positions(arms, both)
+        way = tip[:, len(time) :] - tip[:, : len(time)]
+        largest: FloatArray = np.linalg.norm(way, axis=-1).max(axis=0)
+        return largest / (2.0 * SPEED_STEP)
+
+    coarse = np.arange(0.0, length + SPEED_SAMPLE, COARSE * SPEED_SAMPLE)
+    found = speeds(coarse)
+    near = coarse[found >= FAST * found.max()]
+    steps = SPEED_SAMPLE * np.delete(np.arange(-COARSE + 1, COARSE), COARSE - 1)
+    between = np.unique((near[:, None] + steps).round(9))
+    return max(float(found.max()), float(speeds(between).max(initial=0.0)))
+
+
+def _positions(
+    plan: StagePlan,
+    columns: Mapping[str, list[int]],
+    transfers: Transfers,
+    time: FloatArray,
+) -> FloatArray:
+    """Returns all joints at the given times of the stage, shape (m, n)."""
+    q = np.tile(plan.start, (len(time), 1))
+    for group, trajectory in transfers.motion.items():
+        q[:, columns[group]] = trajectory.at(time)[0]
+    return q

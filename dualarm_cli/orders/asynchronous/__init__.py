@@ -1,0 +1,1 @@
+"""Orders of asynchronous arms while the platform stands still."""

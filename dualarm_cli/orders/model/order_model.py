@@ -1,0 +1,378 @@
+"""From a job that leaves arms and order open to the numbers that orders are searched with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, JointTarget, Task
+from dualarm_cli.orders.asynchronous.problem import ArmTasks, SequencingProblem
+from dualarm_cli.orders.model.buffer_numbers import job_stores, stop_lasts
+from dualarm_cli.orders.model.stop_nodes import StopNodes, platform_angles, stop_nodes
+from dualarm_cli.orders.model.tool_changes import stand_tasks
+from dualarm_cli.orders.rules.tool_stands import NO_TOOL, ToolStands
+from dualarm_cli.postures.stage_problems import Clock
+
+SIMILAR = 0.08
+"""Postures of a stop that are nearer to one another than this are one [s]."""
+DEARER = 0.6
+"""Postures that cost more than this beyond the best one's are left out [s]."""
+HUB_ROUNDS = 2
+"""So often the middle of an arm's work is looked for from the one before."""
+MOST_GIVEN = 160
+"""Most ways of tasks whose targets are joint configurations."""
+
+
+@dataclass(frozen=True)
+class TaskWays:
+    """One arm's ways to do one task; m of them."""
+
+    entry: FloatArray
+    """Joints where its first approach begins [rad], shape (m, joints)."""
+    leaving: FloatArray
+    """Joints where its last retract ends [rad], shape (m, joints)."""
+    first: FloatArray
+    """Time of its first stop, lines and dwell [s], shape (m,)."""
+    second: FloatArray
+    """Time from there to the end of its second stop [s], 0 for tasks of one stop, shape (m,)."""
+    lead: float
+    """How long its first line takes at least [s], infinite without any way."""
+    tail: float
+    """How long its last line takes at least [s], infinite without any way."""
+
+    @classmethod
+    def none(cls, joints: int) -> TaskWays:
+        """Returns that there is no way, for an arm of some joints."""
+        empty = np.zeros(0)
+        return cls(np.zeros((0, joints)), np.zeros((0, joints)), empty, empty, np.inf, np.inf)
+
+
+def hub(
+    model: CellModel,
+    job: Job,
+    name: str,
+    nodes: Mapping[tuple[str, int, int], StopNodes],
+    clock: Clock,
+) -> FloatArray:
+    """Returns the joints in the middle of one arm's work [rad]: medians of its stops' postures nearest to them.
+
+    From the start; given configurations have no choice that could gather about it.
+    """
+    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    hub: FloatArray = start[model.arms[name].columns]
+    own = [one for (arm, _, _), one in nodes.items() if arm == name and len(one.work)]
+    for _ in range(HUB_ROUNDS if own else 0):
+        nearest = []
+        for one in own:
+            rows = np.arange(len(one.work))
+            nearest.append(
+                one.entry[int(stop_costs(one, rows, hub, clock.arms[name].law.duration).argmin())]
+            )
+        hub = np.median(nearest, axis=0)
+    return hub
+
+
+def stop_costs(nodes: StopNodes, rows: IntArray, start: FloatArray, duration: object) -> FloatArray:
+    """Returns what postures cost about: from the start, the work, and back [s]."""
+    assert callable(duration)
+    found: FloatArray = (
+        duration(nodes.entry[rows] - start)
+        + nodes.work[rows]
+        + duration(start - nodes.leaving[rows])
+    )
+    return found
+
+
+def spread(ends: FloatArray, cost: FloatArray, most: int, duration: object) -> IntArray:
+    """Returns the cheapest postures that are not too near to one another, at most so many."""
+    assert callable(duration)
+    order = np.argsort(cost, kind="stable")
+    kept: list[int] = []
+    for k in order.tolist():
+        if len(kept) == most or (cost[k] > cost[order[0]] + DEARER and most != MOST_GIVEN):
+            break
+        if kept and most != MOST_GIVEN and duration(ends[kept] - ends[k]).min() < SIMILAR:
+            continue
+        kept.append(k)
+    return np.array(kept, dtype=np.int64)
+
+
+def widened(arm: ArmTasks, width: int) -> ArmTasks:
+    """Returns the same with more ways, which there are not."""
+    more = width - arm.ways
+    if more == 0:
+        return arm
+    pad = ((0, 0), (0, more))
+    entry = np.pad(arm.entry, (*pad, (0, 0)), constant_values=np.nan)
+    leaving = np.pad(arm.leaving, (*pad, (0, 0)), constant_values=np.nan)
+    first = np.pad(arm.first, pad, constant_values=np.inf)
+    second = np.pad(arm.second, pad)
+    return replace(arm, entry=entry, leaving=leaving, first=first, second=second)
+
+
+CANDIDATES = 16
+"""Postures of a stop at one platform angle that are looked at for whether they keep clear."""
+WAYS = ((12, 6), (40, 4), (120, 2))
+"""Ways of every task, by up to how many tasks; one beyond."""
+
+
+@dataclass(frozen=True)
+class OrderModel:
+    """A job's tasks as each arm may do them, from any platform angle."""
+
+    model: CellModel
+    """The job's cell."""
+    job: Job
+    """What is to be done."""
+    angles: FloatArray
+    """Platform angles, where it starts first [rad], shape (f, k)."""
+    nodes: Mapping[tuple[str, int, int], StopNodes]
+    """Postures by arm, task and number of the stop."""
+    clearance: CellClearance | None
+    """What has to keep clear, None where nothing has to."""
+    clock: Clock
+    """Closed-form times."""
+    hubs: Mapping[str, FloatArray]
+    """By arm, joints in the middle of its work [rad]: postures near them are near to one another."""
+    tasks: tuple[Task, ...]
+    """The job's, and after them one for every tool that an arm may leave or take at its stand."""
+
+    @classmethod
+    def of(cls, model: CellModel, job: Job, *, clear: bool = True) -> OrderModel:
+        """Prepares a job.
+
+        Args:
+            model: its cell.
+            job: what is to be done.
+            clear: whether anything has to keep clear.
+        """
+        angles = platform_angles(model, job)
+        tasks = (*job.tasks, *stand_tasks(job.cell))
+        nodes = stop_nodes(model, replace(job, tasks=tasks), angles)
+        clock = Clock.of(model, job)
+        return cls(
+            model,
+            job,
+            angles,
+            nodes,
+            CellClearance.of(job.cell, job.carried()) if clear else None,
+            clock,
+            {name: hub(model, job, name, nodes, clock) for name in model.arms},
+            tasks,
+        )
+
+    def reached(self) -> BoolArray:
+        """Returns which tasks which arm reaches from which angle, shape (arms, tasks, f)."""
+        found = np.zeros((len(self.model.arms), len(self.job.tasks), len(self.angles)), np.bool_)
+        for a, name in enumerate(self.model.arms):
+            for t, task in enumerate(self.job.tasks):
+                if not task.allows(name):
+                    continue
+                found[a, t] = True
+                for s in range(len(task.stops)):
+                    there = np.zeros(len(self.angles), np.bool_)
+                    there[self.nodes[name, t, s].angle] = True
+                    found[a, t] &= there
+        return found
+
+    @property
+    def start(self) -> FloatArray:
+        """All joints before the motion [rad], shape (n,)."""
+        postures = self.job.cell.robot.postures
+        return np.array(postures["home" if self.job.start == "free" else self.job.start])
+
+    def problem(self, f: int) -> SequencingProblem:
+        """Returns the tasks with the platform standing at one of the angles."""
+        job = self.job
+        turn = float(self.clock.platform_times(self.angles[f] - self.angles[0]))
+        index = {task.id: t for t, task in enumerate(job.tasks)}
+        arms, least, most = [], [], []
+        for name in self.model.arms:
+            ways = [self._ways(name, t, f) for t in range(len(job.tasks))]
+            arms.append(self._arm(name, ways))
+            least.append([one.lead for one in ways])
+            most.append([one.tail for one in ways])
+        lead, tail = np.min(least, axis=0), np.min(most, axis=0)
+        early = np.array([task.not_before for task in job.tasks])
+        late = np.array([task.not_after for task in job.tasks])
+        width = max(arm.ways for arm in arms)
+        return SequencingProblem(
+            tuple(widened(arm, width) for arm in arms),
+            tuple(len(task.stops) for task in job.tasks),
+            job.returns,
+            tuple((index[name], t) for t, task in enumerate(job.tasks) for name in task.after),
+            tuple(tuple(index[name] for name in row) for row in job.sequences),
+            np.maximum(0.0, early - np.where(np.isfinite(lead), lead, 0.0)),
+            late + np.where(np.isfinite(tail), tail, 0.0),
+            job.order == "given",
+            (0.0 if job.start == "free" else turn, turn if job.returns else 0.0),
+            job_stores(job),
+            stop_lasts(job.tasks, list(self.model.arms), self.nodes, f),
+            tuple(self._stands(name, f) for name in self.model.arms)
+            if job.cell.tool_changes
+            else (),
+        )
+
+    def _stands(self, name: str, f: int) -> ToolStands | None:
+        """Returns what changing tools is to one arm with the platform at an angle; None where it changes none."""
+        cell = self.job.cell
+        if name not in cell.tool_changes:
+            return None
+        number = {tool: k - 1 for k, tool in enumerate(cell.tool_names(name))}
+        ways = [
+            [self._ways(name, self.stand(name, tool, action), f) for tool in number if tool]
+            for action in ("leave_tool", "take_tool")
+        ]
+        width = max(1, *(len(one.first) for row in ways for one in row))
+        shape = (2, len(number) - 1, width)
+        entry = np.full((*shape, len(self.model.arms[name].columns)), np.nan)
+        leaving, work = entry.copy(), np.full(shape, np.inf)
+        for action, row in enumerate(ways):
+            for k, one in enumerate(row):
+                m = len(one.first)
+                entry[action, k, :m], leaving[action, k, :m] = one.entry, one.leaving
+                work[action, k, :m] = one.first
+        # Of what an arm does not do the tool does not matter.
+        tool = [number.get(task.tool, NO_TOOL) for task in self.job.tasks]
+        start = number[cell.start_tool(name)]
+        return ToolStands(np.array(tool), start, start, entry, leaving, work)
+
+    def stand(self, arm: str, tool: str, action: str) -> int:
+        """Returns the number of the task that is to leave or to take an arm's tool at its stand."""
+        first = len(self.job.tasks)
+        return next(
+            t
+            for t, task in enumerate(self.tasks[first:], start=first)
+            if (task.arm, task.tool, task.stops[0].action) == (arm, tool, action)
+        )
+
+    def _arm(self, name: str, ways: list[TaskWays]) -> ArmTasks:
+        width = max(1, *(len(one.first) for one in ways))
+        n, joints = len(ways), len(self.model.arms[name].columns)
+        entry = np.full((n, width, joints), np.nan)
+        leaving = np.full((n, width, joints), np.nan)
+        first, second = np.full((n, width), np.inf), np.zeros((n, width))
+        for t, one in enumerate(ways):
+            m = len(one.first)
+            entry[t, :m], leaving[t, :m] = one.entry, one.leaving
+            first[t, :m], second[t, :m] = one.first, one.second
+        start = self.start[self.model.arms[name].columns]
+        law, free = self.clock.arms[name].law, self.job.start == "free"
+        return ArmTasks(entry, leaving, first, second, start, law, free=free)
+
+    def _ways(self, name: str, t: int, f: int) -> TaskWays:
+        """Returns the ways of one arm to do a task with the platform at an angle."""
+        task = self.tasks[t]
+        joints = len(self.model.arms[name].columns)
+        if not task.allows(name):
+            return TaskWays.none(joints)
+        given = all(isinstance(stop.target, JointTarget) for stop in task.stops)
+        few = next((w for most, w in WAYS if len(self.job.tasks) <= most), 1)
+        rows = [self.rows(name, t, s, f) for s in range(len(task.stops))]
+        if any(len(row) == 0 for row in rows):
+            return TaskWays.none(joints)
+        law = self.clock.arms[name].law
+        nodes = [self.nodes[name, t, s] for s in range(len(task.stops))]
+        start = self.start[self.model.arms[name].columns]
+        one, k = nodes[0], rows[0]
+        lead = float(0.5 * (one.work[k].min() - task.stops[0].dwell.total))
+        last = nodes[-1].work[rows[-1]].min() - task.stops[-1].dwell.total
+        if len(nodes) == 1:
+            cost = stop_costs(one, k, start, law.duration)
+            kept = k[spread(one.entry[k], cost, few if not given else MOST_GIVEN, law.duration)]
+            return TaskWays(
+                one.entry[kept],
+                one.leaving[kept],
+                one.work[kept],
+                np.zeros(len(kept)),
+                lead,
+                float(0.5 * last),
+            )
+        other, m = nodes[1], rows[1]
+        way = law.duration(other.entry[m][None] - one.leaving[k][:, None]) + other.work[m]
+        i, j = (x.ravel() for x in np.meshgrid(np.arange(len(k)), np.arange(len(m)), indexing="ij"))
+        ends = np.concatenate([one.entry[k[i]], other.leaving[m[j]]], axis=1)
+        cost = (
+            law.duration(one.entry[k[i]] - start)
+            + one.work[k[i]]
+            + way[i, j]
+            + law.duration(start - other.leaving[m[j]])
+        )
+
+        def apart(moved: FloatArray) -> FloatArray:
+            half = moved.shape[-1] // 2
+            return np.maximum(law.duration(moved[..., :half]), law.duration(moved[..., half:]))
+
+        kept = spread(ends, cost, few if not given else MOST_GIVEN, apart)
+        return TaskWays(
+            one.entry[k[i[kept]]],
+            other.leaving[m[j[kept]]],
+            one.work[k[i[kept]]],
+            way[i[kept], j[kept]],
+            lead,
+            float(0.5 * last),
+        )
+
+    def costs(self, name: str, nodes: StopNodes) -> FloatArray:
+        """Returns what one arm's postures at a stop cost about [s], shape (N,)."""
+        law = self.clock.arms[name].law
+        return stop_costs(nodes, np.arange(len(nodes.angle)), self.hubs[name], law.duration)
+
+    def rows(self, name: str, t: int, s: int, f: int) -> IntArray:
+        """Returns the postures of one arm at a stop, seen from an angle, that keep clear of all but the other arm.
+
+        Given joint configurations are all looked at; of postures the cheapest ones, cheapest first.
+        """
+        nodes = self.nodes[name, t, s]
+        rows = np.flatnonzero(nodes.angle == f)
+        if len(rows) == 0:
+            return rows
+        cost = stop_costs(nodes, rows, self.hubs[name], self.clock.arms[name].law.duration)
+        given = isinstance(self.tasks[t].stops[s].target, JointTarget)
+        rows = rows[np.argsort(cost, kind="stable")]
+        few = rows if given else rows[:CANDIDATES]
+        clear = few[self._keeps_clear(name, t, s, f, nodes, few)]
+        if len(clear) or len(few) == len(rows):
+            return clear
+        others = rows[CANDIDATES:]
+        return others[self._keeps_clear(name, t, s, f, nodes, others)]
+
+    def _keeps_clear(
+        self, name: str, t: int, s: int, f: int, nodes: StopNodes, rows: IntArray
+    ) -> BoolArray:
+        if self.clearance is None:
+            return np.ones(len(rows), dtype=np.bool_)
+        places = np.concatenate([nodes.entry[rows], nodes.target[rows], nodes.leaving[rows]])
+        angle, held = np.full(len(places), f), np.repeat(self.held(t, s), len(rows))
+        return self.keeps_clear(name, places, angle, held)
+
+    def held(self, t: int, s: int) -> tuple[int, int, int]:
+        """Returns what an arm holds where an approach begins, at the target, and where the retract ends."""
+        assert self.clearance is not None  # callers have looked
+        held, task = self.clearance.held, self.tasks[t]
+        action = task.stops[s].action
+        came, goes = task.held_before(action), task.held_after(action)
+        return held(came), held(came, True), held(goes)
+
+    def keeps_clear(
+        self, name: str, places: FloatArray, angle: IntArray, held: IntArray
+    ) -> BoolArray:
+        """Returns which stops keep clear of all but the other arm, shape (n,).
+
+        Args:
+            name: the arm.
+            places: its joints where all approaches begin, at targets, and where retracts end, shape (3 n, joints).
+            angle: number of the platform angle of each, shape (3 n,).
+            held: what is held at each, shape (3 n,).
+        """
+        assert self.clearance is not None  # callers have looked
+        position = np.tile(self.start, (len(places), 1))
+        position[:, self.model.platform_columns] = self.angles[angle]
+        position[:, self.model.arms[name].columns] = places
+        margins = self.clearance.own_margins(self.clearance.arms.index(name), position, held)
+        return np.asarray((margins >= 0.0).reshape(3, -1).all(axis=0))

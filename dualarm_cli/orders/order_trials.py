@@ -1,0 +1,138 @@
+"""Which of many orders that are nearly as good is worth planning: postures off the search's grid, and clearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from dualarm_cli.model.job import StopKey
+from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.peers.repair import repaired
+from dualarm_cli.stages.search.node_plans import with_yaws
+from dualarm_cli.stages.search.plan_clearance import plan_clearance
+from dualarm_cli.stages.search.polish import polish
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import Evaluated
+from dualarm_cli.stages.sequence_problem import sequence_problem
+
+FULL = 40
+"""Up to so many stages as many orders are polished as an effort says."""
+MOST_TRIED = 120
+"""No orders of more stages are tried."""
+RANDOM_STEPS = 4
+"""Random steps that each round of polishing offers besides: where something touches others lead nowhere."""
+ALIKE = 0.9
+"""Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
+UNLIKELY = 10.0
+"""What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
+
+
+@dataclass(frozen=True)
+class TrialEffort:
+    """How many orders are tried, and how."""
+
+    polished: int
+    """So many of all that were looked at are polished."""
+    rounds: int
+    """Rounds of polishing."""
+    planned: int
+    """So many of these are planned."""
+
+    def of_stages(self, stages: int) -> TrialEffort:
+        """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
+        polished = round(self.polished * min(1.0, FULL / max(1, stages)) ** 2)
+        return replace(self, polished=max(self.planned, polished))
+
+
+TRIALS = {
+    "quick": TrialEffort(8, 1, 2),
+    "normal": TrialEffort(40, 2, 3),
+    "thorough": TrialEffort(150, 4, 6),
+}
+"""How hard orders are tried."""
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An order's stages as numbers, and a plan for them."""
+
+    order: DecidedOrder
+    problem: SequenceProblem
+    plan: Evaluated
+
+    @property
+    def worth(self) -> float:
+        """About how long a plan in this order takes [s], with what it costs to keep clear."""
+        lost = plan_clearance(self.problem, self.plan).penalty
+        return self.plan.total + min(lost, UNLIKELY)
+
+    def polished(self, rounds: int) -> _Trial:
+        """Returns the same with a better plan."""
+        tables = tuple(StopTable.of(work) for work in self.problem.arms)
+        return replace(self, plan=polish(self.problem, tables, self.plan, rounds, RANDOM_STEPS, 0))
+
+
+def most_promising(
+    search: PairedSearch, found: tuple[DecidedOrder, ...], effort: str, watch: Watch
+) -> tuple[DecidedOrder, ...]:
+    """Returns the orders to plan, with better plans: by about how long these take, those much like another one last.
+
+    The search for orders knows one posture for each stop and platform angle, and nothing of the moves between. Here
+    orders are looked at with what a plan over the whole sequence will make of them: angles and postures off the grid,
+    and what touches on the way.
+
+    Args:
+        search: where the orders come from.
+        found: the orders; those without a plan are left as they are, at the end.
+        effort: one of TRIALS.
+        watch: may end it.
+    """
+    how = TRIALS[effort].of_stages(max(len(one.job.stages()) for one in found))
+    begun = [_begun(search, one) for one in found if one.plan is not None]
+    trials = [one for one in begun if one is not None]
+    others = [one for one in found if one.plan is None]
+    if len(begun) < 2 or not trials:
+        return found
+    watch.tell(f"trying {len(trials)} orders that are nearly as good")
+    trials.sort(key=lambda one: one.worth)
+    better: list[_Trial] = []
+    for one in trials[: how.polished]:
+        if better and watch.stop():
+            break
+        better.append(one.polished(how.rounds))
+    better.sort(key=lambda one: one.worth)
+    answers = [
+        replace(one.order, plan=one.plan.decisions, expected=one.worth)
+        for one in _different(better)[: how.planned]
+    ]
+    return (*answers, *others)
+
+
+def _different(trials: list[_Trial]) -> list[_Trial]:
+    """Returns trials with those first that are not much like a better one, else in their order."""
+    news: list[_Trial] = []
+    alike: list[_Trial] = []
+    seen: list[set[frozenset[StopKey]]] = []
+    for one in trials:
+        stages = {frozenset(stage) for stage in one.order.job.pairing or ()}
+        like = any(len(stages & other) > ALIKE * len(stages) for other in seen)
+        (alike if like else news).append(one)
+        seen += [] if like else [stages]
+    return [*news, *alike]
+
+
+def _begun(search: PairedSearch, order: DecidedOrder) -> _Trial | None:
+    """Returns an order with the plan that the search counts on, made possible; None where none is near it.
+
+    The search's postures are less than a plan: where any yaw will do, they leave the last joint open, and of lines they
+    know the ends alone, which may be so near to a limit that what is between them is beyond it.
+    """
+    assert order.plan is not None  # callers have looked
+    clearance = search.order.clearance
+    holding = None if clearance is None else Holding.of(order.job, cell=clearance)
+    problem = sequence_problem(search.order.model, order.job, holding)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    plan = repaired(problem, tables, with_yaws(problem, tables, order.plan))
+    return None if plan is None else _Trial(order, problem, plan)

@@ -1,0 +1,235 @@
+"""What is said where no order can be found: tasks that no arm reaches, rules that no order keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.model.buffer import Buffer
+from dualarm_cli.model.job import ANY, Job, Task
+from dualarm_cli.orders.model.buffer_numbers import used_buffers
+from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.paired.problem import StageProblem
+from dualarm_cli.orders.proof.cp_sat import prove
+from dualarm_cli.orders.proof.relaxation import Relaxation
+from dualarm_cli.postures.reach import explain_reach
+from dualarm_cli.postures.stage_problems import stop_problems
+
+PROOF = 4.0
+"""How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
+
+
+def grid_gap(bound: float | None, total: float) -> float | None:
+    """Returns by what share another order may be quicker than one of a total [s], both on the grid of the search.
+
+    None without a bound. An order that takes no time, such as that of a free start alone, has no gap.
+
+    Args:
+        bound: what no order takes less than [s], or None.
+        total: of the order [s].
+    """
+    if bound is None:
+        return None
+    return max(0.0, 1.0 - bound / total) if total > 0.0 else 0.0
+
+
+def check_reach(order: OrderModel) -> None:
+    """Raises InfeasibleError where some task is out of every arm's reach, with why for each arm."""
+    reached = order.reached().any(axis=2)
+    lost = np.flatnonzero(~reached.any(axis=0)).tolist()
+    if not lost:
+        _check_stands(order)
+        return
+    lines = []
+    for t in lost:
+        task = order.job.tasks[t]
+        reasons = [
+            f"{name} arm: {_why(order, t, name)}" for name in order.model.arms if task.allows(name)
+        ]
+        lines.append(f"{task.place}: no arm does task '{task.id}': {'; '.join(reasons)}")
+    raise InfeasibleError("\n".join(lines))
+
+
+def _check_stands(order: OrderModel) -> None:
+    """Raises InfeasibleError where an arm needs another tool than that of the start and does not reach a stand."""
+    lines = []
+    for t, stand in enumerate(order.tasks):
+        if not stand.is_change or len(order.nodes[stand.arm, t, 0].angle):
+            continue
+        start = order.job.cell.start_tool(stand.arm)
+        own = {task.tool for task in order.job.tasks if task.arm == stand.arm}
+        if (
+            own <= {start}
+            or stand.tool not in {start, *own}
+            or stand.stops[0].action == "take_tool"
+        ):
+            continue
+        lines.append(
+            f"{stand.place}: the {stand.arm} arm does not get to the stand of tool '{stand.tool}': "
+            f"{_why(order, t, stand.arm)}"
+        )
+    if lines:
+        raise InfeasibleError("\n".join(lines))
+
+
+def _why(order: OrderModel, t: int, name: str) -> str:
+    """Returns why one arm cannot do a task."""
+    task = order.tasks[t]
+    for stop in task.stops:
+        seen = stop_problems(order.model, order.job, order.start, {name: (task, stop)})[name]
+        reason = explain_reach(order.model, order.start, seen)
+        if reason is not None:
+            return f"{stop.action}: {reason}" if len(task.stops) > 1 else reason
+    if len(task.stops) > 1:
+        return (
+            "its pick and its place are in reach, but every posture found lacks clearance or a line"
+        )
+    return "it is in reach, but every posture found lacks clearance or a line"
+
+
+def check_meetings(order: OrderModel, problem: StageProblem) -> None:
+    """Raises InfeasibleError where arms cannot meet for a hand-over at any platform angle, whoever gives."""
+    lines = []
+    for giving, taking in problem.handovers:
+        give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
+        possible = False
+        for giver, pair in enumerate(((give, take), (take, give))):
+            # The work of either holds what the other one needs: infinity where that one is out of reach.
+            there = np.isfinite(problem.work[giver][give])
+            if problem.apart is not None:
+                there &= np.isfinite(problem.apart[pair])
+            possible |= bool(there.any())
+        task = order.job.tasks[giving]
+        if not possible and task.handover is not None:
+            who = "neither arm" if task.arm == ANY else f"the {task.arm} arm"
+            lines.append(
+                f"{task.handover.place}: task '{task.id}': {who} can give while the other one takes: at no platform "
+                "angle that was tried do both reach it without touching each other"
+            )
+    if lines:
+        raise InfeasibleError(
+            "\n".join(lines) + "\nwhat helps: another place to meet, or another `grip`"
+        )
+
+
+NOT_FOUND = (
+    "no order was found that keeps all rules (windows, after, sequences, buffers), though none is proven to be "
+    "impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let more tasks be "
+    "done by any arm"
+)
+"""What is said where rules may be kept, but nothing was found that does."""
+
+
+def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | None:
+    """Returns which rules contradict each other: a set of which nothing can be left out; None if none is known to.
+
+    Args:
+        order: the job's tasks.
+        problem: the same with least times; what is impossible for it is impossible.
+    """
+    rules = _rules(problem, order.job.tasks) | _buffer_rules(problem, order.job)
+    if not _is_impossible(problem):
+        return None
+    kept = list(rules)
+    for name in list(kept):
+        rest = [other for other in kept if other != name]
+        if _is_impossible(_only(problem, [rules[other] for other in rest])):
+            kept = rest
+    places = {
+        f"{task.place}" for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)
+    }
+    places |= {f"{b.place}" for name, b in order.job.buffers.items() if _of_buffer(name, b) in kept}
+    where = f"{min(places)}: " if places else ""
+    if not kept:
+        return InfeasibleError(
+            f"{where}no order does all tasks: every arm lacks one that the other lacks too"
+        )
+    if len(kept) == 1:
+        return InfeasibleError(f"{where}no plan keeps this rule, whatever else is done: {kept[0]}")
+    return InfeasibleError(
+        f"{where}no order keeps these rules together, whatever else is done (leave out any one of them and there may "
+        f"be one): {'; '.join(kept)}"
+    )
+
+
+Rule = Callable[[Relaxation], Relaxation]
+
+
+def _rules(problem: Relaxation, tasks: Sequence[Task]) -> dict[str, Rule]:
+    """Returns everything that can contradict, each with what puts it into a problem without any."""
+    found: dict[str, Rule] = {}
+    ids = [task.id for task in tasks]
+    for pair in problem.before:
+
+        def comes(p: Relaxation, pair: tuple[int, int] = pair) -> Relaxation:
+            return replace(p, before=(*p.before, pair))
+
+        _add(found, f"'{ids[pair[1]]}' after '{ids[pair[0]]}'", comes)
+    for row in problem.sequences:
+        names = ", ".join(f"'{ids[t]}'" for t in row)
+
+        def follows(p: Relaxation, row: tuple[int, ...] = row) -> Relaxation:
+            return replace(p, sequences=(*p.sequences, row))
+
+        found[f"{names} by one arm in a row"] = follows
+    if problem.not_before is not None:
+        for t in np.flatnonzero(problem.not_before > 0.0).tolist():
+            value = float(problem.not_before[t])
+
+            def opens(p: Relaxation, t: int = t, value: float = value) -> Relaxation:
+                window = np.zeros(p.tasks) if p.not_before is None else p.not_before.copy()
+                window[t] = value
+                return replace(p, not_before=window)
+
+            _add(found, f"'{ids[t]}' not_before: {tasks[t].not_before:g} s", opens)
+    if problem.not_after is not None:
+        for t in np.flatnonzero(np.isfinite(problem.not_after)).tolist():
+            value = float(problem.not_after[t])
+
+            def closes(p: Relaxation, t: int = t, value: float = value) -> Relaxation:
+                window = np.full(p.tasks, np.inf) if p.not_after is None else p.not_after.copy()
+                window[t] = value
+                return replace(p, not_after=window)
+
+            _add(found, f"'{ids[t]}' not_after: {tasks[t].not_after:g} s", closes)
+    return found
+
+
+def _add(found: dict[str, Rule], name: str, rule: Rule) -> None:
+    """Adds a rule; both shares of a hand-over have the same ones, which go together."""
+    other = found.get(name)
+    found[name] = rule if other is None else lambda problem: rule(other(problem))
+
+
+def _buffer_rules(problem: Relaxation, job: Job) -> dict[str, Rule]:
+    """Returns the buffers, each with what puts it into a problem beside those that are there."""
+    found: dict[str, Rule] = {}
+    every = problem.stores
+    if every is None:
+        return found
+    for k, name in enumerate(used_buffers(job)):
+
+        def holds(p: Relaxation, k: int = k) -> Relaxation:
+            return replace(p, stores=every.only(k).beside(p.stores))
+
+        found[_of_buffer(name, job.buffers[name])] = holds
+    return found
+
+
+def _of_buffer(name: str, buffer: Buffer) -> str:
+    """Returns a buffer as a rule that contradicts others."""
+    return f"buffer {name} (room for {buffer.capacity}, {buffer.initial} at the start)"
+
+
+def _only(problem: Relaxation, rules: list[Rule]) -> Relaxation:
+    found = replace(problem, before=(), sequences=(), not_before=None, not_after=None, stores=None)
+    for rule in rules:
+        found = rule(found)
+    return found
+
+
+def _is_impossible(problem: Relaxation) -> bool:
+    return prove(problem, None, PROOF, 0).impossible

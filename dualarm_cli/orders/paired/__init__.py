@@ -1,0 +1,1 @@
+"""Orders of synchronous stages on a turning platform."""

@@ -1,0 +1,349 @@
+"""The best orders of stages found: all of them where tasks are few, else searches from several orders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.orders.paired.annealing import StageAnnealing, is_served
+from dualarm_cli.orders.paired.exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
+from dualarm_cli.orders.paired.problem import (
+    IDLE,
+    StageOrder,
+    StageProblem,
+    StopUnit,
+    apart,
+    stage_units,
+)
+from dualarm_cli.orders.paired.search import StageSearch
+from dualarm_cli.orders.paired.times import with_angles
+
+
+def nearest_stages(problem: StageProblem) -> IntArray | None:
+    """Returns stages made one after the other, shape (n, arms), of two arms; None where it comes to no end.
+
+    In each, one arm takes the stop that it has done soonest, and the other one the soonest done of those that are left
+    and that it can make beside it; whichever arm chooses first, and at whichever platform angle, the stage that is over
+    first is taken, and among equals that in which the arms need less together. An arm that has picked places next.
+    """
+    came, at = [problem.stops, problem.stops], 0
+    due: list[tuple[int, ...]] = [(), ()]
+    left = [tuple(own) for own in problem.tasks]
+    rows: list[tuple[int, ...]] = []
+    while left or any(due):
+        options: list[tuple[float, float, int, tuple[int, ...]]] = []
+        can = [_candidates(left, due[a]) for a in range(2)]
+        for first in range(2):
+            options += _stages(problem, came, at, can, first)
+        if not options:
+            return None
+        _, _, at, row = min(options)
+        for a, stop in enumerate(row):
+            if stop == IDLE:
+                continue
+            came[a] = stop
+            own = due[a] or next(one for one in left if one[0] == stop)
+            left = [one for one in left if one[0] != stop]
+            due[a] = own[1:]
+        rows.append(row)
+    return np.array(rows, dtype=np.int64)
+
+
+def _candidates(left: list[tuple[int, ...]], due: tuple[int, ...]) -> IntArray:
+    stops = [due[0]] if due else [own[0] for own in left]
+    return np.array(stops, dtype=np.int64)
+
+
+def _stages(
+    problem: StageProblem, came: list[int], at: int, can: list[IntArray], first: int
+) -> list[tuple[float, float, int, tuple[int, ...]]]:
+    """Returns length, sum, angle and stops of the best stage at each angle, one arm choosing first."""
+    other, found = 1 - first, []
+    for g in range(len(problem.turn)):
+        own = problem.length[first][came[first], can[first], at, g]
+        if not np.isfinite(own).any():
+            continue
+        k = int(own.argmin())
+        stop, one = int(can[first][k]), float(own[k])
+        rest = can[other][can[other] != stop]
+        lengths: FloatArray = np.array(problem.length[other][came[other], rest, at, g])
+        if problem.apart is not None:
+            pair = (stop, rest) if first == 0 else (rest, stop)
+            lengths = lengths + problem.apart[(*pair, g)]
+        row = [IDLE, IDLE]
+        row[first] = stop
+        if len(rest) and np.isfinite(lengths).any():
+            m = int(lengths.argmin())
+            row[other] = int(rest[m])
+            # What is done side by side is worth more than what is done alone: by the stop.
+            two = float(lengths[m])
+            found.append((0.5 * max(one, two), one + two, g, tuple(row)))
+        else:
+            found.append((one, one, g, tuple(row)))
+    return found
+
+
+WHOLE = 30
+"""Orders of up to so many stages are improved as a whole, longer ones in stretches as well."""
+LEAST = 120
+"""How often something is removed and put back at least."""
+FULL, LEAST_SHARE, MOST_SHARE = 60, 0.15, 1.6
+"""Orders of so many stages get the rounds of annealing, shorter ones fewer, longer ones more, by these shares."""
+SOONER, SHORTEST = 8, 100
+"""Annealing is preceded by coolings that are so many times quicker each, down to so many rounds."""
+NEAR = 0.02
+"""By less than this share an order is longer than another one that is nearly as good."""
+WARM, AGAIN = 0.02, 0.4
+"""First temperature and share of the rounds from an order that is known to be good."""
+MANY = 100
+"""Of more tasks no first order is made by insertion where a simpler one is possible."""
+FIRST_TRIES = 6
+"""So many orders in which tasks are put in are tried until one serves."""
+
+
+class NearOrders:
+    """Collects different orders that are nearly as good as the best one."""
+
+    def __init__(self, most: int) -> None:
+        """Keeps so many at most."""
+        self._most = most
+        self._kept: dict[bytes, StageOrder] = {}
+
+    def add(self, one: StageOrder) -> None:
+        """Keeps an order if there is room for it, or a worse one to leave."""
+        if not self._most:
+            return
+        self._kept.setdefault(one.slots.tobytes(), one)
+        if len(self._kept) > self._most:
+            del self._kept[max(self._kept, key=lambda key: self._kept[key].total)]
+
+    def of(self, best: float) -> list[StageOrder]:
+        """Returns those that are longer than the best one by less than NEAR."""
+        return [one for one in self._kept.values() if one.total < (1.0 + NEAR) * best]
+
+
+@dataclass(frozen=True)
+class StageEffort:
+    """How hard orders are searched for."""
+
+    starts: int
+    """Searches from different orders."""
+    steps: int
+    """How often something is removed and put back in each, times the number of stages."""
+    stretches: float
+    """Stretches that are improved, by stage of a long order."""
+    rounds: int = 0
+    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
+    coolings: int = 1
+    """So often it begins anew where orders have WHOLE stages or fewer; less often with more of them."""
+    near: int = 0
+    """So many orders that are nearly as good as its best one are kept each time."""
+
+    def shorter(self, times: int) -> StageEffort:
+        """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
+        rounds = self.rounds // times
+        return replace(self, starts=1, steps=self.steps // times, rounds=rounds, coolings=1, near=0)
+
+
+def is_few(problem: StageProblem) -> bool:
+    """Returns whether all orders are timed."""
+    few = FEW if problem.stores is None else FEW_WITH_BUFFERS
+    return len(problem.tasks) <= few and not problem.handovers
+
+
+def good_orders(
+    problem: StageProblem,
+    effort: StageEffort,
+    seed: int,
+    start: IntArray | None = None,
+    better: Callable[[float], None] = lambda _: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> list[StageOrder]:
+    """Returns different orders, the best one first; none where none was found.
+
+    Few tasks: the best of all. More: ruin and recreate from the order of the tasks' numbers, and from others.
+
+    Args:
+        problem: what is asked.
+        effort: how hard to try.
+        seed: of all randomness.
+        start: an order that is known to be good, to begin with, shape (n, arms).
+        better: is told the total of every better order [s].
+        stop: whether to stop early; one order is made in any case.
+    """
+    if is_few(problem) and start is None:
+        best = best_of_all(problem, better, stop)
+        return [] if best is None else [best]
+    found: list[StageOrder] = []
+
+    def told(one: StageOrder) -> None:
+        if _has_all_parts(problem, one):
+            better(one.total)
+
+    for k in range(effort.starts):
+        if found and stop():
+            break
+        search = StageSearch(problem, seed + k)
+        first = _first(search, start if k == 0 else None, in_order=k == 0)
+        if first is None:
+            continue
+        told(first)
+        if effort.rounds and is_served(problem) and np.isfinite(first.total):
+            found += _annealed(search, first, effort, told, stop, known=start is not None)
+            break
+        steps = max(LEAST, effort.steps // len(first.slots))
+        one = search.improve(first, steps, told, stop)
+        if len(one.slots) > WHOLE:
+            count = round(effort.stretches * len(one.slots))
+            one = search.improve_stretches(one, count, told, stop)
+        found.append(one)
+        if len(one.slots) > WHOLE:
+            break
+    given = in_file_order(problem, stage_units(problem))
+    if given is not None and start is None:
+        # What the file says is an answer as well, and may turn out to be the quickest one.
+        plain = with_angles(problem, given)
+        found += [plain] if np.isfinite(plain.total) else []
+    return different_orders([one for one in found if _has_all_parts(problem, one)])
+
+
+def different_orders(found: Sequence[StageOrder]) -> list[StageOrder]:
+    """Returns orders without those that are there already, the best one first."""
+    kept: dict[bytes, StageOrder] = {}
+    for one in sorted(found, key=lambda one: one.total):
+        kept.setdefault(one.slots.tobytes(), one)
+    return list(kept.values())
+
+
+def _annealed(
+    search: StageSearch,
+    first: StageOrder,
+    effort: StageEffort,
+    told: Callable[[StageOrder], None],
+    stop: Callable[[], bool],
+    *,
+    known: bool,
+) -> list[StageOrder]:
+    """Returns the best orders found by annealing; `known` is whether the first one is a good one already."""
+    problem, one = search.problem, first
+    if len(first.slots) <= WHOLE:
+        # Annealing exchanges what is there: where arms are idle for long, tasks are put together first.
+        one = search.improve(first, LEAST, told, stop)
+    share = min(MOST_SHARE, max(LEAST_SHARE, len(first.slots) / FULL))
+    rounds = round(effort.rounds * share)
+    annealing = StageAnnealing(problem, search.seed)
+    if known:
+        return [annealing.improve(one, round(AGAIN * rounds), told, stop, WARM)]
+    # While it is hot nothing is found: whoever ends it early then has what came of quicker coolings.
+    coolings = [rounds]
+    while coolings[0] >= SOONER * SHORTEST:
+        coolings.insert(0, coolings[0] // SOONER)
+    for count in coolings[:-1]:
+        if stop():
+            return [one]
+        one = annealing.improve(one, count, told, stop)
+    found = [one]
+    times = effort.coolings * min(1.0, WHOLE / len(one.slots))
+    for k in range(max(1, round(times))):
+        if stop():
+            break
+        near = NearOrders(effort.near)
+        annealing = annealing if k == 0 else StageAnnealing(problem, search.seed + k)
+        best = annealing.improve(one, rounds, told, stop, met=near.add)
+        found += [best, *near.of(best.total)]
+    return found
+
+
+def _has_all_parts(problem: StageProblem, order: StageOrder) -> bool:
+    """Returns whether buffers have every part that is taken, and room for every one that is put."""
+    return problem.stores is None or problem.stores.missing(order.slots[None])[0] == 0.0
+
+
+def _first(search: StageSearch, start: IntArray | None, *, in_order: bool) -> StageOrder | None:
+    """Returns an order to begin with, None where none was found."""
+    if start is not None:
+        return with_angles(search.problem, start)
+    tries: list[StageOrder] = []
+    for plain in (in_file_order, by_suited_arms, by_nearest) if in_order else ():
+        given = plain(search.problem, search.units)
+        if given is not None:
+            tries.append(with_angles(search.problem, never_touching(search.problem, given)))
+    # Insertion takes long there, and is no better than what is refined anyway.
+    enough = len(search.units) > MANY and any(np.isfinite(one.total) for one in tries)
+    for _ in range(0 if enough else FIRST_TRIES):
+        one = search.first()
+        if one is not None:
+            tries.append(one)
+        if any(np.isfinite(one.total) for one in tries):
+            break
+    good = [one for one in tries if np.isfinite(one.total)]
+    return min(good, key=lambda one: one.total) if good else None
+
+
+def in_file_order(problem: StageProblem, units: list[StopUnit]) -> IntArray | None:
+    """Returns the tasks in the order of their numbers, those of any arm by the one that has less to do until then.
+
+    None where that keeps no rule.
+    """
+    rows: list[list[StopUnit]] = [[] for _ in problem.length]
+    stops = [0] * len(rows)
+    for unit in sorted(units, key=lambda unit: unit.tasks):
+        if not unit.arms:
+            return None
+        a = min(unit.arms, key=lambda a: (stops[a], a))
+        _append(rows, unit, a)
+        stops[a] += len(unit.stops)
+    return side_by_side(problem, rows)
+
+
+def by_suited_arms(problem: StageProblem, units: list[StopUnit]) -> IntArray | None:
+    """Returns the tasks in the order of their numbers, each by the arm that gets to its first stop soonest from home.
+
+    None where that keeps no rule.
+    """
+    rows: list[list[StopUnit]] = [[] for _ in problem.length]
+    for unit in sorted(units, key=lambda unit: unit.tasks):
+        if not unit.arms:
+            return None
+        soonest = {a: problem.length[a][problem.stops, unit.stops[0]].min() for a in unit.arms}
+        _append(rows, unit, min(soonest, key=lambda a: (soonest[a], a)))
+    return side_by_side(problem, rows)
+
+
+def by_nearest(problem: StageProblem, _units: list[StopUnit]) -> IntArray | None:
+    """Returns the tasks by the nearest neighbour; None where there are rules, which it knows nothing of."""
+    windows = problem.not_before is not None or problem.not_after is not None
+    rules = problem.before or problem.sequences or problem.in_file_order or problem.handovers
+    if len(problem.length) != 2 or rules or windows or problem.stores is not None:
+        return None
+    return nearest_stages(problem)
+
+
+def _append(rows: list[list[StopUnit]], unit: StopUnit, a: int) -> None:
+    """Appends a unit to what an arm does; of a hand-over the taker's share to what the other one does."""
+    if not unit.meets:
+        rows[a].append(unit)
+        return
+    giving, taking = unit.shares(a)
+    rows[a].append(giving)
+    rows[1 - a].append(taking)
+
+
+def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
+    """Returns an order in which stops that no angle allows side by side are made one after the other."""
+    if len(problem.work) != 2:
+        return slots
+    both = (slots != IDLE).all(axis=1)
+    one, other = slots[both].T
+    possible = np.isfinite(problem.work[0][one]) & np.isfinite(problem.work[1][other])
+    if problem.apart is not None:
+        possible &= np.isfinite(problem.apart[one, other])
+    never = {(int(i), int(j)) for i, j in slots[both][~possible.any(axis=1)]}
+    # A hand-over cannot be made one after the other.
+    for giving, taking in problem.handovers:
+        give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
+        never -= {(give, take), (take, give)}
+    return apart(slots, never)

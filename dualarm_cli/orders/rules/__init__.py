@@ -1,0 +1,1 @@
+"""Rules that orders keep: buffer levels and tool stands."""

@@ -1,1 +1,0 @@
-"""What a capable user would try instead: general optimisers on the same decisions, for comparison."""

@@ -1,0 +1,1 @@
+"""From a job to a verified schedule: sections, candidate orders and methods."""

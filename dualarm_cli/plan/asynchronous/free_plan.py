@@ -1,0 +1,264 @@
+"""Plans of arms with clocks of their own: the platform stands where both work, each arm goes its own way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.record import Record
+from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_keep_clear
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Segment
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.stop_motion import at_knot
+from dualarm_cli.motion.transfers import PLATFORM, transfers_within_tool_speed
+from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.orders.model.tool_changes import cell_after
+from dualarm_cli.plan.asynchronous.meeting_arms import ArmCoordination
+from dualarm_cli.plan.asynchronous.own_clock import OwnClock, Wait
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.timing import TimingSolver
+from dualarm_cli.timing.composition import concatenate, distinct_times, hold, merge
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+SPREADS = (1, 2, 4)
+"""By how many steps what is blocked is made larger, one after the other, until all keeps clear."""
+CHUNK = 4000
+"""Instants whose clearance is looked at together."""
+
+
+@dataclass(frozen=True)
+class FreePlanner:
+    """What plans of arms with clocks of their own are made with."""
+
+    problem: MethodProblem
+    """The job, decided, and how hard to try."""
+    solve: Callable[[MethodProblem], Decided]
+    """How one arm's postures are chosen."""
+    timing: TimingSolver
+    """How motions are timed."""
+    tell: Callable[[str], None]
+    """Is told what is being done."""
+    clear: bool
+    """Whether anything has to keep clear."""
+    end: FloatArray | None = None
+    """All joints at the end of the motion, where the job itself does not return [rad], shape (n,); None for wherever
+    the last tasks end."""
+
+    def plan(self, angle: FloatArray) -> Motion:
+        """Returns the motion with the platform standing at an angle (k,) while tools work.
+
+        Raises:
+            InfeasibleError: an arm has no way of its own, or no way was found for both together.
+        """
+        job = self.problem.job
+        start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+        work = start.copy()
+        work[self.problem.model.platform_columns] = angle
+        model = replace(
+            self.problem.model, platform=replace(self.problem.model.platform, held=True)
+        )
+        clocks = []
+        for name in model.arms:
+            self.tell(f"planning the {name} arm by its own clock")
+            clocks.append(self._own(model, name, work))
+        begin = work if job.start == "free" else start
+        turn = self._turn(begin, work)
+        back = None
+        if self.end is not None:
+            back = self._turn(work, self.end)
+        elif job.returns and turn.duration > 0.0:
+            back = _reversed(turn)
+        cell = None
+        if self.clear:
+            cell = CellClearance.of(job.cell, job.carried())
+        if len(clocks) > 1:
+            self.tell("making the arms wait for each other")
+        for apart in (False, True) if turn.duration > 0.0 else (False,):
+            leave = turn.duration if apart else 0.0
+            meeting = ArmCoordination(model, job, work, cell, tuple(clocks), turn.duration, leave)
+            for spread in SPREADS:
+                waits = meeting.waits(spread)
+                if waits is None:
+                    break
+                motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
+                if cell is None or _keeps_clear(job, cell, motion):
+                    return motion
+        raise InfeasibleError(
+            "mode: free: no way was found for both arms together while the platform stands at "
+            f"{np.degrees(angle).round(1).tolist()} deg"
+        )
+
+    def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnClock:
+        """Returns one arm's way through its stops, as if it were alone."""
+        job, arm = self.problem.job, model.arms[name]
+        tasks = tuple(task for task in job.tasks if task.arm == name)
+        if not tasks and self.end is None:
+            still = hold(arm.arm.joints, work[arm.columns], 0.0)
+            return OwnClock(name, still, (), (), ())
+        key = "home" if job.start == "free" else job.start
+        postures = {**job.cell.robot.postures, key: work}
+        cell = replace(job.cell, robot=replace(job.cell.robot, postures=postures))
+        free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
+        alone = replace(job, cell=cell, tasks=free, pairing=None, mode="paired")
+        problem = replace(self.problem, model=replace(model, cell=cell), job=alone)
+        motion = self._still(model, work)
+        if tasks:
+            motion = quickest_clear(
+                problem, self.solve, self.timing, lambda _: None, clear=self.clear, crossing=False
+            ).cleared.motion
+        if self.end is not None:
+            motion = self._ended(problem, name, motion)
+        return OwnClock.of(motion, name, arm.arm.joints)
+
+    def _still(self, model: CellModel, work: FloatArray) -> Motion:
+        """Returns no motion at all."""
+        return Motion(hold(model.cell.robot.joints, work, 0.0), (), (), ())
+
+    def _ended(self, problem: MethodProblem, name: str, motion: Motion) -> Motion:
+        """Returns one arm's motion with its way to where it has to be at the end."""
+        assert self.end is not None  # callers have looked
+        columns = self.problem.model.arms[name].columns
+        here = np.asarray(motion.trajectory.position[-1])
+        there = here.copy()
+        there[columns] = self.end[columns]
+        if np.array_equal(here, there):
+            return motion
+        postures = {**problem.job.cell.robot.postures, problem.job.start: here}
+        cell = cell_after(problem.job.cell, problem.job.tasks)
+        cell = replace(cell, robot=replace(cell.robot, postures=postures))
+        alone = replace(problem.job, cell=cell, tasks=(), returns=False)
+        limits = cell.robot.limits.scaled(alone.speed)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
+        found = quickest_clear(
+            replace(problem, model=replace(problem.model, cell=cell), job=alone),
+            lambda _: Decided([back]),
+            self.timing,
+            lambda _: None,
+            clear=self.clear,
+            crossing=False,
+        )
+        record = Record()
+        record.add(motion)
+        record.add(found.cleared.motion)
+        return Motion(
+            concatenate(record.pieces),
+            tuple(record.stages),
+            tuple(record.segments),
+            tuple(record.events),
+        )
+
+    def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
+        """Returns the platform's motion from the start to where it stands while tools work."""
+        model, job = self.problem.model, self.problem.job
+        robot = job.cell.robot
+        if not robot.platform:
+            return hold((), np.zeros(0), 0.0)
+        index = model.platform_columns
+        if np.array_equal(start[index], work[index]):
+            return hold(robot.platform, start[index], 0.0)
+        plan = StagePlan(start, work, work, {}, "turn", 0.0)
+        columns = {PLATFORM: index}
+        limits = robot.limits.scaled(job.speed)
+        transfers = transfers_within_tool_speed(
+            model, plan, columns, limits, self.timing, job.tool_speed
+        )
+        return transfers.motion[PLATFORM]
+
+    def _joined(
+        self,
+        model: CellModel,
+        work: FloatArray,
+        clocks: tuple[OwnClock, ...],
+        turns: tuple[Trajectory, Trajectory | None],
+        waits: tuple[list[Wait] | tuple[()], ...],
+        *,
+        apart: bool,
+    ) -> Motion:
+        """Returns the arms' ways with their waits, and the platform's, as one motion."""
+        robot, (turn, back) = self.problem.job.cell.robot, turns
+        clocks = tuple(c.with_waits(list(w)) for c, w in zip(clocks, waits, strict=True))
+        over = max(clock.last_line() for clock in clocks)
+        home = max(clock.duration for clock in clocks)
+        groups = [clock.trajectory for clock in clocks]
+        length = home
+        if turn.joints:
+            pieces = [turn]
+            if back is not None and back.duration > 0.0:
+                leaves = home if apart else max(over, turn.duration)
+                pieces += [hold(turn.joints, turn.position[-1], leaves - turn.duration), back]
+                length = max(length, leaves + back.duration)
+            groups.insert(0, concatenate([p for p in pieces if p.duration > 0.0] or [turn]))
+        segments = [part for clock in clocks for part in _to_end(clock, length)]
+        longest = max(groups, key=lambda group: group.duration)
+        if longest.duration < length:
+            first = groups[0]
+            rest = hold(first.joints, first.position[-1], length - first.duration)
+            groups[0] = concatenate([first, rest])
+        trajectory = merge(groups, joints=robot.joints)
+        knots, _ = distinct_times(trajectory.time)
+        events = [at_knot(event, knots) for c in clocks for event in c.events]
+        stages = sorted(
+            (stage for clock in clocks for stage in clock.stages),
+            key=lambda stage: (stage.start, stage.arm),
+        )
+        platform = float(work[model.platform_columns][0]) if len(robot.platform) == 1 else None
+        return Motion(
+            trajectory,
+            tuple(replace(stage, platform_angle=platform) for stage in stages),
+            with_ends(segments, events),
+            tuple(sorted(events, key=lambda event: (event.time, event.arm))),
+        )
+
+
+def _to_end(clock: OwnClock, length: float) -> list[Segment]:
+    """Returns an arm's segments, and that it waits at its end for the other one."""
+    parts = list(clock.segments)
+    end = max((part.end for part in parts), default=0.0)
+    if length - end > 1e-9:
+        parts.append(Segment(clock.arm, "wait", "", "", end, length, reason="partner"))
+    return parts
+
+
+def _reversed(motion: Trajectory) -> Trajectory:
+    """Returns a motion from its end to its start."""
+    return Trajectory(
+        motion.joints,
+        (motion.time[-1] - motion.time)[::-1],
+        motion.position[::-1],
+        -motion.velocity[::-1],
+        motion.acceleration[::-1],
+    )
+
+
+def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
+    """Returns whether everything keeps clear of everything along a whole motion."""
+    duration, step = motion.trajectory.duration, STEP / job.speed
+    count = max(2, int(np.ceil(duration / step)) + 1)
+    time = np.minimum(step * np.arange(count), duration)
+    held = np.empty((count, len(cell.arms)), dtype=np.int64)
+    for a, name in enumerate(cell.arms):
+        own = OwnClock(
+            name,
+            motion.trajectory,
+            (),
+            tuple(part for part in motion.segments if part.arm == name),
+            tuple(event for event in motion.events if event.arm == name),
+        )
+        held[:, a] = own.held(time, cell, job)
+    position = motion.trajectory.at(time)[0]
+    stretches = [
+        StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)
+        for k in range(0, max(1, count - 1), CHUNK)
+    ]
+    return bool(which_keep_clear(cell, stretches).all())

@@ -1,0 +1,234 @@
+"""What one arm does by its own clock: its way through its stops while the platform stands, and where it can wait."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Event, Segment, Stage, WaitReason
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.waiting import SAME_TIME
+from dualarm_cli.timing.composition import concatenate, hold
+
+LINES = ("approach", "dwell", "retract")
+"""Segments on which a part may touch what stands still."""
+BEFORE_MOVING = ("transfer", "return")
+"""An arm may wait before it leaves."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """A wait that is put into an arm's way."""
+
+    at: float
+    """When, by the arm's own clock [s]."""
+    length: float
+    """How long [s]."""
+    reason: WaitReason
+    """What for."""
+
+
+@dataclass(frozen=True)
+class OwnClock:
+    """One arm's way."""
+
+    arm: str
+    """Its name."""
+    trajectory: Trajectory
+    """Its joints."""
+    stages: tuple[Stage, ...]
+    """One for each stop, and one for the return."""
+    segments: tuple[Segment, ...]
+    """In time order, without gaps."""
+    events: tuple[Event, ...]
+    """In time order."""
+
+    @classmethod
+    def of(cls, motion: Motion, arm: str, joints: tuple[str, ...]) -> OwnClock:
+        """Takes one arm out of a motion in which it is the only one that does anything."""
+        segments = tuple(part for part in motion.segments if part.arm == arm)
+        return cls(
+            arm,
+            motion.trajectory.select(joints),
+            tuple(replace(stage, arm=arm) for stage in motion.stages),
+            segments,
+            tuple(event for event in motion.events if event.arm == arm),
+        )
+
+    @property
+    def duration(self) -> float:
+        """Its length [s]."""
+        return self.trajectory.duration
+
+    def rests(self) -> list[float]:
+        """Returns when it may wait, by its own clock [s], increasing.
+
+        That is before it leaves, before a line begins, and where a task begins that takes no time.
+        """
+        found = list(self.line_begins().values())
+        before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
+        for part in self.segments:
+            to_line = before in BEFORE_MOVING and part.kind not in BEFORE_MOVING
+            if part.kind in BEFORE_MOVING or to_line:
+                found.append(part.start)
+            before = part.kind
+        rests: list[float] = []
+        for time in sorted(found):
+            if not rests or time > rests[-1] + SAME_TIME:
+                rests.append(time)
+        return rests
+
+    def line_begins(self) -> dict[str, float]:
+        """Returns when each task's first line begins, by its own clock [s]: there the arm can wait.
+
+        Of a bare move, with neither lines nor a dwell, when the arm leaves for it: it is over as soon as it is there.
+        """
+        found: dict[str, float] = {}
+        before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
+        for part in self.segments:
+            if before in BEFORE_MOVING and part.kind not in BEFORE_MOVING and part.kind != "wait":
+                found.setdefault(part.task, part.start)
+            before = part.kind
+        for event in self.events:
+            leaves = (
+                part.start
+                for part in self.segments
+                if part.kind in BEFORE_MOVING and abs(part.end - event.time) <= SAME_TIME
+            )
+            if event.task not in found:
+                found[event.task] = min(leaves, default=event.time)
+        return found
+
+    def task_ends(self) -> dict[str, float]:
+        """Returns when each task is over, by its own clock [s]."""
+        found = {event.task: event.time + event.dwell for event in self.events}
+        for part in self.segments:
+            if part.task in found and part.kind not in ("wait", *BEFORE_MOVING):
+                found[part.task] = max(found[part.task], part.end)
+        return found
+
+    def last_line(self) -> float:
+        """Returns when its last line or dwell is over, by its own clock [s]."""
+        return max(self.task_ends().values(), default=0.0)
+
+    def held(self, time: FloatArray, cell: CellClearance, job: Job) -> IntArray:
+        """Returns what it holds at some instants, as numbers of the cell's test, shape (t,).
+
+        Args:
+            time: instants by its own clock [s], shape (t,).
+            cell: the test.
+            job: what is to be done, decided.
+        """
+        tasks = {task.id: task for task in job.tasks}
+        found = np.full(len(time), cell.held(job.held_at_start(self.arm)))
+        begins = self._begins()
+        for event in self.events:
+            if event.task not in tasks:
+                continue
+            task, began = tasks[event.task], begins[event.task, event.action]
+            found[time >= began - SAME_TIME] = cell.held(task.held_before(event.action))
+            found[time >= event.changes_held - SAME_TIME] = cell.held(task.held_after(event.action))
+        for start, end in self._lines():
+            found[(time >= start - SAME_TIME) & (time <= end + SAME_TIME)] |= 1
+        return found
+
+    def _begins(self) -> dict[tuple[str, str], float]:
+        """Returns when each stop's first line begins, or its dwell where it has none [s], by task and action."""
+        found = {(event.task, event.action): event.time for event in self.events}
+        for part in self.segments:
+            key = (part.task, part.action)
+            if part.kind in LINES and key in found:
+                found[key] = min(found[key], part.start)
+        return found
+
+    def _lines(self) -> list[tuple[float, float]]:
+        """Returns when it is on lines and in the dwells between them."""
+        spans: list[tuple[float, float]] = [(e.time, e.time + e.dwell) for e in self.events]
+        spans += [(p.start, p.end) for p in self.segments if p.kind in LINES]
+        return sorted(spans)
+
+    def with_waits(self, waits: Sequence[Wait]) -> OwnClock:
+        """Returns the same way with waits in it."""
+        waits = sorted((wait for wait in waits if wait.length > SAME_TIME), key=lambda w: w.at)
+        if not waits:
+            return self
+        at, until = [wait.at for wait in waits], np.cumsum([wait.length for wait in waits])
+
+        def begins(time: float) -> float:
+            k = bisect_right(at, time + SAME_TIME)
+            return time + (float(until[k - 1]) if k else 0.0)
+
+        def ends(time: float) -> float:
+            k = bisect_left(at, time - SAME_TIME)
+            return time + (float(until[k - 1]) if k else 0.0)
+
+        moved = [replace(p, start=begins(p.start), end=ends(p.end)) for p in self.segments]
+        for wait in waits:
+            end = begins(wait.at)
+            task = next((p for p in self.segments if p.start >= wait.at - SAME_TIME), None)
+            names = (task.task, task.action) if task is not None else ("", "")
+            moved.append(
+                Segment(self.arm, "wait", *names, end - wait.length, end, reason=wait.reason)
+            )
+        return OwnClock(
+            self.arm,
+            with_holds(self.trajectory, waits),
+            tuple(
+                replace(s, start=begins(s.start), end=max(begins(s.start), ends(s.end)))
+                for s in self.stages
+            ),
+            tuple(sorted(moved, key=lambda part: (part.start, part.end))),
+            tuple(
+                replace(e, time=begins(e.time) if self._goes_on(e) else ends(e.time))
+                for e in self.events
+            ),
+        )
+
+    def _goes_on(self, event: Event) -> bool:
+        """Returns whether a dwell or a retract of the same stop begins at an event; else its stop is over then.
+
+        A stop that takes no time, as the arm is there already, comes after what it waits for, and so does its event.
+        """
+        own = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
+        return not own or any(
+            part.kind in LINES and abs(part.start - event.time) <= SAME_TIME for part in own
+        )
+
+
+def with_holds(trajectory: Trajectory, waits: Sequence[Wait]) -> Trajectory:
+    """Returns a trajectory that stands still at some instants at which it is at rest, for a while."""
+    parts, start = [], 0.0
+    for wait in waits:
+        if wait.at > start + SAME_TIME:
+            parts.append(piece(trajectory, start, wait.at))
+        position = trajectory.at(np.array([wait.at]))[0][0]
+        parts.append(hold(trajectory.joints, position, wait.length))
+        start = wait.at
+    if trajectory.duration > start + SAME_TIME:
+        parts.append(piece(trajectory, start, trajectory.duration))
+    return concatenate(parts)
+
+
+def piece(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """Returns what happens between two instants of a trajectory, both knots of it, from time 0."""
+    time = trajectory.time
+    # At the very ends all knots are kept: a jump of acceleration from and to rest is two of them.
+    first = int(np.searchsorted(time, start + SAME_TIME, side="right")) - 1
+    first = 0 if start <= SAME_TIME else first
+    last = int(np.searchsorted(time, end - SAME_TIME, side="left"))
+    last = len(time) - 1 if end >= time[-1] - SAME_TIME else last
+    rows = slice(first, last + 1)
+    return Trajectory(
+        trajectory.joints,
+        time[rows] - time[first],
+        trajectory.position[rows],
+        trajectory.velocity[rows],
+        trajectory.acceleration[rows],
+    )

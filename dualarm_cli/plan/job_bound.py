@@ -1,0 +1,221 @@
+"""What no plan of a job can beat, by the bound that serves it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.bound.bound import LowerBound, lower_bound
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.seam.words import seam_bound
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, Task
+from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.sequence_problem import sequence_problem
+
+SHARED = (
+    "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: no task takes less "
+    "than by itself, with the platform angle, postures and yaws that suit it best, and the slower arm does at least "
+    "its share; transfers between tasks count nothing, of tool changes the fewest visits to stands"
+)
+"""What the bound over all orders assumes."""
+OWN_CLOCKS = (
+    "lower bound: holds for every plan in this order in which each arm goes by its own clock: the slower arm's stops, "
+    "as if the platform served it alone"
+)
+"""What the bound of arms with clocks of their own assumes."""
+DWELLS_ONLY = "lower bound: of the tasks beyond the first {most} only dwells count"
+"""What is said where there are too many tasks to bound each."""
+MOST_TASKS = 60
+"""So many tasks are bounded one by one."""
+
+
+def shared_bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+    """Returns a bound over all orders and assignments.
+
+    The least T so that tasks, shared out in fractions, take no arm longer than T: a linear programme.
+
+    Args:
+        model: the job's cell, with closed forms.
+        job: what is to be done.
+        effort: as of `lower_bound`.
+    """
+    times = np.full((len(model.arms), len(job.tasks)), np.inf)
+    for t, task in enumerate(job.tasks):
+        for a, name in enumerate(model.arms):
+            if not task.allows(name):
+                continue
+            times[a, t] = sum(stop.dwell.total for stop in task.stops)
+            if t < MOST_TASKS:
+                own = replace(task, arm=name, after=())
+                alone = replace(job, tasks=(own,), start="free", returns=False, pairing=None)
+                found = lower_bound(sequence_problem(model, alone), effort).value
+                times[a, t] = max(times[a, t], found or 0.0)
+    more = (DWELLS_ONLY.format(most=MOST_TASKS),) if len(job.tasks) > MOST_TASKS else ()
+    visits = np.zeros(len(model.arms))
+    for a, name in enumerate(model.arms):
+        for stand in least_visits(job, name):
+            alone = replace(job, tasks=(stand,), start="free", returns=False, pairing=None)
+            visits[a] += lower_bound(sequence_problem(model, alone), effort).value or 0.0
+    return LowerBound(_least_makespan(times, visits), (SHARED, *more))
+
+
+def least_visits(job: Job, arm: str) -> list[Task]:
+    """Returns the visits to stands that an arm makes at least, whatever the order, for tasks that only it may do.
+
+    Every tool of theirs is taken once, that of the start again where it has to be on in the end; before each of these
+    what was on is left.
+
+    Args:
+        job: what is to be done.
+        arm: which arm.
+    """
+    start = job.cell.start_tool(arm)
+    wanted = {task.tool for task in job.tasks if task.arm == arm} - {start}
+    if not wanted:
+        return []
+    again = {start} if job.returns else set()
+    takes = sorted((wanted | again) - {""})
+    # In a cycle what is taken is left once as well; else one of them stays on, or may.
+    leaves = takes if job.returns else [start] if start else []
+    stands = {
+        (task.tool, task.stops[0].action): task for task in stand_tasks(job.cell) if task.arm == arm
+    }
+    return [stands[tool, "take_tool"] for tool in takes] + [
+        stands[tool, "leave_tool"] for tool in leaves
+    ]
+
+
+def own_clocks_bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+    """Returns a bound for arms that go through their stops by their own clocks; arguments as of `shared_bound`."""
+    value = 0.0
+    for name in model.arms:
+        tasks = tuple(task for task in job.tasks if task.arm == name)
+        if tasks:
+            alone = replace(job, tasks=tasks, pairing=None)
+            found = lower_bound(sequence_problem(model, alone), effort).value
+            value = max(value, found or 0.0)
+    return LowerBound(value, (OWN_CLOCKS,))
+
+
+def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
+    """Returns the least T of tasks shared out in fractions.
+
+    Args:
+        times: of every task on every arm [s], infinite where an arm cannot, shape (arms, n).
+        besides: what every arm does besides [s], shape (arms,).
+    """
+    from scipy.optimize import linprog
+
+    arms, n = times.shape
+    can = np.isfinite(times)
+    if not can.any(axis=0).all():
+        return np.inf
+    cost = np.append(np.zeros(arms * n), 1.0)
+    load = np.zeros((arms, arms * n + 1))
+    share = np.zeros((n, arms * n + 1))
+    for a in range(arms):
+        load[a, a * n : (a + 1) * n] = np.where(can[a], times[a], 0.0)
+        load[a, -1] = -1.0
+        share[np.arange(n), a * n + np.arange(n)] = 1.0
+    spans = [(0.0, 1.0 if one else 0.0) for one in can.ravel()] + [(0.0, None)]
+    found = linprog(cost, load, -besides, share, np.ones(n), spans, method="highs")
+    return float(found.fun) if found.success else 0.0
+
+
+PATH_BOUND = (
+    "lower bound: the sections between paths and seams each by itself, from wherever they like; these at full speed; "
+    "the transfers to where they begin and from where they end count nothing"
+)
+"""What a bound with paths assumes."""
+NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
+"""What is said where there is no bound."""
+NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
+"""The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
+
+
+def job_bound(job: Job, effort: str) -> LowerBound:
+    """Returns what no plan of a job can beat.
+
+    Args:
+        job: what is to be done.
+        effort: quick, normal or thorough.
+    """
+    if job.has_conveyors:
+        return LowerBound(None, (NO_CONVEYOR_BOUND,))
+    general = bool(job.cell.robot.without_closed_form)
+    job = with_changes(job)
+    if general and not job.in_sections:
+        return LowerBound(None, (NO_BOUND,))
+    if not job.is_decided and not job.in_sections:
+        return shared_bound(CellModel.from_cell(job.cell), job, effort)
+    if job.mode == "free":
+        return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
+    if not job.in_sections:
+        return _bound(CellModel.from_cell(job.cell), job, effort)
+    value, assumptions = 0.0, dict[str, None]()
+    for section in _bounded_sections(job):
+        work, seam = section[0].path, section[0].seam
+        if work is not None:
+            value += work.length / (work.speed * job.speed)
+        elif seam is not None:
+            value = max(value, _opens(section)) + seam_bound(seam, job.speed)
+        elif not general:
+            # Where a section starts is for the plan to choose, and what comes after it does not count.
+            alone = replace(job, tasks=section, start="free", returns=False)
+            model = CellModel.from_cell(job.cell)
+            bounded = _bound if alone.is_decided else shared_bound
+            bound = bounded(model, alone, effort)
+            value += bound.value if bound.value is not None else 0.0
+            assumptions |= dict.fromkeys(bound.assumptions)
+    return LowerBound(value, (*assumptions, PATH_BOUND))
+
+
+def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
+    """Returns sections that take at least as long together as each by itself, in whatever order they are done."""
+    if job.order == "given":
+        return job.sections()
+    others = tuple(task for task in job.tasks if not task.alone)
+    alone = sorted((one for one in job.sections() if one[0].alone), key=_opens)
+    # Of works that each open at some time no order is over sooner than that in which they open.
+    return [*([others] if others else []), *alone]
+
+
+def _opens(section: tuple[Task, ...]) -> float:
+    """Returns when a section may begin at the earliest [s]: a seam so that its dwell is over when the file says."""
+    seam = section[0].seam
+    return 0.0 if seam is None else max(0.0, seam.not_before - seam.dwell_start)
+
+
+def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+    """Returns the bound of a decided job.
+
+    It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and
+    dwell: at least what its stop takes by itself from wherever it likes.
+    """
+    problem = sequence_problem(model, job)
+    arms = [list(arm.stops) for arm in problem.arms]
+    for k in problem.together.tolist():
+        least = [_least_work(problem, a, k, effort) for a in range(len(arms))]
+        for a, stops in enumerate(arms):
+            stop = stops[k]
+            if stop is not None:
+                stops[k] = replace(stop, dwell=stop.dwell + sum(least) - least[a])
+    whole = tuple(
+        replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
+    )
+    return lower_bound(replace(problem, arms=whole, handing=()), effort)
+
+
+def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:
+    """Returns what lines and dwell of one arm's stop take at least [s]."""
+    stop = problem.arms[a].stops[k]
+    if stop is None:
+        return 0.0
+    arms = tuple(
+        replace(arm, stops=(stop if i == a else None,)) for i, arm in enumerate(problem.arms)
+    )
+    alone = replace(problem, arms=arms, free_start=True, returns=False, handing=())
+    return max(stop.dwell, lower_bound(alone, effort).value or 0.0)

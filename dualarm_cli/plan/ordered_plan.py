@@ -1,0 +1,264 @@
+"""Plans of jobs that leave arms or order open: the best orders found are planned, the quickest plan is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.orders.model.tool_changes import stop_name
+from dualarm_cli.orders.order_trials import MOST_TRIED, TRIALS, most_promising
+from dualarm_cli.orders.orders import ArmTask, DecidedOrder, Orders, PairedSearch, StagePair
+from dualarm_cli.orders.watch import Watch
+from dualarm_cli.stages.search.problem import Decisions
+
+Planner = Callable[[Job, Decisions | None, bool], Schedule]
+"""Plans a decided job from a plan to begin with; whether what does not keep clear is decided again."""
+SEARCHES, SEARCHES_OF_LONG = 2, 1
+"""So often orders are searched for anew without pairs of stops that turned out to touch; fewer of long ones."""
+TAKEN_APART = 3
+"""So often after that only what touches is taken apart."""
+LONG = 40
+"""Of orders with more stages only the most promising one is planned."""
+HOPELESS = {"quick": 2, "normal": 4, "thorough": 12}
+"""No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
+WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
+"""Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
+PROMISING = 0.04
+"""Orders are planned that are estimated to be slower than the best one by less than this share."""
+
+
+def plan_in_best_order(
+    job: Job,
+    settings: PlanSettings,
+    model: CellModel,
+    watch: Watch,
+    decided_plan: Planner,
+    keep: Callable[[Schedule], None],
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the quickest plan found over arms and orders of paired arms.
+
+    Args:
+        job: what is to be done.
+        settings: as for any plan.
+        model: the job's cell.
+        watch: is told how it goes, and may end the search.
+        decided_plan: plans a job that says which arm does what in which order, from the search's angles and postures.
+        keep: is given every plan, with its notes.
+        clear: whether anything has to keep clear.
+
+    Raises:
+        InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found keeps clear.
+    """
+    watch.begin()
+
+    def planned(one: DecidedOrder, of: Orders, patient: bool) -> Schedule:
+        found = decided_plan(one.job, one.plan, patient)
+        notes = (*found.notes, *order_notes(of, one.total))
+        found = replace(found, order_grid_gap=of.gap(one.total), notes=notes)
+        keep(found)
+        return found
+
+    search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
+    return _searched(search, search.orders(watch), settings, watch, planned)
+
+
+def _searched(
+    search: PairedSearch,
+    orders: Orders,
+    settings: PlanSettings,
+    watch: Watch,
+    planned: Callable[..., Schedule],
+) -> Schedule:
+    """Returns the quickest plan of the orders that the search finds, anew where what they do side by side touches.
+
+    Args:
+        search: where orders come from.
+        orders: what it finds at first.
+        settings: as for any plan.
+        watch: is told how it goes, and may end the search.
+        planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
+    """
+    tried = _Tried(HOPELESS[settings.effort], search.of_either_arm())
+    long = len(orders.found[0].job.stages()) > LONG
+    searches = SEARCHES_OF_LONG if long else SEARCHES
+    tries = 0
+    while True:
+        known = tried.known
+        # There is no other order to hope for where nothing more is searched.
+        patient = not long or tries > searches or watch.stop()
+        one_by_one = partial(planned, of=orders, patient=patient)
+        try:
+            promising = _promising(search, orders.found, settings, watch)
+            return _quickest(promising, watch, one_by_one, tried)
+        except BlockedError as error:
+            last = tries == searches + TAKEN_APART
+            if last or tried.known == known or tried.is_hopeless:
+                raise
+            # What turned out to touch is kept apart, and the search goes on from there.
+            first = orders.found[0].job
+            watch.tell(f"keeping {tried.known} stops or pairs of them apart: {error.stages}")
+            search = search.without(tried.pairs, tried.others, first)
+            # At last only what touches is taken apart, and all else stays as it is, so that a plan comes of it.
+            again = search.start is None or (tries < searches and not watch.stop())
+            try:
+                found = search.orders(watch) if again else search.as_it_is()
+            except InfeasibleError:
+                # What was learnt is no rule of the job.
+                raise error from None
+            orders = replace(found, bound=orders.bound)
+            tries += 1
+
+
+def _quickest(
+    orders: list[DecidedOrder],
+    watch: Watch,
+    planned: Callable[[DecidedOrder], Schedule],
+    tried: _Tried,
+) -> Schedule:
+    """Returns the quickest plan of some orders, at least of the first one that has a plan, if there is any hope.
+
+    Args:
+        orders: those that are worth it.
+        watch: is told how it goes.
+        planned: plans an order.
+        tried: what turns out not to keep clear is added.
+    """
+    best: Schedule | None = None
+    failure: InfeasibleError | None = None
+    longest = 0.0
+    for number, one in enumerate(orders, start=1):
+        if best is not None and watch.stop(longest):
+            break
+        if tried.repeats(one.job):
+            continue
+        watch.tell(f"planning order {number} (about {one.total:.2f} s)")
+        begin = watch.elapsed()
+        try:
+            schedule = planned(one)
+        except InfeasibleError as error:
+            failure = failure or error
+            if isinstance(error, BlockedError):
+                tried.add(one.job, error)
+            if best is None and tried.is_hopeless:
+                break
+            continue
+        longest = max(longest, watch.elapsed() - begin)
+        if best is None or schedule.duration < best.duration:
+            best = schedule
+    if best is None:
+        # There is an order, or it would have been said that there is none.
+        assert failure is not None
+        raise failure
+    return best
+
+
+@dataclass
+class _Tried:
+    """What orders without a plan teach."""
+
+    most: int
+    """No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
+    either: frozenset[str] = frozenset()
+    """Tasks that either arm may do."""
+    alone: int = 0
+    """So many of them there are."""
+    pairs: set[StagePair] = field(default_factory=set)
+    """What does not keep clear side by side."""
+    others: set[ArmTask] = field(default_factory=set)
+    """Tasks that an arm has no clear way to do while the other one stands idle: the other one is to do them."""
+
+    @property
+    def known(self) -> int:
+        """How much has been learnt."""
+        return len(self.pairs) + len(self.others)
+
+    def add(self, job: Job, error: BlockedError) -> None:
+        """Learns from an order whose plan does not keep clear."""
+        before = len(self.others)
+        left = self.either - {task for _, task in self.others}
+        # What is in the way of later stages may be there because of the first one.
+        lone = error.never or _lone_tasks(job, error.stages)
+        self.others |= set([one for one in lone if one[1] in left][:1])
+        if not self.others.issuperset(error.never):
+            self.alone = self.most
+        self.pairs |= _blocked_pairs(job, error.stages)
+        # Where the other arm may do it there is hope.
+        self.alone += error.alone and len(self.others) == before
+
+    def repeats(self, job: Job) -> bool:
+        """Returns whether an arm does a task in an order that is to be done by the other one."""
+        if not self.others:
+            return False
+        return not self.others.isdisjoint(_lone_tasks(job, range(len(job.stages()))))
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether no other order is tried."""
+        return self.alone >= self.most
+
+
+def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
+    """Returns what is done in some stages of a decided job in which the other arm has nothing to do, in their order."""
+    return [
+        (arm, task.id)
+        for k, work in enumerate(job.stages())
+        if k in stages and len(work) == 1
+        for arm, (task, _) in work.items()
+    ]
+
+
+def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
+    """Returns the stops that are made side by side in some stages of a decided job."""
+    found: set[StagePair] = set()
+    for k, work in enumerate(job.stages()):
+        if k in stages and len(work) == 2:
+            one, other = ((stop_name(task), stop.action) for task, stop in work.values())
+            # What a hand-over needs cannot be taken apart.
+            if "give" not in (one[1], other[1]):
+                found.add((one, other))
+    return found
+
+
+def _promising(
+    search: PairedSearch, found: tuple[DecidedOrder, ...], settings: PlanSettings, watch: Watch
+) -> list[DecidedOrder]:
+    """Returns the orders that are worth planning, the most promising one first."""
+    stages = len(found[0].job.stages())
+    if stages > MOST_TRIED:
+        return [found[0]]
+    windows = search.problem.not_before is not None or search.problem.not_after is not None
+    if settings.platform in WHOLE_SEQUENCES and not windows:
+        found = most_promising(search, found, settings.effort, watch)
+    least = min(_expected(one) for one in found)
+    promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
+    return promising[: 1 if stages > LONG else TRIALS[settings.effort].planned]
+
+
+def _expected(order: DecidedOrder) -> float:
+    """Returns about how long a plan in an order will take [s]."""
+    return order.total if order.expected is None else order.expected
+
+
+def order_notes(orders: Orders, total: float) -> list[str]:
+    """Returns how the order was found, and what is proven of it.
+
+    Args:
+        orders: what the search found.
+        total: of the order that was planned, on the search's grid [s].
+    """
+    notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
+    if orders.bound is not None:
+        notes.append(
+            f"order bound: on the grid of the search (its platform angles and postures), where this order takes "
+            f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and of them this "
+            "proves nothing: another order's may be quicker"
+        )
+    return notes

@@ -1,0 +1,366 @@
+"""The main job: a job and settings in, an unverified schedule out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+
+from dualarm_cli import __version__
+from dualarm_cli.bound.bound import LowerBound
+from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
+from dualarm_cli.errors import BlockedError, InfeasibleError, UnsupportedError
+from dualarm_cli.kinds.conveyor.plan import conveyor_notes, guessed, quickest_meeting
+from dualarm_cli.kinds.path.words import path_job_notes
+from dualarm_cli.kinds.seam.words import check_seams
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import CHANGES, Job
+from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.motion.motion import Motion
+from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
+from dualarm_cli.orders.model.buffer_numbers import check_stage_levels
+from dualarm_cli.orders.model.tool_changes import with_changes
+from dualarm_cli.orders.watch import SeenEnoughError, Watch
+from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
+from dualarm_cli.plan.free_ordered_plan import plan_by_own_clocks
+from dualarm_cli.plan.job_bound import job_bound
+from dualarm_cli.plan.ordered_plan import plan_in_best_order
+from dualarm_cli.plan.redundancy_choice import check_followers
+from dualarm_cli.plan.section_plans import quickest_of_sections
+from dualarm_cli.plan.sections import SectionPlanner
+from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.stages.method import MethodProblem, PathBudget
+from dualarm_cli.stages.methods import METHODS
+from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.serving import (
+    cell_model,
+    served_settings,
+    why_redundancy_unserved,
+)
+from dualarm_cli.stages.stages import StagePlan
+from dualarm_cli.timing import TIMING_SOLVERS
+
+SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
+"""What sensitivities of jobs with seams assume."""
+HANDED_TOGETHER = (
+    "mode: free: with hand-overs both arms go from stage to stage together in this version"
+)
+"""What is said of arms with clocks of their own that have to meet."""
+NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
+"""What is said where the user had seen enough once there was a plan."""
+OF_THE_FILE = "order: that of the file, whose plan is quicker than those of the orders found"
+"""What is said where a search does no better than the file."""
+T = TypeVar("T")
+UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
+"""What is said of a time limit where nothing was searched."""
+
+
+def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
+    """Returns the schedule of a job with its lower bound; see `plan_without_bound`."""
+    watch = watch or Watch(limit=settings.time_limit)
+    schedule = plan_without_bound(job, settings, watch)
+    watch.tell("computing the lower bound")
+    bound = _until_seen_enough(watch, lambda: job_bound(job, settings.effort)) or LowerBound(
+        None, (NOT_BOUNDED,)
+    )
+    unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
+    notes = (*schedule.notes, *unneeded, *bound.assumptions)
+    return replace(schedule, lower_bound=bound.value, notes=notes)
+
+
+def _until_seen_enough(watch: Watch, made: Callable[[], T]) -> T | None:
+    """Returns what is made; None where the user has seen enough before, and there is a plan to go on with."""
+    try:
+        watch.catching = True
+        found = made()
+        watch.catching = False
+        return found
+    except SeenEnoughError:
+        watch.catching = False
+        watch.stop()
+        return None
+
+
+def _in_time(schedule: Schedule, job: Job) -> Schedule:
+    """Returns a schedule after checking that nothing is done too late.
+
+    Raises:
+        InfeasibleError: a task whose window closes before it is done.
+    """
+    tasks = {task.id: task for task in job.tasks}
+    # Of a task's events the last one counts.
+    done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
+    late = [
+        f"{task.place}: task '{name}' is done at {done[name]:.3f} s, {done[name] - task.not_after:.3f} s after its "
+        f"window closes (not_after: {task.not_after:g} s)"
+        for name, task in tasks.items()
+        if name in done and done[name] > task.not_after + 1e-9
+    ]
+    if late:
+        raise InfeasibleError(
+            "no plan was found that is in time:\n  "
+            + "\n  ".join(late)
+            + "\nwhat helps: later windows, another arm or order (arm: any, order: optimise), or less before it"
+        )
+    return schedule
+
+
+def plan_without_bound(
+    job: Job,
+    settings: PlanSettings,
+    watch: Watch | None = None,
+    *,
+    clear: bool = True,
+) -> Schedule:
+    """Returns the schedule of a job: who does what in which order, decisions by closed forms, exact motion.
+
+    Args:
+        job: cell and tasks.
+        settings: names of method and solvers, and tunables.
+        watch: is told what is being done, and may end a search for orders early.
+        clear: whether anything has to keep clear; without, methods are compared for their speed alone.
+
+    Raises:
+        UnknownSolverError: a solver that its family does not have.
+        UnsupportedError: a robot or a limit that a chosen solver does not serve.
+        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
+    """
+    watch = watch or Watch(limit=settings.time_limit)
+    settings, replaced = served_settings(settings, job.cell.robot)
+    timing = TIMING_SOLVERS[settings.timing]
+    REDUNDANCY_SOLVERS[settings.redundancy]  # an unknown name is refused before any work
+    method = METHODS[settings.platform]
+    robot = job.cell.robot
+    if reason := timing.why_unsupported(robot.limits):
+        raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
+    reason = why_redundancy_unserved(settings.redundancy, robot)
+    if reason and "redundancy" in settings.named:
+        raise UnsupportedError(
+            f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
+        )
+    watch.kept = None
+    watch.tell("reading the robot")
+    model = cell_model(job.cell, settings.redundancy)
+    problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
+    if reason := method.why_unsupported(problem):
+        raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
+    found = _until_seen_enough(
+        watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
+    )
+    watch.end()
+    found = found or watch.kept
+    assert found is not None  # nothing else is dropped
+    found = _finished(found, job, watch)
+    watch.keep(found)
+    return found
+
+
+def _finished(schedule: Schedule, job: Job, watch: Watch) -> Schedule:
+    """Returns the plan of a job with what is said of it however it was made."""
+    notes: list[str] = []
+    if job.has_conveyors:
+        notes += conveyor_notes(job, schedule.duration)
+    elif job.mode == "free" and job.has_handovers and not job.in_sections:
+        notes.append(HANDED_TOGETHER)
+    if watch.stopped:
+        notes.append(f"order: the search was ended early, as {watch.stopped}; it may do better")
+    return replace(schedule, notes=(*schedule.notes, *notes))
+
+
+def _not_slower_than_filed(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
+    found: Schedule | None = None
+    failure: InfeasibleError | None = None
+    if not job.is_decided:
+        # What no order can mend must not take much longer than a plan.
+        problem = replace(problem, paths=PathBudget.of(job, settings.effort))
+    try:
+        found = _planned(job, settings, problem, replaced, watch, clear=clear)
+    except InfeasibleError as error:
+        failure = error
+    filed = file_order(job)
+    if filed is not None and not filed.is_decided and isinstance(failure, BlockedError):
+        filed = None  # the search for its arms would meet the same again
+    if filed is not None and (found is None or not watch.stop()):
+        watch.tell("planning the file's order")
+        paths = None if filed.is_decided else PathBudget.of(job, settings.effort)
+        own = replace(problem, job=filed, paths=paths)
+        with suppress(InfeasibleError):
+            given = _planned(filed, settings, own, replaced, watch, clear=clear)
+            if found is None or given.duration < found.duration:
+                # What is proven of arms in a given order is not proven of all orders.
+                notes = [note for note in given.notes if not note.startswith("order: ")]
+                found = replace(given, order_grid_gap=None, notes=(*notes, OF_THE_FILE))
+    if found is None:
+        assert failure is not None  # nothing else leaves none
+        raise failure
+    return found
+
+
+def _planned(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job by the way that serves it."""
+    model, method, timing = (
+        problem.model,
+        METHODS[settings.platform],
+        TIMING_SOLVERS[settings.timing],
+    )
+    if job.in_sections:
+        check_followers(job, settings.follower)
+        check_seams(job)
+        return quickest_of_sections(
+            problem.model,
+            job,
+            settings.effort,
+            watch,
+            lambda one: _in_time(
+                _with_paths(one, settings, problem, replaced, watch.tell, clear=clear), job
+            ),
+        )
+
+    def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
+        own = replace(problem, start=start, patient=patient, job=with_changes(one))
+        return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
+
+    def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
+        if one.is_decided:
+            return decided(one)
+        return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
+
+    if job.has_conveyors:
+        own = guessed(job)
+        return paired(stage_by_stage(own) if job.mode == "free" else own)
+    if job.mode == "paired":
+        return paired(job)
+    if job.has_handovers:
+        return paired(stage_by_stage(job))
+    planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
+
+    def schedule(motion: Motion, one: Job) -> Schedule:
+        found = _schedule(one, settings, motion, (*job.notes, *replaced, *_job_notes(one)))
+        return _in_time(found, job)
+
+    return plan_by_own_clocks(planner, settings, watch, paired, schedule)
+
+
+def _decided_plan(
+    problem: MethodProblem,
+    settings: PlanSettings,
+    replaced: list[str],
+    watch: Watch,
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job whose arms and order are given."""
+    job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    check_stage_levels(job)
+    progress = watch.tell
+    progress(f"deciding platform angles and postures ({method.name})")
+    quickest = quickest_meeting if job.has_conveyors else quickest_clear
+    found = quickest(problem, method.solve, timing, progress, clear=clear)
+    stages, motion = found.cleared.plans, found.cleared.motion
+    notes = (
+        *job.notes,
+        *replaced,
+        *_job_notes(job),
+        *found.decided.notes,
+        *_platform_notes(problem.model, stages),
+        *clearance_notes(found),
+    )
+    schedule = _schedule(job, settings, motion, notes)
+    return replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)
+
+
+def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]) -> Schedule:
+    """Returns what is told of a motion."""
+    return Schedule(
+        robot=ScheduleRobot.of_job(job),
+        trajectory=motion.trajectory,
+        stages=motion.stages,
+        segments=motion.segments,
+        events=motion.events,
+        provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        notes=notes,
+    )
+
+
+def _with_paths(
+    job: Job,
+    settings: PlanSettings,
+    problem: MethodProblem,
+    replaced: list[str],
+    progress: Callable[[str], None],
+    *,
+    clear: bool,
+) -> Schedule:
+    """Returns the schedule of a job with paths, planned section after section."""
+    method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
+    planner = SectionPlanner(
+        replace(problem, job=job),
+        method.solve,
+        timing,
+        settings.follower,
+        settings.seam_solver,
+        progress,
+        clear,
+    )
+    planned = planner.plan()
+    motion = planned.motion
+    notes = (
+        *job.notes,
+        *(replaced if planned.stage_plans else ()),
+        *([SEAMS_KEPT] if job.has_seams else []),
+        *path_job_notes(job, settings.platform, motion.trajectory),
+        *_job_notes(job),
+        *dict.fromkeys(planned.notes),
+        *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),
+    )
+    return replace(_schedule(job, settings, motion, notes), clearance_cost=planned.clearance_cost)
+
+
+def _job_notes(job: Job) -> list[str]:
+    """Returns what makes a cycle time look better than the cell's: picks and places that take no time."""
+    idle = [
+        f"{task.id} ({stop.action})"
+        for task in job.tasks
+        for stop in task.stops
+        if stop.action in CHANGES and stop.dwell.total == 0.0
+    ]
+    if not idle:
+        return []
+    some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
+    verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
+    return [f"dwell: {len(idle)} {verb} no time at all ({some}); is that meant?"]
+
+
+def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
+    """Returns what a reader must know of a platform that did not do what its solver says."""
+    notes = []
+    if model.platform.joints and not model.platform.is_turntable:
+        notes.append(
+            "platform: held where it starts; this version turns a platform of one revolute joint only"
+        )
+    reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
+    if reached:
+        notes.append(
+            f"platform: in stages {', '.join(reached)} no angle of the solver lets every arm reach; "
+            "the platform turns to the nearest one that does (platform solver: reach)"
+        )
+    return notes

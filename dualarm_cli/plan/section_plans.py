@@ -1,0 +1,262 @@
+"""Plans of jobs with paths and seams in several orders of their sections; the quickest one is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, pairwise, permutations
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job, PoseTarget, Task
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.orders.model.buffer_numbers import keeps_borders
+from dualarm_cli.orders.watch import Watch
+
+MOST_PERMUTATIONS = 5040
+"""So many orders of paths and seams are looked at at most."""
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """What the order of a job's tasks has to keep, its tasks as numbers."""
+
+    alone: tuple[tuple[int, ...], ...]
+    """Tasks of each path or seam, one for each arm."""
+    units: tuple[tuple[int, ...], ...]
+    """All other tasks; those of a sequence together, and both shares of a hand-over."""
+    before: tuple[tuple[int, int], ...]
+    """Pairs of tasks of which the first comes before the second."""
+
+
+def section_orders(model: CellModel, job: Job, most: int) -> list[Job]:
+    """Returns the job with its tasks in different orders, the file's first, then those that look best.
+
+    Paths and seams in every order that keeps precedence; all other tasks in as few runs between them as precedence
+    allows (each run is ordered by itself when it is planned), because every break makes both arms wait for each other.
+    Orders in which a buffer cannot hold what is left in it by a break are left out, but for the file's.
+    Ranked by the number of runs and by how far the tools travel between sections.
+
+    Args:
+        model: the job's cell.
+        job: with paths or seams.
+        most: how many orders at most.
+    """
+    rules = _rules(job)
+    orders: dict[tuple[int, ...], tuple[int, float]] = {}
+    for sigma in islice(permutations(range(len(rules.alone))), MOST_PERMUTATIONS):
+        for order in _placed(rules, sigma):
+            if order not in orders:
+                changed = replace(job, tasks=tuple(job.tasks[t] for t in order))
+                sections = changed.sections()
+                if not keeps_borders(changed):
+                    continue
+                orders[order] = (len(sections), _travel(model, job, sections))
+    given = tuple(range(len(job.tasks)))
+    ranked = sorted((rank, order) for order, rank in orders.items() if order != given)
+    rows = [given, *(order for _, order in ranked)][:most]
+    return [replace(job, tasks=tuple(job.tasks[t] for t in order)) for order in rows]
+
+
+def _rules(job: Job) -> _Rules:
+    numbers: dict[str, list[int]] = {}
+    for t, task in enumerate(job.tasks):
+        numbers.setdefault(task.id, []).append(t)
+    alone = [tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].alone]
+    rows = [tuple(t for name in row for t in numbers[name]) for row in job.sequences]
+    # Both shares of a hand-over meet, so that they are in one run.
+    rows += [
+        tuple(numbers[name]) for name in numbers if job.tasks[numbers[name][0]].handover is not None
+    ]
+    within = {t for row in (*alone, *rows) for t in row}
+    singles = [(t,) for t in range(len(job.tasks)) if t not in within]
+    before = [
+        (one, t) for t, task in enumerate(job.tasks) for name in task.after for one in numbers[name]
+    ]
+    return _Rules(tuple(alone), tuple(sorted((*rows, *singles))), tuple(before))
+
+
+def _placed(rules: _Rules, sigma: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Yields orders of all tasks with the paths and seams in a given order; none where precedence forbids it."""
+    place = {t: k for k, a in enumerate(sigma) for t in rules.alone[a]}
+    if any(place[a] >= place[b] for a, b in rules.before if a in place and b in place):
+        return
+    gaps = _gaps(rules, place, len(sigma))
+    if gaps is None:
+        return
+    single = set(range(len(sigma) + 1)).intersection(*(range(e, m + 1) for e, m in gaps))
+    choices = [[g] * len(gaps) for g in sorted(single)] if gaps else [[]]
+    if not single:
+        choices = [_stabbed(gaps), [len(sigma) - g for g in _stabbed(_mirrored(gaps, len(sigma)))]]
+    for chosen in choices:
+        order: list[int] = []
+        for k in range(len(sigma) + 1):
+            order += sorted(
+                t for unit, g in zip(rules.units, chosen, strict=True) if g == k for t in unit
+            )
+            if k < len(sigma):
+                order += rules.alone[sigma[k]]
+        yield tuple(order)
+
+
+def _gaps(rules: _Rules, place: dict[int, int], last: int) -> list[tuple[int, int]] | None:
+    """Returns the first and the last gap between paths and seams that each unit may be in; None where one has none.
+
+    Gap k is before path or seam k.
+    """
+    first, most = [0] * len(rules.units), [last] * len(rules.units)
+    unit_of = {t: u for u, unit in enumerate(rules.units) for t in unit}
+    for _ in range(len(rules.units) + 1):
+        for a, b in rules.before:
+            if a in unit_of and b in unit_of:
+                one, other = unit_of[a], unit_of[b]
+                first[other] = max(first[other], first[one])
+                most[one] = min(most[one], most[other])
+            elif b in unit_of:
+                first[unit_of[b]] = max(first[unit_of[b]], place[a] + 1)
+            elif a in unit_of:
+                most[unit_of[a]] = min(most[unit_of[a]], place[b])
+    if any(e > m for e, m in zip(first, most, strict=True)):
+        return None
+    return list(zip(first, most, strict=True))
+
+
+def _stabbed(gaps: Sequence[tuple[int, int]]) -> list[int]:
+    """Returns a gap for each unit so that as few gaps as possible are used, each as late as it may be."""
+    used: list[int] = []
+    for e, m in sorted(gaps, key=lambda gap: gap[1]):
+        if not used or used[-1] < e:
+            used.append(m)
+    return [next(g for g in used if e <= g <= m) for e, m in gaps]
+
+
+def _mirrored(gaps: Sequence[tuple[int, int]], last: int) -> list[tuple[int, int]]:
+    """Returns the same gaps counted from the end."""
+    return [(last - m, last - e) for e, m in gaps]
+
+
+def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) -> float:
+    """Returns about how far the tools travel between sections [m]: of both tools the longer way each time.
+
+    A run of other tasks may be entered and left at any of its targets. What is not known (where a seam is worked, joint
+    targets) counts nothing.
+    """
+    home = {}
+    if job.start != "free":
+        q = np.array(job.cell.robot.postures[job.start])
+        home = {name: model.tool_position(name, q)[None] for name in model.arms}
+    ways = [(home, home)] if home else []
+    ways += [_ends(list(model.arms), section) for section in sections]
+    ways += [(home, home)] if home and job.returns else []
+    found = 0.0
+    for (_, leaves), (comes, _) in pairwise(ways):
+        both = set(leaves) & set(comes)
+        found += max((_distance(leaves[name], comes[name]) for name in both), default=0.0)
+    return found
+
+
+def _ends(
+    arms: Sequence[str], section: tuple[Task, ...]
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Returns by arm the places at which a section may begin and end [m], shape (n, 3)."""
+    first: dict[str, list[FloatArray]] = {}
+    last: dict[str, list[FloatArray]] = {}
+    for task in section:
+        if task.path is not None and task.arm in task.path.paths:
+            way = task.path.paths[task.arm]
+            first.setdefault(task.arm, []).append(np.asarray(way.pose(0.0).translation))
+            last.setdefault(task.arm, []).append(np.asarray(way.pose(way.length).translation))
+        for stop in task.stops if task.path is None else ():
+            if isinstance(stop.target, PoseTarget):
+                place = np.asarray(stop.target.pose.translation)
+                for name in filter(task.allows, arms):
+                    first.setdefault(name, []).append(place)
+                    last.setdefault(name, []).append(place)
+    return (
+        {name: np.array(rows) for name, rows in first.items()},
+        {name: np.array(rows) for name, rows in last.items()},
+    )
+
+
+def _distance(some: FloatArray, others: FloatArray) -> float:
+    """Returns the least distance between places of two sets [m]."""
+    return float(np.linalg.norm(some[:, None] - others[None], axis=-1).min())
+
+
+ORDERS = {"quick": 2, "normal": 4, "thorough": 24}
+"""So many orders of sections are planned."""
+
+
+def quickest_of_sections(
+    model: CellModel, job: Job, effort: str, watch: Watch, plan: Callable[[Job], Schedule]
+) -> Schedule:
+    """Returns the quickest plan of some orders of a job's sections; of the file's where it gives the order.
+
+    Args:
+        model: the job's cell.
+        job: with paths or seams.
+        effort: one of ORDERS.
+        watch: is told how it goes, and may end the search.
+        plan: plans the job with its sections in the order of its tasks.
+
+    Raises:
+        InfeasibleError: none of the orders has a plan; why the file's has none.
+    """
+    if job.order == "given":
+        return plan(job)
+    watch.begin()
+    orders = section_orders(model, job, ORDERS[effort])
+    if _has_open_runs(job):
+        # Runs are ordered one by one, by estimates: at last what the file says is planned as it is.
+        orders.append(replace(job, order="given"))
+    best: Schedule | None = None
+    failure: InfeasibleError | None = None
+    longest, chosen, tried = 0.0, job, 0
+    for number, one in enumerate(orders, start=1):
+        if best is not None and watch.stop(longest):
+            break
+        begin = watch.elapsed()
+        watch.tell(f"planning order {number} of {len(orders)} of what takes both arms")
+        tried += 1
+        try:
+            found = plan(one)
+        except InfeasibleError as error:
+            failure = failure or error
+            continue
+        longest = max(longest, watch.elapsed() - begin)
+        watch.found(found.duration)
+        watch.keep(_with_order(found, one, orders[0], tried))
+        if best is None or found.duration < best.duration:
+            best, chosen = found, one
+    if best is None:
+        assert failure is not None  # there is at least the file's order
+        raise failure
+    return _with_order(best, chosen, orders[0], tried)
+
+
+def _has_open_runs(job: Job) -> bool:
+    """Returns whether there is an order to choose between paths and seams."""
+    return any(
+        not section[0].alone and len({task.id for task in section}) > 1
+        for section in job.sections()
+    )
+
+
+def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Schedule:
+    """Returns a schedule that says in which order the sections are, where there was a choice."""
+    if tried < 2:
+        return schedule
+    rows = [
+        "/".join(dict.fromkeys(task.id for task in section))
+        if section[0].alone
+        else f"{len({task.id for task in section})} others"
+        for section in chosen.sections()
+    ]
+    whose = "the file's order of sections" if chosen == given else "sections in another order"
+    if chosen.order == "given":
+        whose = "the file's order of all tasks"
+    note = f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"
+    return replace(schedule, notes=(*schedule.notes, note))

@@ -1,1 +1,0 @@
-"""The pipeline from a job to a schedule: the only place where the families of solvers meet."""

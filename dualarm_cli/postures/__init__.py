@@ -1,0 +1,69 @@
+"""The redundancy family: which posture, of the many that reach a target, an arm takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.postures.arm_angle import choose_posture, choose_postures
+from dualarm_cli.postures.numeric import choose_numeric
+from dualarm_cli.postures.problem import NoPosture, StopPosture, StopProblem
+from dualarm_cli.registry import Registry, Solver
+
+
+def _needs_closed_form(problem: StopProblem) -> str | None:
+    if isinstance(problem.arm, SrsArm):
+        return None
+    return "the arm has no arm angle (it is not spherical-revolute-spherical)"
+
+
+def _needs_general_arm(problem: StopProblem) -> str | None:
+    if isinstance(problem.arm, SrsArm):
+        return "the arm is measured in closed form and not as a general one"
+    return None
+
+
+REDUNDANCY_SOLVERS: Registry[Solver[StopProblem, StopPosture | NoPosture]] = Registry(
+    "redundancy",
+    "--redundancy",
+    [
+        Solver(
+            name="arm_angle",
+            solve=choose_posture,
+            summary="Closed form over branches and arm angle; the posture of least stage time.",
+            reference="[Shimizu2008]; choice by closed-form move time: ours",
+            why_unsupported=_needs_closed_form,
+        ),
+        Solver(
+            name="numeric",
+            solve=choose_numeric,
+            summary="Any arm of six joints or more: damped least squares from many starts, self-motion, continuation.",
+            reference="[Sugihara2011]; branches, lines and choice: ours",
+            why_unsupported=_needs_general_arm,
+        ),
+    ],
+)
+
+BATCH_FORMS: Mapping[str, Callable[[Sequence[StopProblem]], list[StopPosture | NoPosture]]] = {
+    "arm_angle": choose_postures,
+}
+"""Members of the family that solve many problems faster together than one by one."""
+
+
+def solve_stops(name: str, problems: Sequence[StopProblem]) -> list[StopPosture | NoPosture]:
+    """Returns the answers of one member of the family to many problems, together where it can.
+
+    Args:
+        name: of the member.
+        problems: of any arms.
+
+    Raises:
+        UnknownSolverError: the family has no such member.
+    """
+    solver = REDUNDANCY_SOLVERS[name]
+    if name in BATCH_FORMS:
+        return BATCH_FORMS[name](problems)
+    return [solver.solve(problem) for problem in problems]
+
+
+__all__ = ["REDUNDANCY_SOLVERS", "NoPosture", "StopPosture", "StopProblem", "solve_stops"]

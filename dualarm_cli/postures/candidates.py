@@ -1,0 +1,85 @@
+"""One stop's flange poses and lines, sampled as finely as wanted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import SKELETON, follow_lines
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.postures.line_following import Lines
+from dualarm_cli.postures.problem import StopPosture, StopProblem
+from dualarm_cli.postures.stop_batch import StopBatch, ToolPoses
+
+
+def line_path(
+    problem: StopProblem, posture: StopPosture, line: str, samples: int
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the joints along a line in the direction of motion, and the length travelled.
+
+    Args:
+        problem: the stop.
+        posture: its solution.
+        line: `approach` (ends at the target) or `retract` (starts there).
+        samples: number of equidistant samples, at least 2.
+
+    Returns:
+        Joints [rad], shape (samples, n), exact inverse kinematics at every sample, and lengths [m],
+        shape (samples,).
+    """
+    away = line == "retract"
+    length = problem.retract if away else problem.approach
+    psi_end = posture.psi_retract if away else posture.psi_approach
+    batch = StopBatch((problem,))
+    row, target = np.zeros(1, dtype=np.int64), np.array([posture.target])
+    poses = batch.poses(row, target, np.array([posture.yaw]))
+    if isinstance(problem.arm, GeneralArm):
+        q = _continued(problem.arm, poses, posture.q_target, length, psi_end, samples)
+        return (q if away else q[::-1]), np.linspace(0.0, length, samples)
+    reference = batch.configurations(row, target) if batch.given else batch.start
+    lines = Lines.of(batch, poses, np.array([length]), samples)
+    followed = lines.follow(
+        np.array([[posture.psi_target]]),
+        np.array([[psi_end]]),
+        np.array([posture.branch]),
+        reference,
+    )
+    q = np.broadcast_to(followed.q[:, :, 0, 0], (samples, 7))
+    return (q if away else q[::-1]), np.linspace(0.0, length, samples)
+
+
+def _continued(
+    arm: GeneralArm,
+    poses: ToolPoses,
+    q_target: FloatArray,
+    length: float,
+    drift: float,
+    samples: int,
+) -> FloatArray:
+    """Returns the joints (samples, n) of a general arm along one line, from the target outward."""
+    # Continuity was checked in SKELETON samples at least: the same path is followed however few are wanted.
+    finer = -(-(SKELETON - 1) // (samples - 1))
+    course = follow_lines(
+        arm,
+        q_target[None],
+        poses.R,
+        poses.p,
+        -poses.z * length,
+        np.array([drift]),
+        finer * (samples - 1) + 1,
+    )
+    return course.q[::finer, 0]
+
+
+def flange_poses(
+    problem: StopProblem, target: IntArray, yaw: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns flange rotations (k, 3, 3), positions (k, 3) [m] and tool directions (k, 3) of turned targets.
+
+    Args:
+        problem: the stop.
+        target: which of its targets, shape (k,).
+        yaw: turns about the tool's z axis [rad], shape (k,).
+    """
+    poses = StopBatch((problem,)).poses(np.zeros(len(target), dtype=np.int64), target, yaw)
+    return poses.R, poses.p, poses.z

@@ -1,0 +1,122 @@
+"""What each arm holds, stage by stage: its part from pick to place, and the tool that is on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.clearance import CellClearance
+from dualarm_cli.collision.lying import part_reaches
+from dualarm_cli.collision.solids import tool_body
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.job import LYING, TAKES, Job, PoseTarget, Stop, Task
+
+YAW_STEPS = 24
+"""Turns about the tool's z axis that are tried where any will do: 15 degrees apart."""
+
+
+def stop_yaws(stop: Stop) -> FloatArray:
+    """Returns the turns about the tool's z axis that are tried at a stop [rad], shape (y,)."""
+    if not isinstance(stop.target, PoseTarget):
+        return np.zeros(1)
+    turns = YAW_STEPS if stop.target.free_yaw else stop.target.symmetry
+    return np.arange(turns, dtype=np.float64) * (2.0 * np.pi / turns)
+
+
+@dataclass(frozen=True)
+class Holding:
+    """A job's cell with its quick test, and what the arms hold in n stages, as numbers of that test."""
+
+    cell: CellClearance
+    """Hulls and pairs."""
+    before: IntArray
+    """What each arm holds before each stage's targets, shape (n, arms)."""
+    after: IntArray
+    """What each arm holds after them, shape (n, arms)."""
+    handing: BoolArray
+    """Which stages are hand-overs, shape (n,)."""
+    yaws: Mapping[tuple[int, str], FloatArray]
+    """By stage and arm the turns about the tool's z axis at which a part fits where it is picked or placed [rad]; where
+    there is no part, or it fits nowhere, all of them."""
+    misfits: Mapping[tuple[int, str], tuple[float, str]]
+    """By stage and arm how far a part reaches into something at best [m], and into what, where it fits nowhere."""
+    pace: float = 1.0
+    """How much slower than at full speed everything moves; times chosen for full speed are multiplied by it."""
+
+    @classmethod
+    def of(cls, job: Job, *, crossing: bool = True, cell: CellClearance | None = None) -> Holding:
+        """Prepares a job.
+
+        Args:
+            job: what is to be done.
+            cell: its cell with all that it carries, where that is at hand.
+            crossing: whether arms have to keep clear of one another; else each is looked at by itself.
+        """
+        cell = cell or CellClearance.of(job.cell, job.carried())
+        cell = replace(cell, crossing=crossing)
+        holds = {arm: job.held_at_start(arm) for arm in cell.arms}
+        rows = []
+        for work in job.stages():
+            now = dict(holds)
+            for arm, (task, stop) in work.items():
+                # A tool that comes to its stand may touch it there: what is held has another name then.
+                holds[arm] = task.held_before(stop.action)
+                now[arm] = task.held_after(stop.action)
+            rows.append([[cell.held(state[arm]) for arm in cell.arms] for state in (holds, now)])
+            holds = now
+        fitting, misfits = {}, {}
+        for k, work in enumerate(job.stages()):
+            for arm, (task, stop) in work.items():
+                fitting[k, arm], misfit = _fitting(job, arm, task, stop)
+                if misfit is not None:
+                    misfits[k, arm] = misfit
+        if not rows:
+            # A transfer alone, on which no part is held.
+            rows.append([[cell.held(holds[arm]) for arm in cell.arms]] * 2)
+        numbers = np.array(rows, dtype=np.int64).reshape(-1, 2, len(cell.arms))
+        handing = np.zeros(len(numbers), dtype=np.bool_)
+        for k, work in enumerate(job.stages()):
+            handing[k] = any(stop.action == "give" for _, stop in work.values())
+        before, after = numbers[:, 0], numbers[:, 1]
+        return cls(cell, before, after, handing, fitting, misfits, 1.0 / job.speed)
+
+    @property
+    def at_targets(self) -> IntArray:
+        """What each arm holds at each stage's targets, shape (n, arms)."""
+        # Of what an arm may hold tools come first, then tools with parts: the larger number is what it holds more of.
+        return self.cell.at_stops(np.maximum(self.before, self.after), self.handing)
+
+
+def _fitting(
+    job: Job, arm: str, task: Task, stop: Stop
+) -> tuple[FloatArray, tuple[float, str] | None]:
+    """Returns the yaws of a stop at which its part reaches into no obstacle, at the target and along its lines.
+
+    Where it fits nowhere: all yaws, and how far it reaches into what at best [m].
+    """
+    yaws = stop_yaws(stop)
+    of_tool, of_part = job.cell.held_shapes(arm, Held(task.tool, task.part))
+    # At its stand a tool is to what stands there as a part is to what it lies on.
+    shapes = of_tool if task.is_change else of_part
+    body = tool_body(arm, task.tool) if task.is_change else task.part
+    if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
+        return yaws, None
+    if stop.action not in LYING and not task.is_change:
+        return yaws, None  # a part in the air keeps clear as all else does
+    line = stop.retract if stop.action in TAKES else stop.approach
+    reaches = [
+        part_reaches(
+            job.cell,
+            body,
+            shapes,
+            stop.target.pose * pin.SE3(pin.utils.rotate("z", yaw), np.array([0.0, 0.0, 0.0])),
+            line,
+        )
+        for yaw in yaws
+    ]
+    fits = [not into for _, into in reaches]
+    return (yaws[fits], None) if any(fits) else (yaws, min(reaches))

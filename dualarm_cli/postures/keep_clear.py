@@ -1,0 +1,243 @@
+"""Whether the postures of one stage keep clear, in the terms of those who choose them one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.errors import millimetres
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.postures import StopProblem
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.problem import Place, StopPosture
+from dualarm_cli.postures.stop_batch import StopBatch
+
+PLACES: tuple[Place, ...] = ("approach", "target", "retract")
+LAST: tuple[Place, ...] = ("retract",)
+"""Where both arms are in the end, even if one of them has waited for the other; in a hand-over they do not."""
+
+
+@dataclass(frozen=True)
+class KeepClear:
+    """One stage of a job's holding."""
+
+    model: CellModel
+    """The job's cell."""
+    holding: Holding
+    """What has to keep clear."""
+    stage: int
+    """Number of the stage."""
+
+    @property
+    def at_once(self) -> tuple[Place, ...]:
+        """Places of their stops at which both arms are at the same time, whoever has waited."""
+        return PLACES if self.holding.handing[self.stage] else LAST
+
+    def test(
+        self,
+        arm: str,
+        position: FloatArray,
+        angles: FloatArray,
+        active: Mapping[str, object],
+        others: Mapping[str, StopPosture] | None = None,
+    ) -> Callable[[FloatArray, Place], BoolArray]:
+        """Returns a test of one arm's postures with the platform at a position.
+
+        Against itself and what stands still; against the other arm only where that one does nothing in this stage, or
+        its posture is given.
+
+        Args:
+            arm: its name.
+            position: all joints before the stage [rad], shape (n,).
+            angles: where the platform is, shape (k,).
+            active: the arms that have something to do.
+            others: the other arm's posture, if it is decided.
+        """
+        cell, decided = self.holding.cell, others or {}
+        a = cell.arms.index(arm)
+        columns = self.model.arms[arm].columns
+        met = [
+            name for name in cell.arms if name != arm and (name not in active or name in decided)
+        ]
+
+        def clear(q: FloatArray, place: Place) -> BoolArray:
+            rows = np.tile(position, (len(q), 1))
+            rows[:, self.model.platform_columns] = angles
+            for name, posture in decided.items():
+                rows[:, self.model.arms[name].columns] = _joints(posture, place)
+            rows[:, columns] = q
+            held = np.tile(self._held(place), (len(q), 1))
+            own = cell.own_margins(a, rows, held[:, a], ground=place == "target")
+            free = np.asarray(own >= SLACK)
+            if met:
+                left = np.flatnonzero(free)
+                free[left] = cell.cross_margins(rows[left], held[left]) >= SLACK
+            return free
+
+        return clear
+
+    def yaws(self, arm: str) -> FloatArray:
+        """Returns the turns about an arm's tool that are tried [rad], shape (y,): at which its part fits."""
+        return self.holding.yaws[self.stage, arm]
+
+    def margins(
+        self, arm: str, position: FloatArray, angles: FloatArray, q: FloatArray, place: Place
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns all joints (n, columns) [rad] with one arm at q (n, 7), and its own least margins there [m], (n,)."""
+        rows = np.tile(position, (len(q), 1))
+        rows[:, self.model.platform_columns] = angles
+        rows[:, self.model.arms[arm].columns] = q
+        a = self.holding.cell.arms.index(arm)
+        held = np.full(len(q), self._held(place)[a])
+        return rows, self.holding.cell.own_margins(a, rows, held)
+
+    def nearest(self, arm: str, position: FloatArray, place: Place) -> tuple[str, str, float]:
+        """Returns what one arm is nearest to at all joints (columns,), with the margin [m]; not the other arm."""
+        cell = self.holding.cell
+        number = int(self._held(place)[cell.arms.index(arm)])
+        group = cell.test.own(arm, cell.part_of(number), bool(number % 2))
+        return cell.test.nearest(position, group.pairs)
+
+    def apart(
+        self,
+        position: FloatArray,
+        angles: FloatArray,
+        postures: Mapping[str, StopPosture],
+        places: Sequence[Place] = PLACES,
+    ) -> bool:
+        """Returns whether the arms keep clear of each other at some places of their stops."""
+        if len(postures) < 2:
+            return True
+        rows = np.tile(position, (len(places), 1))
+        rows[:, self.model.platform_columns] = angles
+        for name, posture in postures.items():
+            rows[:, self.model.arms[name].columns] = [_joints(posture, p) for p in places]
+        held = np.array([self._held(place) for place in places])
+        return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
+
+    def all_apart(self, rows: Mapping[Place, FloatArray]) -> BoolArray:
+        """Returns whether the arms keep clear of each other in all of some places of a stop, shape (k,).
+
+        Args:
+            rows: by place, all joints of the robot [rad], shape (k, columns).
+        """
+        free = np.ones(len(next(iter(rows.values()))), dtype=np.bool_)
+        if len(self.model.arms) < 2:
+            return free
+        for place, position in rows.items():
+            held = np.tile(self._held(place), (len(position), 1))
+            free &= self.holding.cell.cross_margins(position, held) >= SLACK
+        return free
+
+    def _held(self, place: Place) -> IntArray:
+        """Returns what each arm holds at a place of its stop, shape (arms,)."""
+        if place == "target":
+            held: IntArray = self.holding.at_targets[self.stage]
+            return held
+        holding = self.holding.before if place == "approach" else self.holding.after
+        row: IntArray = holding[self.stage]
+        return row
+
+
+def _joints(posture: StopPosture, place: Place) -> FloatArray:
+    joints: FloatArray = getattr(posture, f"q_{place}")
+    return joints
+
+
+ANGLE_STEP = np.radians(10.0)
+"""Spacing of the platform angles that are looked at [rad]."""
+ARM_ANGLES = 36
+"""Arm angles around the circle."""
+YAWS = 8
+"""Yaws that are looked at where any will do."""
+NAMES = {
+    "approach": "where its approach starts",
+    "target": "at the target",
+    "retract": "where its retract ends",
+}
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The posture at one place that keeps farthest from everything."""
+
+    margin: float
+    position: FloatArray
+    angle: float
+
+
+def angles_looked_at(model: CellModel, position: FloatArray) -> FloatArray:
+    """Returns platform positions to look at, the present one first, shape (m, k)."""
+    here = position[model.platform_columns]
+    if not model.platform.is_turntable:
+        return here[None]
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    low, high = max(limits.lower[0], here[0] - np.pi), min(limits.upper[0], here[0] + np.pi)
+    return np.concatenate([here, np.arange(low, high + 1e-9, ANGLE_STEP)])[:, None]
+
+
+def explain_touching(
+    keep: KeepClear,
+    arm: str,
+    position: FloatArray,
+    angles: FloatArray,
+    problems: list[StopProblem],
+) -> str | None:
+    """Returns what one arm, whatever the other does, is too near to at a place of its stop; None for nothing.
+
+    Args:
+        keep: what has to keep clear in the stage.
+        arm: its name.
+        position: all joints before the stage [rad], shape (n,).
+        angles: platform positions that are looked at, shape (m, k).
+        problems: the arm's stop at each of them.
+    """
+    for place in PLACES:
+        best: _Best | None = None
+        for angle, problem in zip(angles, problems, strict=True):
+            q = _postures(problem, place)
+            if not len(q):
+                continue
+            rows, margin = keep.margins(arm, position, angle, q, place)
+            k = int(np.argmax(margin))
+            if best is None or margin[k] > best.margin:
+                best = _Best(float(margin[k]), rows[k], float(angle[0]) if len(angle) else 0.0)
+        if best is None or best.margin >= SLACK:
+            continue
+        one, other, margin_there = keep.nearest(arm, best.position, place)
+        where = ""
+        if keep.model.platform.is_turntable:
+            where = f", with the platform at {np.degrees(best.angle) + 0.0:.0f} deg"
+        return (
+            f"{NAMES[place]} every posture is too near to something: at best {one} and {other} lack "
+            f"{millimetres(min(0.0, margin_there))} of clearance{where}"
+        )
+    return None
+
+
+def _postures(problem: StopProblem, place: Place) -> FloatArray:
+    """Returns joints within limits at a place, over branches, arm angles and yaws, shape (k, n)."""
+    batch = StopBatch((problem,))
+    if problem.configurations is not None:
+        return problem.configurations if place == "target" else np.empty((0, len(problem.start)))
+    yaw = problem.yaw[:: max(1, len(problem.yaw) // YAWS)]
+    depth = {"approach": problem.approach, "target": 0.0, "retract": problem.retract}[place]
+    zero = np.zeros(len(yaw), dtype=np.int64)
+    poses = batch.poses(zero, zero, yaw)
+    if isinstance(problem.arm, GeneralArm):
+        reached_q = solve_poses(problem.arm, poses.R, poses.p - poses.z * depth).q
+        return problem.arm.nearest_turns(reached_q, problem.start)
+    psi = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
+    p = (poses.p - poses.z * depth)[:, None, None]
+    q, reached = problem.arm.solve_branch(
+        poses.R[:, None, None], p, psi[:, None], np.arange(8, dtype=np.int64)
+    )
+    q = problem.arm.nearest_turns(q, problem.start)
+    found: FloatArray = q[reached & problem.arm.within_limits(q)]
+    return found

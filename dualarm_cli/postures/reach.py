@@ -1,0 +1,181 @@
+"""Where an arm can make a stop at all: over all platform angles, exactly over the arm angle where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.errors import millimetres
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.postures import StopProblem, numeric_reach
+
+SCAN_STEP = np.radians(1.0)
+"""Spacing of the platform angles that are looked at [rad]."""
+SCAN_YAWS = 8
+"""Yaws that are looked at where any will do."""
+SCAN_BLOCK = 12
+"""Angles, nearest first, that are looked at together at first; then twice as many, and so on."""
+REACH_SLACK = 1e-9
+"""How far a wrist may be beyond the reach by rounding before the arm angles are looked at [m]."""
+SCAN_TRIES = 24
+"""Reachable angles, nearest first, at which the whole stage is tried."""
+
+
+@dataclass(frozen=True)
+class _PointReach:
+    """One point of a stop over all platform angles (a) and yaws (y)."""
+
+    name: str
+    """How a person calls it."""
+    feasible: BoolArray
+    """Whether some arm angle of some branch keeps all joints within limits, shape (a, y)."""
+    miss: FloatArray
+    """How far the wrist is beyond the reach [m]: positive too far, negative too near, shape (a, y)."""
+
+
+def reachable_positions(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
+) -> Iterator[FloatArray]:
+    """Yields platform positions, nearest first, at which every arm reaches target and line ends.
+
+    Only a platform of one revolute joint is turned.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stops: the arms' stops as seen with the platform where it is.
+    """
+    if not model.platform.is_turntable:
+        return
+    angles, here = _angles(model, position)
+    turn = angles - here
+    near = np.ones(len(angles), dtype=np.bool_)
+    for stop in stops.values():
+        if isinstance(stop.arm, GeneralArm):
+            continue  # no test is quicker than the search itself
+        near &= np.logical_and.reduce(
+            [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, turn)]
+        )
+    order = np.argsort(np.abs(turn), kind="stable")
+    order = order[near[order]]
+    tried, first, size = 0, 0, SCAN_BLOCK
+    while first < len(order):
+        block = order[first : first + size]
+        usable = np.logical_and.reduce(
+            [_together(_points(stop, turn[block])) for stop in stops.values()]
+        )
+        for k in block[usable][: SCAN_TRIES - tried]:
+            yield angles[[k]]
+        tried += int(usable.sum())
+        if tried >= SCAN_TRIES:
+            return
+        first, size = first + size, 2 * size
+
+
+def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> str | None:
+    """Returns why one arm, whatever the other does, cannot make its stop; None if it can.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stop: the arm's stop as seen with the platform where it is.
+    """
+    angles, here = _angles(model, position)
+    points = _points(stop, angles - here)
+    if _together(points).any():
+        return None
+    for point in points:
+        if point.feasible.any():
+            continue
+        a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
+        miss = float(point.miss[a, y])
+        where = f"at best, with the platform at {np.degrees(angles[a]):.1f} deg"
+        if not model.platform.is_turntable:
+            where = "with the platform where it is" if model.platform.joints else "from its base"
+        if isinstance(stop.arm, GeneralArm):
+            advice = "move the target" + ("" if stop.free_yaw else " or free its yaw")
+            if not np.isfinite(miss):
+                return f"no posture within limits was found that is turned as {point.name} asks ({where}); {advice}"
+            return (
+                f"no posture within limits brings the flange nearer to {point.name} than "
+                f"{millimetres(miss)}, turned as asked ({where}); {advice}"
+            )
+        if miss > 0:
+            return f"{point.name} is {millimetres(miss)} beyond the arm's reach ({where})"
+        if miss < 0:
+            return (
+                f"{point.name} is {millimetres(miss)} too near the shoulder for the elbow "
+                f"joint's limits ({where})"
+            )
+        return f"{point.name}: no arm angle and branch keeps all joints within their limits"
+    return "its target and the ends of its lines are in reach, but not from one platform angle"
+
+
+def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the platform angles to look at, and where the platform is; one where it cannot turn."""
+    if not model.platform.is_turntable:
+        return np.zeros(1), 0.0
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    here = float(position[model.platform_columns][0])
+    low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
+    numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
+    step = numeric_reach.SCAN_STEP if numeric else SCAN_STEP
+    return np.append(np.arange(low, high, step), high), here
+
+
+def _together(points: list[_PointReach]) -> BoolArray:
+    """Returns the platform angles at which all points are feasible for one yaw, shape (a,)."""
+    feasible = np.logical_and.reduce([point.feasible for point in points])
+    return np.asarray(feasible.any(axis=1))
+
+
+def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
+    """Returns reach of target, approach and retract after further turns of the platform (a,)."""
+    names = ["the target"]
+    if stop.approach > 0:
+        names.append(f"the start of the {stop.approach * 1000:g} mm approach")
+    if stop.retract > 0:
+        names.append(f"the end of the {stop.retract * 1000:g} mm retract")
+    points = []
+    for name, (R, p) in zip(names, turned_flanges(stop, turn), strict=True):
+        if isinstance(stop.arm, GeneralArm):
+            points.append(_PointReach(name, *numeric_reach.numeric_reach(stop.arm, R, p)))
+            continue
+        feasible = np.asarray(feasible_arm_angles(stop.arm, R, p).count.any(axis=-1))
+        points.append(_PointReach(name, feasible, _miss(stop, R, p)))
+    return points
+
+
+def _misses(stop: StopProblem, turn: FloatArray) -> list[FloatArray]:
+    """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
+    return [_miss(stop, R, p) for R, p in turned_flanges(stop, turn)]
+
+
+def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
+    arm = closed_form(stop.arm)
+    least, most = arm.reach
+    distance = np.linalg.norm(arm.wrist_center(R, p) - arm.geometry.shoulder, axis=-1)
+    return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
+
+
+def turned_flanges(stop: StopProblem, turn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3)."""
+    if stop.configurations is not None:
+        # Joint targets turn with the platform: what holds at one angle holds at all.
+        turn = np.zeros(len(turn))
+    yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
+    R_turn = rotation_z(-turn)
+    R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
+    target = (R_turn @ stop.p_base_tool[0])[:, None]
+    R = R_tool @ stop.R_tool_flange
+    depths = [0.0, *(depth for depth in (stop.approach, stop.retract) if depth > 0)]
+    return [
+        (R, target - R_tool[..., :, 2] * depth + R_tool @ stop.p_tool_flange) for depth in depths
+    ]

@@ -1,0 +1,160 @@
+"""The arms' stops of a stage as the redundancy solvers see them, from platform positions of one's choice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.postures import StopProblem
+from dualarm_cli.postures.holding import stop_yaws
+from dualarm_cli.postures.keep_clear import KeepClear
+from dualarm_cli.timing.line_profile import estimate_line_durations
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+@dataclass(frozen=True)
+class ArmClock:
+    """Closed-form times of one arm under the job's limits."""
+
+    law: RestToRest
+    """Rest-to-rest times of its joints."""
+    line_time: Callable[[FloatArray, FloatArray], FloatArray]
+    """Estimated times of lines."""
+    R_tool_flange: FloatArray
+    """Rotation of the flange in the tool frame, shape (3, 3)."""
+    p_tool_flange: FloatArray
+    """Position of the flange in the tool frame [m], shape (3,)."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Closed-form times under a job's limits at its speed."""
+
+    platform: RestToRest | None
+    """Of the platform's joints; None without any."""
+    arms: Mapping[str, ArmClock]
+    """By arm."""
+
+    @classmethod
+    def of(cls, model: CellModel, job: Job) -> Clock:
+        """Returns the times of a job's robot."""
+        robot = job.cell.robot
+        limits = robot.limits.scaled(job.speed)
+        arms = {}
+        for name, arm in model.arms.items():
+            own = limits.select(arm.arm.joints)
+            T = arm.T_flange_tcp.inverse()
+            line_time = partial(estimate_line_durations, limits=own)
+            arms[name] = ArmClock(_law(own), line_time, T.rotation, T.translation)
+        platform = _law(limits.select(robot.platform)) if robot.platform else None
+        return cls(platform, arms)
+
+    def platform_times(self, moved: FloatArray) -> FloatArray:
+        """Returns the platform's times [s], shape (...), for displacements of its joints (..., k)."""
+        if self.platform is None:
+            return np.zeros(moved.shape[:-1])
+        return self.platform.duration(moved)
+
+
+def _law(limits: JointLimits) -> RestToRest:
+    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+
+
+def stop_problems(
+    model: CellModel, job: Job, position: FloatArray, work: Mapping[str, tuple[Task, Stop]]
+) -> dict[str, StopProblem]:
+    """Returns each arm's stop as seen with the platform where it is.
+
+    Args:
+        model: the job's cell.
+        job: for its limits.
+        position: all joints before the stage [rad], shape (n,).
+        work: the stage's targets by arm.
+    """
+    here = position[model.platform_columns]
+    return stage_problems(model, Clock.of(model, job), position, here[None], work, refine=True)[0]
+
+
+def stage_problems(
+    model: CellModel,
+    clock: Clock,
+    position: FloatArray,
+    angles: FloatArray,
+    work: Mapping[str, tuple[Task, Stop]],
+    *,
+    refine: bool,
+    keep: KeepClear | None = None,
+) -> list[dict[str, StopProblem]]:
+    """Returns the arms' stops with the platform at each of many positions, coming from one.
+
+    Args:
+        model: the job's cell.
+        clock: the job's times.
+        position: all joints before the stage [rad], shape (n,).
+        angles: platform positions, shape (m, k).
+        work: the stage's targets by arm.
+        refine: whether postures are to be refined.
+        keep: what has to keep clear; None where nothing has to.
+    """
+    waiting = clock.platform_times(angles - position[model.platform_columns])
+    R_world, p_world = model.platform.pose(angles)
+    R_carried = np.swapaxes(R_world, -1, -2)
+    found: list[dict[str, StopProblem]] = [{} for _ in angles]
+    for name, (_, stop) in work.items():
+        arm, times = model.arms[name], clock.arms[name]
+        R, p, configurations = _targets(arm, stop, R_carried, p_world)
+        start = position[arm.columns]
+        yaw = stop_yaws(stop) if keep is None else keep.yaws(name)
+        for k, problems in enumerate(found):
+            problems[name] = StopProblem(
+                arm=arm.kinematics,
+                R_base_tool=R[k],
+                p_base_tool=p[k],
+                R_tool_flange=times.R_tool_flange,
+                p_tool_flange=times.p_tool_flange,
+                configurations=configurations,
+                yaw=yaw,
+                free_yaw=isinstance(stop.target, PoseTarget) and stop.target.free_yaw,
+                approach=stop.approach,
+                retract=stop.retract,
+                start=start,
+                waiting=float(waiting[k]),
+                joint_times=times.law.per_joint,
+                line_time=times.line_time,
+                refine=refine,
+                clear=None if keep is None else keep.test(name, position, angles[k], work),
+            )
+    return found
+
+
+def _targets(
+    arm: ArmModel, stop: Stop, R_carried: FloatArray, p_world: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Returns tool rotations and positions in the carried frame for m places of it, and configurations.
+
+    Args:
+        arm: which arm.
+        stop: its stop.
+        R_carried: rotation of the world in the carried frame, shape (m, 3, 3).
+        p_world: where the carried frame is [m], shape (m, 3).
+
+    Returns:
+        Rotations (m, t, 3, 3), positions (m, t, 3) [m] of t alternatives, and those (t, 7) where they are given.
+    """
+    if isinstance(stop.target, JointTarget):
+        tcp, q, m = arm.T_flange_tcp, stop.target.configurations, len(p_world)
+        R, p = arm.kinematics.forward(q)
+        p = p + R @ tcp.translation
+        R = R @ tcp.rotation
+        return np.broadcast_to(R, (m, *R.shape)), np.broadcast_to(p, (m, *p.shape)), q
+    assert isinstance(stop.target, PoseTarget)  # seams are planned in sections of their own
+    pose = stop.target.pose
+    p = (R_carried @ (pose.translation - p_world)[..., None])[..., 0]
+    return (R_carried @ pose.rotation)[:, None], p[:, None], None

@@ -1,0 +1,1 @@
+"""What people read of a schedule: measures, tables and the report file."""

@@ -1,0 +1,1 @@
+"""Comparisons of methods, of schedules and of layouts: documents and tables."""

@@ -1,0 +1,271 @@
+"""The document of `dualarm compare solvers`: rows by cycle time, the winner and why it wins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from dualarm_cli.model.job import Job
+from dualarm_cli.orders.model.tool_changes import with_changes
+from dualarm_cli.plan.comparison import Outcome
+from dualarm_cli.report.measures import (
+    DWELLS,
+    LINES,
+    NO_TRANSFERS,
+    PATHS,
+    SEAMS,
+    Bottlenecks,
+    bottlenecks,
+    elbow_imbalance,
+    platform_travel,
+)
+from dualarm_cli.report.path_measures import path_curves, path_measures
+from dualarm_cli.report.report import (
+    count_parts,
+    relative_gap,
+    smallest_clearance,
+    throughput,
+)
+from dualarm_cli.report.seam_measures import seam_measures
+from dualarm_cli.report.stage_parts import PLATFORM
+
+FORMAT = "dualarm.comparison/1"
+ORDER = ("verified", "failed", "infeasible", "not served")
+"""Rows by what came of them; each kind by cycle time."""
+REFERENCE = "fixed"
+"""The method that every winner is held against: the platform stays where it is."""
+LEAST_SAVING = 0.01
+"""Savings below this are not worth a word [s]."""
+SAME = 1e-6
+"""Cycle times nearer than this have the same rank [s]."""
+SHOWN = 0.0005
+"""Cycle times that differ by less are the same to the printed digit [s]."""
+
+
+def job_comparison(
+    name: str,
+    job: Job,
+    outcomes: Iterable[Outcome],
+    bound: float | None,
+    assumptions: Sequence[str],
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Returns one task file's part of the document, and its wall-clock times apart.
+
+    Args:
+        name: the task file, as the user names it.
+        job: what was planned.
+        outcomes: of all cases; schedules are measured one by one and not kept.
+        bound: lower bound of the job [s], or None.
+        assumptions: what the bound rests on.
+    """
+    rows, clock = [], []
+    for outcome in outcomes:
+        row = _row(outcome, job)
+        rows.append(row)
+        clock.append(
+            {
+                "tasks": name,
+                **{key: row[key] for key in ("method", "redundancy", "timing")},
+                "planning_time": outcome.planning_time,
+            }
+        )
+    times = [row["cycle_time"] for row in rows if row["status"] == "verified"]
+    best = min(times, default=0.0)
+    order = sorted(range(len(rows)), key=lambda k: _rank(rows[k], best))
+    rows, clock = [rows[k] for k in order], [clock[k] for k in order]
+    good = [row for row in rows if row["status"] == "verified"]
+    section = {
+        "tasks": name,
+        "robot": job.cell.robot.name,
+        "stages": len(with_changes(job).stages()) + job.returns if job.is_decided else None,
+        "open": not job.is_decided,
+        "parts": count_parts(job),
+        "closes": job.returns,
+        "lower_bound": bound,
+        "lower_bound_assumptions": list(assumptions),
+        "rows": rows,
+        "winner": {key: good[0][key] for key in ("method", "redundancy", "timing")}
+        if good
+        else None,
+        "sentence": winner_sentence(rows),
+    }
+    return section, clock
+
+
+def comparison_document(
+    sections: list[dict[str, Any]], clock: list[dict[str, Any]], settings: dict[str, Any]
+) -> dict[str, Any]:
+    """Returns the whole document; what a wall clock measured is its last member, and nowhere else.
+
+    Args:
+        sections: of the task files.
+        clock: planning times of all rows.
+        settings: what was asked for.
+    """
+    return {
+        "format": FORMAT,
+        "settings": settings,
+        "comparisons": sections,
+        "wall_clock": clock,
+    }
+
+
+def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
+    # Equal to the printed digit is equally good: then the first in the registry stays first.
+    time = row["cycle_time"]
+    if time is None or abs(time - best) <= SHOWN:
+        return ORDER.index(row["status"]), 0.0
+    return ORDER.index(row["status"]), round(time / SAME)
+
+
+def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
+    """Returns one case's row; times in s, angles in rad."""
+    case, schedule = outcome.case, outcome.schedule
+    row: dict[str, Any] = {
+        "method": case.method,
+        "redundancy": case.redundancy,
+        "timing": case.timing,
+        "status": outcome.status,
+        "reason": outcome.reason,
+        **dict.fromkeys(
+            ("cycle_time", "parts_per_hour", "gap", "grid_gap", "elbow_imbalance"), None
+        ),
+        **dict.fromkeys(
+            ("clearance", "clearance_cost", "platform_travel", "deciding_stages", "deciding_time"),
+            None,
+        ),
+        "paths": [],
+        "path_curves": [],
+        "seams": [],
+    }
+    if schedule is None:
+        return row
+    found, clearance = bottlenecks(schedule), smallest_clearance(schedule)
+    return row | {
+        "cycle_time": schedule.duration,
+        "parts_per_hour": throughput(schedule, job),
+        "gap": relative_gap(schedule),
+        "grid_gap": schedule.grid_gap,
+        "clearance": None if clearance is None else clearance["clearance"],
+        "clearance_cost": schedule.clearance_cost,
+        "elbow_imbalance": elbow_imbalance(schedule),
+        "platform_travel": platform_travel(schedule),
+        "deciding_stages": found.stages,
+        "deciding_time": found.time,
+        "paths": path_measures(schedule, job),
+        "path_curves": path_curves(schedule, job),
+        "seams": seam_measures(schedule, job),
+    }
+
+
+def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
+    """Returns one sentence: who is fastest, by how much, and what decides the stages.
+
+    Args:
+        rows: of one task file, best first.
+    """
+    good = [row for row in rows if row["status"] == "verified"]
+    if not good:
+        return "no method finds a plan that the verifier passes"
+    winner, time = good[0], min(row["cycle_time"] for row in good)
+    called = row_namer(rows)
+    equal = [called(row) for row in good if row["cycle_time"] - time <= SHOWN]
+    slower = [row for row in good if row["cycle_time"] - time > SHOWN]
+    if len(equal) > 1:
+        text = f"{_listed(equal)} are equally fast with {time:.3f} s"
+    else:
+        text = f"{equal[0]} is the fastest with {time:.3f} s"
+    reference = _reference(winner, good)
+    against = [row for row in (slower[0] if slower else None, reference) if row is not None]
+    against = [row for k, row in enumerate(against) if row not in against[:k]]
+    against = [row for row in against if row in slower]
+    if against:
+        text += ": " + " and ".join(
+            f"{share_text(1.0 - time / row['cycle_time'])} less than {called(row)}"
+            for row in against
+        )
+        text += _why_faster(winner, against[-1], called(against[-1]))
+    return text + _deciders(winner)
+
+
+def _reference(winner: dict[str, Any], good: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """Returns the best row of `fixed`, of the winner's own timing if there is one."""
+    found = [row for row in good if row["method"] == REFERENCE]
+    alike = [row for row in found if row["timing"] == winner["timing"]]
+    return next(iter(alike or found), None)
+
+
+def section_title(section: dict[str, Any], name: str) -> str:
+    """Returns what stands above a task file's table or panel.
+
+    Args:
+        section: one member of the document's `comparisons`.
+        name: what the task file is called there.
+    """
+    if section["stages"] is None:
+        return f"{name}: {section['robot']}, each method with the order that it finds"
+    noun = "stage" if section["stages"] == 1 else "stages"
+    return f"{name}: {section['robot']}, {section['stages']} {noun}"
+
+
+def share_text(value: float) -> str:
+    """Returns a share in percent, with a second digit where it would be 0.0."""
+    return f"{value:.1%}" if value >= 0.001 else f"{value:.2%}"
+
+
+def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str:
+    """Returns which kinds of time the winner saves."""
+    mine, theirs = (Bottlenecks({}, row["deciding_time"]) for row in (winner, other))
+    pairs = [("transfers", mine.transfers, theirs.transfers)]
+    pairs += [
+        (what, mine.time.get(what, 0.0), theirs.time.get(what, 0.0))
+        for what in (LINES, DWELLS, PATHS, SEAMS)
+    ]
+    saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
+    saved.sort(key=lambda pair: pair[1] - pair[2])
+    texts = [f"{what} decide {a:.2f} s of it ({name}: {b:.2f} s)" for what, a, b in saved]
+    return f", as {' and '.join(texts)}" if texts else ""
+
+
+def _deciders(row: dict[str, Any]) -> str:
+    """Returns which joint groups decide how many stages, and what the time goes to."""
+    counts = [
+        f"the {group_name(group)} {'' if k else 'decides '}{count}"
+        for k, (group, count) in enumerate(row["deciding_stages"].items())
+    ]
+    whole = sum(row["deciding_time"].values())
+    if whole <= 0.0:
+        return ""
+    shares = [
+        f"{name} {time / whole:.0%}"
+        for name, time in (
+            ("transfers", Bottlenecks({}, row["deciding_time"]).transfers),
+            *((name, row["deciding_time"].get(name, 0.0)) for name in NO_TRANSFERS),
+        )
+        if time > 0.0
+    ]
+    total = sum(row["deciding_stages"].values())
+    stages = f"; of its {total} transfers {_listed(counts)}" if counts else ""
+    if total == 1:
+        stages = f"; the {group_name(next(iter(row['deciding_stages'])))} decides its only transfer"
+    return f"{stages}; its time is {', '.join(shares)}"
+
+
+def group_name(group: str) -> str:
+    """Returns what people call a joint group."""
+    return group if group == PLATFORM else f"{group} arm"
+
+
+def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
+    """Returns how a row is called: its method, and whatever else differs between the rows."""
+    varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+
+    def called(row: dict[str, Any]) -> str:
+        rest = ", ".join(row[key] for key in varied)
+        return f"{row['method']} ({rest})" if rest else str(row["method"])
+
+    return called
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" and {words[-1]}"

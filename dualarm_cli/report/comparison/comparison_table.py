@@ -1,0 +1,115 @@
+"""`dualarm compare solvers` for people and for spreadsheets: one table per task file, one CSV for all."""
+
+from __future__ import annotations
+
+import csv
+import math
+from io import StringIO
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.report.comparison.comparison import row_namer, section_title
+
+COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""First characters that make a spreadsheet run a cell."""
+
+
+def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Table:
+    """Returns the table of one task file.
+
+    Args:
+        section: one member of the document's `comparisons`.
+        clock: the same rows' wall-clock times.
+    """
+    rows = section["rows"]
+    varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+    title = section_title(section, section["tasks"])
+    if section["lower_bound"] is not None:
+        title += f", lower bound {section['lower_bound']:.3f} s"
+    table = Table(title=escape(title), title_justify="left")
+    for name in ("method", *varied):
+        table.add_column(name, no_wrap=True)
+    for name in ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", "platform °"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("plan", no_wrap=True)
+    for row, timed in zip(rows, clock, strict=True):
+        colour = COLOURS[row["status"]]
+        table.add_row(
+            *(row[key] for key in ("method", *varied)),
+            _number(row["cycle_time"], 3),
+            _number(row["parts_per_hour"] if section["parts"] else None, 0),
+            "–" if row["gap"] is None else f"{row['gap']:.1%}",
+            _number(timed["planning_time"], 2),
+            "–" if row["clearance"] is None else f"{row['clearance'] * 1e3:.1f}",
+            _degrees(row["elbow_imbalance"], 1),
+            _degrees(row["platform_travel"], 0),
+            f"[{colour}]{row['status']}[/]",
+        )
+    return table
+
+
+def reason_lines(section: dict[str, Any]) -> list[str]:
+    """Returns why methods have no verified plan, those with one reason together.
+
+    Args:
+        section: one member of the document's `comparisons`.
+    """
+    called = row_namer(section["rows"])
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for row in section["rows"]:
+        if row["reason"]:
+            grouped.setdefault((row["status"], row["reason"]), []).append(called(row))
+    return [f"{', '.join(names)}: {status}: {why}" for (status, why), names in grouped.items()]
+
+
+def comparison_csv(document: dict[str, Any]) -> bytes:
+    """Returns all rows as CSV; s, rad; wall-clock planning time is the last column and nowhere else.
+
+    Args:
+        document: of `dualarm compare solvers`.
+    """
+    sections = document["comparisons"]
+    groups = {g: None for s in sections for r in s["rows"] for g in r["deciding_time"] or {}}
+    names = (
+        ["tasks", "method", "redundancy", "timing", "status", "cycle_time", "parts_per_hour"]
+        + ["lower_bound", "gap", "grid_gap", "clearance", "clearance_cost"]
+        + ["elbow_imbalance", "platform_travel"]
+        + [f"time_{group}" for group in groups]
+        + ["reason", "planning_time"]
+    )
+    timed = iter(document["wall_clock"])
+    table = [names]
+    for section in sections:
+        for row in section["rows"]:
+            cells = {"tasks": section["tasks"], "lower_bound": section["lower_bound"], **row}
+            cells |= {f"time_{g}": (row["deciding_time"] or {}).get(g) for g in groups}
+            cells["planning_time"] = next(timed)["planning_time"]
+            table.append([cell_text(cells[name]) for name in names])
+    return csv_bytes(table)
+
+
+def csv_bytes(table: list[list[str]]) -> bytes:
+    """Returns rows of texts as CSV, with one newline as the end of each."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(table)
+    return text.getvalue().encode("utf-8", "backslashreplace")
+
+
+def cell_text(value: Any) -> str:
+    """Returns a cell: numbers so that reading them gives the same double, nothing for None, no formula."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(FORMULA) else value
+    return repr(value)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _degrees(value: float | None, digits: int) -> str:
+    return _number(None if value is None else math.degrees(value), digits)

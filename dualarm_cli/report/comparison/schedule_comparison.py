@@ -1,0 +1,389 @@
+"""The document of `dualarm compare schedules`: stage by stage, what got slower and what is to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.errors import UsageError
+from dualarm_cli.model.schedule import DURATION, TOOL_SPEED, Schedule
+from dualarm_cli.report.stage_parts import StageParts, overlap, stage_parts
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+KINDS = (("transfer", "return"), ("approach",), ("dwell",), ("retract",), ("path",), ("seam",))
+"""Parts of an arm's work, by what they are called together."""
+SAME_ANGLE = 1e-6
+"""Displacements nearer than this are one [rad]."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """One stage of one schedule."""
+
+    schedule: Schedule
+    """The schedule."""
+    parts: StageParts
+    """The stage."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the stage [s]."""
+        return self.parts.stage.end - self.parts.stage.start
+
+    @property
+    def work(self) -> frozenset[tuple[str, str]]:
+        """Tasks and actions of the stage; empty for a return."""
+        found = frozenset(
+            (part.task, part.action)
+            for parts in self.parts.arms.values()
+            for part in parts
+            if part.task
+        )
+        # Work that takes no time at all has no parts, but an event.
+        stage = self.parts.stage
+        return found or frozenset(
+            (event.task, event.action)
+            for event in self.schedule.events
+            if event.task in stage.tasks and stage.start <= event.time <= stage.end
+        )
+
+    def arm_for(self, work: frozenset[tuple[str, str]], name: str) -> str:
+        """Returns the arm that does most of some work; the one of that name where none does any."""
+        shared = {
+            arm: len({(part.task, part.action) for part in parts} & work)
+            for arm, parts in self.parts.arms.items()
+        }
+        best = max(shared, key=lambda arm: (shared[arm], arm == name), default=name)
+        return best if shared.get(best) else name
+
+    def times(self, arm: str) -> dict[str, float]:
+        """Returns how long an arm's parts take, and how long it waits between them [s]."""
+        times = {kinds[0]: self.parts.length(arm, *kinds) for kinds in KINDS}
+        parts = self.parts.arms.get(arm, ())
+        end = parts[-1].end if parts else self.parts.stage.start
+        times["wait"] = max(0.0, end - self.parts.stage.start - sum(times.values()))
+        return times
+
+    def arrival(self, arm: str) -> float:
+        """Returns when an arm's transfer is over [s]."""
+        return self.parts.arrival(arm)
+
+    def displacement(self, joint: str, arm: str) -> float | None:
+        """Returns how far a joint moves in an arm's transfer [rad]; None where there is no such joint."""
+        trajectory = self.schedule.trajectory
+        if joint not in trajectory.joints:
+            return None
+        times = np.array([self.parts.stage.start, self.arrival(arm)])
+        q = trajectory.at(times)[0][:, trajectory.joints.index(joint)]
+        return float(abs(q[1] - q[0]))
+
+
+@dataclass(frozen=True)
+class Blame:
+    """What made one version of a stage longer."""
+
+    part: str
+    """transfer, approach, dwell, retract or wait."""
+    arm: str
+    """The arm that ends the longer version."""
+    joint: str
+    """The joint that decides the longer version's transfer; empty for other parts."""
+    cause: str
+    """displacement, limits or timing for a transfer; time for other parts."""
+    a_time: float
+    """How long the part takes in A [s]."""
+    b_time: float
+    """How long it takes in B [s]."""
+    a_displacement: float | None
+    """How far the joint moves in A [rad]; None where no joint is to blame."""
+    b_displacement: float | None
+    """How far it moves in B [rad]."""
+
+    @property
+    def name(self) -> str:
+        """The joint, or what the part is."""
+        return self.joint or self.part
+
+
+def blame(a: Version, b: Version) -> Blame:
+    """Returns what made one of two versions of a stage longer.
+
+    The longer version lasts as long as its critical arm, whose parts add up to it, while the same arm's parts in the
+    shorter version add up to no more than that one. So some part of that arm grew at least by its share of the
+    difference; the one that grew most is to blame.
+
+    Args:
+        a: before.
+        b: after, not equally long.
+    """
+    longer, shorter = (b, a) if b.duration > a.duration else (a, b)
+    arm = longer.parts.critical
+    own = frozenset((part.task, part.action) for part in longer.parts.arms.get(arm, ()))
+    other = shorter.arm_for(own - {("", "")}, arm)
+    long_times, short_times = longer.times(arm), shorter.times(other)
+    part = max(long_times, key=lambda name: long_times[name] - short_times[name])
+    arms = (other, arm) if longer is b else (arm, other)
+    times = [version.times(name)[part] for version, name in zip((a, b), arms, strict=True)]
+    joint = _slowest_joint(longer, arm) if part == "transfer" else ""
+    if not joint:
+        return Blame(part, arm, "", "time", times[0], times[1], None, None)
+    moved = [v.displacement(joint, name) for v, name in zip((a, b), arms, strict=True)]
+    cause = _cause(a, b, joint, times[1] - times[0], moved)
+    return Blame(part, arm, joint, cause, times[0], times[1], moved[0], moved[1])
+
+
+def _slowest_joint(version: Version, arm: str) -> str:
+    """Returns the joint that decides an arm's transfer: the stated one, else by its least time, else the farthest."""
+    robot, stated = version.schedule.robot, version.parts.stage.bottleneck
+    known = robot.arms.get(arm)
+    joints = [*(robot.platform or ()), *(known.joints if known is not None else ())]
+    if stated in joints or (
+        stated not in ("", DURATION, TOOL_SPEED) and not version.parts.stage.tasks
+    ):
+        return stated
+    moved = {joint: version.displacement(joint, arm) or 0.0 for joint in joints}
+    moved = {joint: way for joint, way in moved.items() if way > SAME_ANGLE}
+    least = {joint: _least_time(version, joint, way) for joint, way in moved.items()}
+    if any(time is None for time in least.values()):
+        return max(moved, key=lambda joint: moved[joint], default="")
+    return max(least, key=lambda joint: least[joint] or 0.0, default="")
+
+
+def _least_time(version: Version, joint: str, way: float | None) -> float | None:
+    """Returns the closed-form time of a way under the schedule's limits [s]; None where it states none."""
+    limits = version.schedule.robot.limits
+    if way is None or joint not in limits.joints:
+        return None
+    one = limits.select([joint])
+    if not (np.isfinite(one.velocity[0]) and np.isfinite(one.acceleration[0])):
+        return None
+    law = RestToRest(one.velocity, one.acceleration, one.jerk)
+    return float(law.duration(np.array([way])))
+
+
+def _cause(a: Version, b: Version, joint: str, difference: float, moved: list[float | None]) -> str:
+    """Returns what most of a transfer's difference comes from: a longer way, other limits, or other timing."""
+    before, between, after = (
+        _least_time(a, joint, moved[0]),
+        _least_time(a, joint, moved[1]),
+        _least_time(b, joint, moved[1]),
+    )
+    if before is None or between is None or after is None:
+        farther = abs((moved[1] or 0.0) - (moved[0] or 0.0)) > SAME_ANGLE
+        return "displacement" if farther else "timing"
+    shares = {"displacement": between - before, "limits": after - between}
+    shares["timing"] = difference - sum(shares.values())
+    return max(shares, key=lambda name: np.sign(difference) * shares[name])
+
+
+FORMAT = "dualarm.schedule-comparison/1"
+SAME = 1e-6
+"""Durations nearer than this are equal [s]."""
+SHOWN = 4
+"""How many names a message lists."""
+
+Pair = tuple[int | None, int | None]
+
+
+def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[str, Any]:
+    """Returns the comparison as a JSON-ready document; times in s, angles in rad.
+
+    Stages are matched by the tasks and actions that are done in them, whatever their places; the rest by
+    the most work in common. What has no partner stands alone, so that all differences add up to the whole.
+
+    Args:
+        a: before.
+        b: after.
+        names: what the user calls them.
+
+    Raises:
+        UsageError: a schedule whose times or positions cannot be used, or two without any work in common.
+    """
+    for schedule, name in zip((a, b), names, strict=True):
+        _refuse_broken(schedule, name)
+    versions = [[Version(s, part) for part in stage_parts(s)] for s in (a, b)]
+    pairs = _matched(versions[0], versions[1])
+    _refuse_strangers(versions, pairs, names)
+    rows = [_row(versions[0], versions[1], pair) for pair in pairs]
+    return {
+        "format": FORMAT,
+        "a": _side(a, names[0]),
+        "b": _side(b, names[1]),
+        "difference": b.duration - a.duration,
+        "relative": b.duration / a.duration - 1.0 if a.duration > 0 else None,
+        "identical": _same_motion(a, b) and all(abs(row["difference"]) <= SAME for row in rows),
+        "stages": rows,
+        "blamed": _blamed(rows),
+        "notes": _notes(a, b, pairs),
+    }
+
+
+def _refuse_broken(schedule: Schedule, name: str) -> None:
+    trajectory = schedule.trajectory
+    advice = f"; `dualarm verify {name}` says more"
+    for what in ("time", "position", "velocity", "acceleration"):
+        if not np.isfinite(getattr(trajectory, what)).all():
+            raise UsageError(f"{name}: a knot's {what} is not finite{advice}")
+    if (np.diff(trajectory.time) < 0).any():
+        raise UsageError(f"{name}: the knots' times do not rise{advice}")
+    parts = [("stage", number, s.start, s.end) for number, s in enumerate(schedule.stages, 1)]
+    parts += [("segment", number, s.start, s.end) for number, s in enumerate(schedule.segments, 1)]
+    for what, number, start, end in parts:
+        if end < start:
+            raise UsageError(f"{name}: {what} {number} ends before it starts{advice}")
+
+
+def _refuse_strangers(
+    versions: Sequence[Sequence[Version]], pairs: Sequence[Pair], names: tuple[str, str]
+) -> None:
+    """Raises where no stage of the one does anything that the other does: times alone say nothing."""
+    work = [any(v.work for v in side) for side in versions]
+    shared = any(i is not None and j is not None and versions[0][i].work for i, j in pairs)
+    if any(work) and not shared:
+        listed = []
+        for side, name in zip(versions, names, strict=True):
+            done = [" ".join(work).strip() for v in side for work in sorted(v.work)]
+            some = ", ".join(done[:SHOWN]) + (", …" if len(done) > SHOWN else "")
+            listed.append(f"{name} does {some or 'nothing'}")
+        raise UsageError(
+            f"nothing to compare: {'; '.join(listed)}; stages are matched by task and action"
+        )
+
+
+def _matched(a: Sequence[Version], b: Sequence[Version]) -> list[Pair]:
+    """Returns which stage of A goes with which of B, in A's order, then what only B has."""
+    free = list(range(len(b)))
+    partner: dict[int, int] = {}
+    for i, version in enumerate(a):
+        same = next((j for j in free if b[j].work == version.work), None)
+        if same is not None:
+            partner[i] = same
+            free.remove(same)
+    for i, version in enumerate(a):
+        if i in partner:
+            continue
+        shared = {j: len(b[j].work & version.work) for j in free}
+        best = max(shared, key=lambda j: (shared[j], -j), default=None)
+        if best is not None and shared[best] > 0:
+            partner[i] = best
+            free.remove(best)
+    return [(i, partner.get(i)) for i in range(len(a))] + [(None, j) for j in free]
+
+
+def _row(a: Sequence[Version], b: Sequence[Version], pair: Pair) -> dict[str, Any]:
+    one = a[pair[0]] if pair[0] is not None else None
+    two = b[pair[1]] if pair[1] is not None else None
+    lengths = [0.0 if version is None else version.duration for version in (one, two)]
+    difference = lengths[1] - lengths[0]
+    found = None
+    if one is not None and two is not None and abs(difference) > SAME:
+        found = blame(one, two)
+    if one is None or two is None:
+        match = "only in B" if one is None else "only in A"
+    else:
+        match = "same work" if one.work == two.work else "other work beside it"
+    shown = one or two
+    return {
+        "a": None if pair[0] is None else pair[0] + 1,
+        "b": None if pair[1] is None else pair[1] + 1,
+        "work": [f"{task} {action}".strip() for task, action in sorted(shown.work)]
+        if shown is not None
+        else [],
+        "match": match,
+        "a_duration": None if one is None else lengths[0],
+        "b_duration": None if two is None else lengths[1],
+        "difference": difference,
+        "a_bottleneck": None if one is None else one.parts.stage.bottleneck,
+        "b_bottleneck": None if two is None else two.parts.stage.bottleneck,
+        "blame": None if found is None else asdict(found),
+    }
+
+
+def _side(schedule: Schedule, name: str) -> dict[str, Any]:
+    return {
+        "schedule": name,
+        "robot": schedule.robot.name,
+        "duration": schedule.duration,
+        "stages": len(stage_parts(schedule)),
+    }
+
+
+def _same_motion(a: Schedule, b: Schedule) -> bool:
+    one, two = a.trajectory, b.trajectory
+    return one.joints == two.joints and all(
+        np.array_equal(getattr(one, name), getattr(two, name))
+        for name in ("time", "position", "velocity", "acceleration")
+    )
+
+
+def _blamed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Returns the stages' differences by what is to blame, largest first; together the whole difference."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        if abs(row["difference"]) <= SAME:
+            continue
+        name = "stages without partner"
+        if row["blame"] is not None:
+            name = row["blame"]["joint"] or row["blame"]["part"]
+        found.setdefault(name, []).append(row["difference"])
+    listed = [
+        {"name": name, "stages": len(parts), "difference": sum(parts)}
+        for name, parts in found.items()
+    ]
+    return sorted(listed, key=lambda entry: -abs(entry["difference"]))
+
+
+def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
+    """Returns what else differs: robots, limits, settings, order, what the files do not say."""
+    notes = []
+    if a.robot.name != b.robot.name or set(a.trajectory.joints) != set(b.trajectory.joints):
+        notes.append(
+            f"different robots ({a.robot.name}, {b.robot.name}): lengths compare, joints only where "
+            "both have one of that name"
+        )
+    notes += _limit_notes(a, b)
+    one, two = a.provenance.settings, b.provenance.settings
+    changed = [
+        f"{key} {one.get(key)} → {two.get(key)}"
+        for key in sorted({*one, *two})
+        if one.get(key) != two.get(key)
+    ]
+    if changed:
+        notes.append(f"settings differ: {', '.join(changed)}")
+    places = [j for i, j in pairs if i is not None and j is not None]
+    if any(later < earlier for earlier, later in pairwise(places)):
+        notes.append("the order of the stages differs")
+    for schedule, side in ((a, "A"), (b, "B")):
+        if overlap(schedule.stages):
+            notes.append(
+                f"stages of {side} overlap: each arm runs on a clock of its own, so that the stages' differences do "
+                "not add up to the whole"
+            )
+        missing = [w for w in ("stages", "segments") if not getattr(schedule, w)]
+        if missing:
+            notes.append(f"{side} states no {' and no '.join(missing)}: cut at its events")
+    return notes
+
+
+def _limit_notes(a: Schedule, b: Schedule) -> list[str]:
+    """Returns which joints of both have other limits."""
+    one, two = a.robot.limits, b.robot.limits
+    both = [joint for joint in one.joints if joint in two.joints]
+    if not both:
+        return []
+    one, two = one.select(both), two.select(both)
+    differ = {
+        joint
+        for what in ("velocity", "acceleration", "jerk")
+        for joint, x, y in zip(both, getattr(one, what), getattr(two, what), strict=True)
+        if x != y
+    }
+    if not differ:
+        return []
+    named = [joint for joint in both if joint in differ]
+    some = ", ".join(named[:SHOWN]) + (", …" if len(named) > SHOWN else "")
+    return [f"limits differ for {len(named)} joints: {some}"]

@@ -1,0 +1,262 @@
+"""`dualarm sweep` for people and for spreadsheets: rows, what failed, what matters; one CSV."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.model.study import OBJECTIVES, Objective
+from dualarm_cli.report.comparison.comparison_table import cell_text, csv_bytes
+
+MOST_ROWS = 25
+"""Most rows that the table shows; files have all."""
+LONGEST_REASON = 300
+"""Most characters of a reason on the terminal and in a cell."""
+ARROWS = {"minimise": "↓", "maximise": "↑"}
+STATUS_WORDS = {
+    "fails_verification": "failed verification",
+    "infeasible": "without a plan",
+    "bad_input": "with bad input",
+    "internal_error": "ended by an error of this program",
+    "timed_out": "timed out",
+    "crashed": "crashed",
+}
+
+
+def parameter_label(parameter: dict[str, Any]) -> str:
+    """Returns a parameter's name with its unit."""
+    return f"{parameter['name']} [{parameter['unit']}]" if parameter["unit"] else parameter["name"]
+
+
+def value_text(value: Any) -> str:
+    """Returns a parameter's value as tables show it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def rows_table(document: dict[str, Any]) -> Table:
+    """Returns the table of the rows that have a plan, best first, at most MOST_ROWS."""
+    named = [OBJECTIVES[entry["name"]] for entry in document["objectives"]]
+    others = [objective for name, objective in OBJECTIVES.items() if objective not in named]
+    rows = [row for row in document["rows"] if row["rank"] is not None]
+    shown = rows[:MOST_ROWS]
+    title = f"{document['study']}: {len(rows)} of {document['counts']['points']} points have a plan"
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("#", justify="right", no_wrap=True)
+    pareto = len(named) > 1
+    if pareto:
+        table.add_column("P", no_wrap=True)
+    for parameter in document["parameters"]:
+        side: Any = "right" if parameter["numeric"] else "left"
+        table.add_column(escape(parameter_label(parameter)), justify=side)
+    for objective in named:
+        arrow = ARROWS[objective.sense]
+        head = f"{_head(objective)} {arrow}"
+        table.add_column(head, justify="right", style="bold" if objective is named[0] else "")
+    for objective in others:
+        table.add_column(_head(objective), justify="right", style="dim")
+    table.add_column("most time", no_wrap=True)
+    for row in shown:
+        table.add_row(
+            str(row["rank"]),
+            *(["*" if row["pareto"] else ""] if pareto else []),
+            *(escape(value_text(row["values"][p["name"]])) for p in document["parameters"]),
+            *(o.shown(row[o.name]) for o in (*named, *others)),
+            escape(most_time(row["jobs"])),
+            style="green" if row["pareto"] else "",
+        )
+    return table
+
+
+def _head(objective: Objective) -> str:
+    """Returns the short head of an objective's column."""
+    return f"{objective.name.replace('_', ' ')} {objective.shown_unit}"
+
+
+def most_time(jobs: list[dict[str, Any]]) -> str:
+    """Returns what most of the cycle goes to, with its share."""
+    times: dict[str, float] = {}
+    for job in jobs:
+        for name, time in job["limiting"].items():
+            times[name] = times.get(name, 0.0) + time
+    whole = sum(times.values())
+    if whole <= 0.0:
+        return "–"
+    name = max(times, key=lambda key: times[key])
+    return f"{name} {times[name] / whole:.0%}"
+
+
+def sentences(document: dict[str, Any]) -> list[str]:
+    """Returns what is to be said below the table: rows left out, the best, what failed and why."""
+    planned = [row for row in document["rows"] if row["rank"] is not None]
+    lines = []
+    if not planned:
+        points = document["counts"]["points"]
+        lines.append(f"{document['study']}: none of {points} points has a plan")
+    if len(planned) > MOST_ROWS:
+        lines.append(f"... and {len(planned) - MOST_ROWS} more rows; --csv FILE has all")
+    if len(document["objectives"]) > 1 and planned:
+        titles = ", ".join(OBJECTIVES[o["name"]].title for o in document["objectives"])
+        titles = " and ".join(titles.rsplit(", ", 1))
+        lines.append(
+            f"*: in the Pareto set ({document['counts']['pareto']}): no other row is as good in {titles} and better in "
+            "one of them"
+        )
+    lines += _best_lines(document, planned)
+    rows = {row["point"]: row for row in document["rows"]}
+    for failure in document["failures"]:
+        many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"
+        whose = "; of the first" if failure["count"] > 1 else ""
+        at = _at(document, rows[failure["points"][0]])
+        lines.append(
+            f"{many} {STATUS_WORDS[failure['status']]}{whose} ({at}): {_one_line(failure['example'])}"
+        )
+    return lines
+
+
+def _one_line(reason: str) -> str:
+    """Returns a reason on one line; the files have all of it."""
+    text = ""
+    for line in reason.splitlines():
+        joint = " " if text.endswith(":") else "; "
+        text += f"{joint if text else ''}{line.strip()}"
+    return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…"
+
+
+def _best_lines(document: dict[str, Any], planned: list[dict[str, Any]]) -> list[str]:
+    """Returns a sentence per objective: its best row, against the files as they are."""
+    lines = []
+    for entry in document["objectives"]:
+        objective = OBJECTIVES[entry["name"]]
+        known = [row for row in planned if row[objective.name] is not None]
+        if not known:
+            if planned:
+                lines.append(f"{objective.title}: not known of any plan")
+            continue
+        best = min(known, key=lambda row: objective.cost(row[objective.name]))
+        many = f" ({entry['together']} of {len(document['tasks'])} jobs)" * bool(entry["together"])
+        best_text = _shown(objective, best[objective.name])
+        against = _against(objective, best[objective.name], document["reference"])
+        if len(known) > 1 and {_shown(objective, row[objective.name]) for row in known} == {
+            best_text
+        }:
+            lines.append(f"{objective.title}{many}: {best_text} in all plans{against}")
+        else:
+            lines.append(
+                f"best {objective.title}{many}: {best_text} with {_at(document, best)}{against}"
+            )
+    return lines
+
+
+def _at(document: dict[str, Any], row: dict[str, Any]) -> str:
+    """Returns the values of a row's parameters."""
+    return ", ".join(
+        f"{p['name']} {value_text(row['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
+        for p in document["parameters"]
+    )
+
+
+def _shown(objective: Objective, value: float) -> str:
+    return f"{objective.shown(value)} {objective.shown_unit}"
+
+
+def _against(objective: Objective, value: float, reference: dict[str, Any]) -> str:
+    """Returns how much better that is than the files as they are."""
+    base = reference[objective.name]
+    if base is None:
+        return f"; the files as they are: {STATUS_WORDS[reference['status']]}"
+    if objective.name == "cycle_time" and base > 0.0:
+        change = value / base - 1.0
+        return f"; the files as they are: {_shown(objective, base)} ({change:+.1%})"
+    return f"; the files as they are: {_shown(objective, base)}"
+
+
+def sensitivity_table(document: dict[str, Any]) -> Table:
+    """Returns the table of how much each parameter matters for each objective."""
+    table = Table(title="what matters", title_justify="left")
+    table.add_column("objective", no_wrap=True)
+    table.add_column("parameter")
+    for head in ("main effect", "share", "slope", "rank corr."):
+        table.add_column(head, justify="right", no_wrap=True)
+    for section in document["sensitivity"]:
+        objective = OBJECTIVES[section["objective"]]
+        for k, one in enumerate(section["parameters"]):
+            effect = one["main_effect"]
+            table.add_row(
+                objective.title if k == 0 else "",
+                escape(one["name"]),
+                "–" if effect is None else _shown(objective, effect),
+                _percent(one["share"]),
+                _signed(one["slope"]),
+                _signed(one["rank_correlation"]),
+                end_section=k == len(section["parameters"]) - 1,
+            )
+    return table
+
+
+SENSITIVITY_WORDS = (
+    "main effect: largest minus least mean over the parameter's values; share: of the variance; "
+    "slope: standardised regression; rank corr.: Spearman"
+)
+"""What the columns of the table are."""
+
+
+def sensitivity_sentences(document: dict[str, Any]) -> list[str]:
+    """Returns how far the numbers can be relied on, and which parameters act together."""
+    noted: dict[str, list[str]] = {}
+    for section in document["sensitivity"]:
+        for note in section["notes"]:
+            noted.setdefault(note, []).append(OBJECTIVES[section["objective"]].title)
+    lines = []
+    for note, titles in noted.items():
+        whose = "" if len(titles) == len(document["sensitivity"]) else f"{', '.join(titles)}: "
+        lines.append(f"note: {whose}{note}")
+    for section in document["sensitivity"]:
+        title = OBJECTIVES[section["objective"]].title
+        strong = [pair for pair in section["interactions"] if pair["share"] >= 0.05]
+        lines += [
+            f"{title}: {' and '.join(pair['between'])} act together: {pair['share']:.0%} of the variance"
+            for pair in strong
+        ]
+    return lines
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{share:.0%}"
+
+
+def _signed(value: float | None) -> str:
+    return "–" if value is None else f"{value:+.2f}"
+
+
+def study_csv(document: dict[str, Any]) -> bytes:
+    """Returns all rows as CSV: best first, those without a plan last; SI units, parameters in theirs."""
+    jobs = document["tasks"] if len(document["tasks"]) > 1 else []
+    names = [name for name in OBJECTIVES]
+    table = [
+        [
+            "rank",
+            "status",
+            "pareto",
+            *(cell_text(parameter_label(parameter)) for parameter in document["parameters"]),
+            *names,
+            *(cell_text(f"cycle_time {job}") for job in jobs),
+            "most_time",
+            "reason",
+        ]
+    ]
+    for row in document["rows"]:
+        own = [row["values"][parameter["name"]] for parameter in document["parameters"]]
+        cells = [row["rank"], row["status"], int(row["pareto"]), *own]
+        cells += [row[name] for name in names]
+        cells += [job["cycle_time"] for job in row["jobs"]] if jobs else []
+        planned = row["rank"] is not None
+        cells += [
+            most_time(row["jobs"]) if planned else None,
+            _one_line("; ".join(row["reasons"])) or None,
+        ]
+        table.append([cell_text(cell) for cell in cells])
+    return csv_bytes(table)

@@ -1,0 +1,192 @@
+"""Tables for people at a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.report.buffer_use import buffer_lines
+from dualarm_cli.report.conveyor_measures import conveyor_lines
+from dualarm_cli.report.path_measures import path_lines
+from dualarm_cli.report.seam_measures import seam_lines
+
+SHOWN = 0.0005
+"""Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
+SHOWN_WAIT = 0.005
+"""Waits of less are nothing to the printed digit [s]."""
+SHOWN_LIMITS = 3
+"""How many single limits the sensitivity lines name."""
+
+
+def stage_table(report: dict[str, Any]) -> Table:
+    """Returns the table of stages: who needs how long, who is the bottleneck.
+
+    Args:
+        report: as built by `build_report`.
+    """
+    arms = list(report["arms"])
+    table = Table(title=f"{report['robot']}: stages", title_justify="left")
+    table.add_column("#", justify="right")
+    table.add_column("tasks")
+    table.add_column("start s", justify="right")
+    table.add_column("length s", justify="right")
+    table.add_column("platform s", justify="right")
+    for arm in arms:
+        table.add_column(f"{arm} s", justify="right")
+    table.add_column("bottleneck")
+    table.add_column("platform solver")
+    table.add_column("angle °", justify="right")
+    for number, stage in enumerate(report["stages"], start=1):
+        angle = stage["platform_angle"]
+        table.add_row(
+            str(number),
+            escape(", ".join(stage["tasks"]) or "(return)"),
+            f"{stage['start']:.3f}",
+            f"{stage['duration']:.3f}",
+            f"{stage['platform_time']:.3f}",
+            *(f"{stage['arm_times'].get(arm, 0.0):.3f}" for arm in arms),
+            stage["bottleneck"] or "–",
+            stage["platform_solver"],
+            "–" if angle is None else f"{round(math.degrees(angle), 2) + 0.0:.2f}",
+        )
+    return table
+
+
+def summary_lines(report: dict[str, Any]) -> list[str]:
+    """Returns the sentences below the table: cycle time, throughput, what is assumed."""
+    what = "cycle time (period)" if report["closes"] else "time of one pass"
+    lines = [f"{what}: {report['cycle_time']:.3f} s"]
+    if report["parts_per_hour"] is not None and report["parts"]:
+        noun = "part" if report["parts"] == 1 else "parts"
+        rate = f"{report['parts_per_hour']:.0f} parts per hour"
+        lines[0] += f", {report['parts']} {noun}, {rate}"
+    for name, use in report["arms"].items():
+        lines.append(
+            f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
+            f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
+            f"{_shares(use['dwell_shares'])}, "
+            + (f"paths {use['path']:.2f} s, " if use["path"] > 0 else "")
+            + (f"seams {use['seam']:.2f} s, " if use["seam"] > 0 else "")
+            + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
+            + f"waits {use['waiting']:.2f} s"
+        )
+    lines += [
+        f"{name} arm: {use['changes']} tool change{'s' if use['changes'] != 1 else ''}: {use['visits']} visits to "
+        f"stands, {use['time']:.2f} s with the ways there"
+        for name, use in report["tool_changes"].items()
+    ]
+    lines += wait_lines(report)
+    lines += buffer_lines(report)
+    lines += path_lines(report)
+    lines += seam_lines(report)
+    lines += conveyor_lines(report)
+    if report["bottlenecks"]:
+        worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
+        lines.append(f"bottleneck stages: {worst}")
+    lines.append(bound_line(report))
+    lines.append(f"collisions: {report['collisions']}")
+    lines += [f"budget: {line['text']}" for line in report["budget"]]
+    if report["assumed_limits"]:
+        lines.append(
+            f"acceleration and jerk limits are assumed, not the maker's, for "
+            f"{len(report['assumed_limits'])} joints: {', '.join(report['assumed_limits'])}"
+        )
+        lines += sensitivity_lines(report)
+    lines += [f"note: {note}" for note in report["notes"]]
+    verification = report["verification"]
+    if verification is not None:
+        failed = [check for check in verification["checks"] if check["verdict"] == "failed"]
+        passed = sum(check["verdict"] == "passed" for check in verification["checks"])
+        lines.append(
+            f"verification: passed ({passed} checks)"
+            if verification["passed"]
+            else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
+        )
+    return lines
+
+
+def bound_line(report: dict[str, Any]) -> str:
+    """Returns the sentence on what no plan can beat, and how near the search came to its own grid's bound."""
+    if report["lower_bound"] is None:
+        line = "lower bound: none computed"
+    elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
+        line = "lower bound: 0 s, as its cells are too coarse for moves this short: try --effort thorough"
+    else:
+        what = "tasks, in whatever order," if report["open"] else "stages"
+        line = f"lower bound: no rest-to-rest plan of these {what} is faster than {report['lower_bound']:.3f} s"
+        if report["gap"] is not None:
+            line += f"; at most {report['gap']:.1%} could be saved"
+    if report["tool_speed_cap"] is not None:
+        line += "; neither the bound nor the search knows the cap on the tools' speed"
+    elif report["grid_gap"] is not None:
+        line += (
+            f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
+        )
+    if report["order_grid_gap"] is not None:
+        # Plans leave the grid, each by another amount: of them this proves nothing.
+        more = f"more than {gap} " if (gap := f"{report['order_grid_gap']:.1%}") != "0.0%" else ""
+        line += f"; on the grid of the search (not among plans) no other order is {more}quicker"
+    effort = report["settings"].get("effort")
+    return f"{line}; effort: {effort}" if effort else line
+
+
+def wait_lines(report: dict[str, Any]) -> list[str]:
+    """Returns what the arms wait for, most first, and by how much the platform draws out their transfers."""
+    waits, drawn = [], []
+    for name, use in report["arms"].items():
+        total = sum(use["waited"].values())
+        if total >= SHOWN_WAIT:
+            reasons = sorted(use["waited"].items(), key=lambda item: -item[1])
+            shown = [f"{r.replace('_', ' ')} {t:.2f}" for r, t in reasons if t >= SHOWN_WAIT]
+            waits.append(f"{name} {total:.2f} s" + (f" ({', '.join(shown)})" if shown else ""))
+        if use["drawn_out_for_platform"] >= SHOWN_WAIT:
+            drawn.append(f"{name} {use['drawn_out_for_platform']:.2f} s")
+    lines = [f"waits: {', '.join(waits)}"] if waits else []
+    if drawn:
+        lines.append(f"transfers drawn out until the platform is there: {', '.join(drawn)}")
+    return lines
+
+
+def sensitivity_lines(report: dict[str, Any]) -> list[str]:
+    """Returns what the assumed limits are worth: all of them together and the three most telling ones."""
+    entries, cycle = report["sensitivity"], report["cycle_time"]
+    if cycle <= 0.0:
+        return []
+    together = [entry for entry in entries if entry["joint"] is None]
+    single = [entry for entry in entries if entry["joint"] is not None]
+    lines = []
+    telling = [e for e in single if max(abs(e["lower"] - cycle), abs(e["higher"] - cycle)) >= SHOWN]
+    for entry in together[-1:] + telling[:SHOWN_LIMITS]:
+        name = f"all assumed {entry['limit']}" if entry["joint"] is None else entry["joint"]
+        what = "limits" if entry["joint"] is None else entry["limit"]
+        lower, higher = entry["lower"], entry["higher"]
+        lines.append(
+            f"{name} {what} 10 % lower: {_with_change(lower, cycle)}, "
+            f"higher: {_with_change(higher, cycle)}"
+        )
+    if lines:
+        lines[0] = f"sensitivity: {lines[0]}; postures kept: planning anew could do better"
+    if len(telling) > SHOWN_LIMITS:
+        lines.append(
+            f"these are the {SHOWN_LIMITS} that matter most of {len(single)} limits; the rest is in report.json"
+        )
+    return lines
+
+
+def _with_change(time: float, cycle: float) -> str:
+    """Returns a cycle time and by how much it differs."""
+    if abs(time - cycle) < SHOWN:
+        return f"{time:.3f} s (no change)"
+    share = time / cycle - 1.0
+    if abs(share) < SHOWN:
+        return f"{time:.3f} s ({(time - cycle) * 1e3:+.0f} ms)"
+    return f"{time:.3f} s ({share:+.1%})"
+
+
+def _shares(shares: dict[str, float]) -> str:
+    """Returns what the dwells are for, where they are for more than one thing."""
+    parts = [f"{name} {time:.2f}" for name, time in shares.items() if time > 0]
+    return f" ({', '.join(parts)})" if len(parts) > 1 else ""

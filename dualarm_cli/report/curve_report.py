@@ -1,0 +1,165 @@
+"""What becomes of a curve in a controller: its points by two methods, judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from dualarm_cli.model.curves.discretisation import Points, Quality, by_euler, by_length, judge
+from dualarm_cli.model.curves.feature_curve import MeasuredCurve, PoseCurve
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LEAST_SHOWN = 0.001
+"""Errors below this are not told apart [um]."""
+TITLES = {"arc_length": "arc length", "euler": "Euler as printed"}
+
+
+@dataclass(frozen=True)
+class CurveReport:
+    """The points of one task's curve."""
+
+    task: str
+    """The task."""
+    curve: MeasuredCurve
+    """Its curve in the part's frame."""
+    step: float
+    """Length of a step as it should be [m]."""
+    interval: float | None
+    """Time for a step [s]; None where the step was given as a length."""
+    speed: float | None
+    """Speed of the tool along the curve [m/s]; None where it does not count."""
+    mean: bool
+    """Whether that is the length over the whole duration, as the file gives a duration."""
+    points: Mapping[str, Points]
+    """By method: arc_length, and euler where the curve has a parameter of its own."""
+    quality: Mapping[str, Quality]
+    """By method."""
+
+
+def curve_report(
+    task: str,
+    curve: MeasuredCurve,
+    step: float,
+    interval: float | None,
+    speed: float | None,
+    mean: bool,
+) -> CurveReport:
+    """Returns the points of a curve by every method that it has, judged.
+
+    Args:
+        task: whose curve it is.
+        curve: in the part's frame.
+        step: length of a step [m].
+        interval: time for it [s], or None.
+        speed: along the curve [m/s], or None.
+        mean: whether the speed is length over duration.
+    """
+    points = {"arc_length": by_length(curve, step)}
+    if not isinstance(curve, PoseCurve):
+        points["euler"] = by_euler(curve, step)
+    quality = {name: judge(curve, found) for name, found in points.items()}
+    return CurveReport(task, curve, step, interval, speed, mean, points, quality)
+
+
+def print_curves(reports: Sequence[CurveReport], console: Console) -> None:
+    """Prints a table of each curve.
+
+    Args:
+        reports: what was found.
+        console: where to.
+    """
+    from rich.table import Table
+
+    for report in reports:
+        console.print(_title(report), markup=False, soft_wrap=True)
+        table = Table("")
+        for name in report.points:
+            table.add_column(TITLES[name], justify="right")
+        for label, cells in _rows(report):
+            table.add_row(label, *cells)
+        console.print(table)
+        for line in _remarks(report):
+            console.print(line, markup=False, soft_wrap=True)
+
+
+def _title(report: CurveReport) -> str:
+    step = f"a point every {report.step * 1e3:.6g} mm"
+    if report.interval is not None and report.speed is not None:
+        mean = " on average" if report.mean else ""
+        step += f" (every {report.interval * 1e3:.6g} ms at {report.speed * 1e3:.6g} mm/s{mean})"
+    return f"{report.task}: {report.curve.length * 1e3:.3f} mm, {step}"
+
+
+def _rows(report: CurveReport) -> list[tuple[str, list[str]]]:
+    quality = list(report.quality.values())
+    rows = [
+        ("points", [str(len(found.parameter)) for found in report.points.values()]),
+        ("spacing error um", [_um(q.spacing_error) for q in quality]),
+        ("speed error %", [_small(100.0 * q.speed_error) for q in quality]),
+        ("drift at the end um", [_um(q.drift) for q in quality]),
+        ("last step mm", [f"{q.last_step * 1e3:.4f}" for q in quality]),
+        ("chord error um", [_um(q.chord_error) for q in quality]),
+        ("  at most, proven um", [_um(q.chord_bound) for q in quality]),
+        ("largest turn of the frame deg", [f"{math.degrees(q.turn):.4f}" for q in quality]),
+        ("smallest cosine of an axis", [f"{q.least_dot:.7f}" for q in quality]),
+    ]
+    if isinstance(report.curve, PoseCurve):
+        rows.append(("x off the curve deg", [f"{math.degrees(q.lean):.4f}" for q in quality]))
+    return rows
+
+
+def _remarks(report: CurveReport) -> list[str]:
+    kappa = report.quality["arc_length"].curvature_bound
+    if kappa == 0.0:
+        lines = ["the curve is straight"]
+    elif math.isinf(kappa):
+        lines = ["somewhere the curve bends too sharply to tell its least radius"]
+    else:
+        lines = [f"the curve bends with a radius of {1e3 / kappa:.3f} mm or more (proven)"]
+    if isinstance(report.curve, PoseCurve):
+        lines.append("no Euler steps: a curve through poses has no parameter of its own")
+    else:
+        lines.append("Euler as printed stops a last step short of the end; the end is added here")
+    return lines
+
+
+def _um(value: float) -> str:
+    return _small(1e6 * value)
+
+
+def _small(value: float) -> str:
+    return f"< {LEAST_SHOWN}" if value < LEAST_SHOWN else f"{value:.3f}"
+
+
+def _numbers(quality: Quality) -> dict[str, float | None]:
+    return {key: v if math.isfinite(v) else None for key, v in vars(quality).items()}
+
+
+def curves_document(reports: Sequence[CurveReport]) -> dict[str, Any]:
+    """Returns the reports as JSON: m, s, rad.
+
+    Args:
+        reports: what was found.
+    """
+    return {
+        "format": "dualarm.curve/1",
+        "curves": [
+            {
+                "task": report.task,
+                "length": report.curve.length,
+                "step": report.step,
+                "interval": report.interval,
+                "speed": report.speed,
+                "speed_is": "mean" if report.mean else "constant",
+                "methods": {
+                    name: {"points": len(report.points[name].parameter), **_numbers(quality)}
+                    for name, quality in report.quality.items()
+                },
+            }
+            for report in reports
+        ],
+    }

@@ -1,0 +1,1 @@
+"""Figures, drawn without a screen, the same bytes for the same input."""

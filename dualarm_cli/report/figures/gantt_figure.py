@@ -1,0 +1,432 @@
+"""Who does what when, drawn: a lane of bars for each arm and one for the platform, over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain, groupby
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.model.job import AT_STANDS, Job
+from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.motion.waiting import MOVES
+from dualarm_cli.report.figures.figures import new_figure, rendered
+from dualarm_cli.report.measures import sliding_joints
+from dualarm_cli.report.report import relative_gap
+
+SIZES = {8.0: 0.95, 7.0: 0.95, 6.0: 0.6}
+"""Sizes in which words are tried [points], and the share of them that must fit."""
+FREE = 3.0
+"""What is free beside a word in its bar, both sides together [points]."""
+POINTS = 72.0
+"""Points in an inch."""
+DARK, BRIGHT = "0.15", "white"
+ON_DARK = ("transfer", "return", "path", "seam")
+"""Bars on which words are bright."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """One word, centred."""
+
+    time: float
+    """Where it is [s]."""
+    lane: int
+    """In which lane."""
+    text: str
+    """What it says."""
+    size: float
+    """Its size [points]."""
+    colour: str
+    """Its colour."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A place for a word."""
+
+    rank: int
+    """Bars of lower rank are preferred, among equals the longest."""
+    start: float
+    """Where it begins [s]."""
+    end: float
+    """Where it ends [s]."""
+    dark: bool
+    """Whether words on it are bright."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A word, and the bars in which it may be written."""
+
+    text: str
+    """What it says."""
+    lane: int
+    """In which lane."""
+    bars: tuple[Bar, ...]
+    """Where; the best of those that hold it is taken."""
+    whole: bool
+    """Whether nothing of them is cut off at the end of a row."""
+
+
+def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
+    """Returns the ids of tasks for a row: one for each stop, in its transfer rather than in another bar.
+
+    Args:
+        schedule: with segments.
+        arms: the lanes.
+        start: of the row [s].
+        end: of the row [s].
+    """
+    words = []
+    for lane, arm in enumerate(arms):
+        own = [s for s in schedule.segments if s.arm == arm and s.end > start and s.start < end]
+        own.sort(key=lambda part: part.start)
+        for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
+            parts = [part for part in run if part.kind != "wait"]
+            bars = tuple(
+                Bar(
+                    part.kind not in MOVES,
+                    max(part.start, start),
+                    min(part.end, end),
+                    part.kind in ON_DARK,
+                )
+                for part in parts
+            )
+            if task and bars:
+                whole = parts[0].start >= start and parts[-1].end <= end
+                # What a tool is changed for is seen from what follows.
+                text = task.split(" (")[0] if action in AT_STANDS else task
+                words.append(Wanted(text, lane, bars, whole))
+    return words
+
+
+def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
+    """Returns the words that fit into their bars, all of one size: the largest in which nearly all of them fit.
+
+    Where even in the smallest size only few do, there are none: the others would be looked for.
+
+    Args:
+        words: of all rows.
+        inch: how long a second is [inch].
+    """
+    asked = sum(word.whole for word in words)
+    for size, share in SIZES.items():
+        placed = [(word, _place(word, inch, size)) for word in words]
+        if sum(word.whole and bar is not None for word, bar in placed) >= share * asked:
+            return [
+                Label(
+                    (bar.start + bar.end) / 2.0,
+                    word.lane,
+                    word.text,
+                    size,
+                    BRIGHT if bar.dark else DARK,
+                )
+                for word, bar in placed
+                if bar is not None
+            ]
+    return []
+
+
+def _place(word: Wanted, inch: float, size: float) -> Bar | None:
+    """Returns the best bar that holds a word of a size, or None."""
+    room = text_width(word.text) * size + FREE
+    large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
+    return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
+
+
+@lru_cache(maxsize=4096)
+def text_width(text: str) -> float:
+    """Returns how wide a text is in size 1 [points]."""
+    from matplotlib.textpath import TextPath
+
+    # Dollars would be taken for formulas.
+    box = TextPath((0.0, 0.0), text.replace("$", "S"), size=100.0).get_extents()
+    return float(box.x1) / 100.0 if text.strip() else 0.0
+
+
+STILL = 1e-7
+"""Platform joints that are slower than this stand [rad/s or m/s]."""
+SHORT = 1e-3
+"""Shortest time in which a way counts by itself [s]."""
+WHOLE = 0.05
+"""Angles nearer than this to whole degrees are written as such [°]."""
+
+
+def platform_moves(schedule: Schedule) -> list[tuple[float, float]]:
+    """Returns when any joint of the platform moves, as spans [s] with standing between them."""
+    trajectory = schedule.trajectory
+    columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
+    if not columns:
+        return []
+    q, v = trajectory.position[:, columns], trajectory.velocity[:, columns]
+    step = np.diff(trajectory.time)
+    fast: BoolArray = np.any(np.abs(v) > STILL, axis=1)
+    far = (np.abs(np.diff(q, axis=0)) > STILL * np.maximum(step, SHORT)[:, None]).any(axis=1)
+    moves: BoolArray = (fast[1:] | fast[:-1] | far) & (step > 0.0)
+    spans: list[tuple[float, float]] = []
+    for k in np.flatnonzero(moves).tolist():
+        start, end = float(trajectory.time[k]), float(trajectory.time[k + 1])
+        if spans and start <= spans[-1][1] and not _stops(v, k):
+            spans[-1] = (spans[-1][0], end)
+        else:
+            spans.append((start, end))
+    return spans
+
+
+def _stops(velocity: FloatArray, knot: int) -> bool:
+    """Returns whether the platform comes to rest at a knot between two moves."""
+    return bool((np.abs(velocity[knot]) <= STILL).all())
+
+
+def platform_words(
+    schedule: Schedule, moves: Sequence[tuple[float, float]], lane: int, start: float, end: float
+) -> list[Wanted]:
+    """Returns where the platform stands for a row, wherever it stands.
+
+    Args:
+        schedule: the schedule.
+        moves: when the platform moves [s].
+        lane: its lane.
+        start: of the row [s].
+        end: of the row [s].
+    """
+    trajectory = schedule.trajectory
+    columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
+    if not columns:
+        return []
+    sliding = sliding_joints(schedule.robot.urdf)
+    slides = [name in sliding for name in schedule.robot.platform]
+    edges = [float(trajectory.time[0]), *np.ravel(moves).tolist(), float(trajectory.time[-1])]
+    words = []
+    for stands, leaves in zip(edges[::2], edges[1::2], strict=True):
+        a, b = max(stands, start), min(leaves, end)
+        if a < b:
+            q = trajectory.at(np.array([(a + b) / 2.0]))[0][0, columns]
+            text = ", ".join(place_text(float(v), s) for v, s in zip(q, slides, strict=True))
+            whole = stands >= start and leaves <= end
+            words.append(Wanted(text, lane, (Bar(0, a, b, False),), whole))
+    return words
+
+
+def place_text(value: float, slides: bool) -> str:
+    """Returns where a joint stands: an angle [rad] in degrees, to a tenth where it is not whole; a way [m] in mm."""
+    shown = value * 1e3 if slides else math.degrees(value)
+    digits = 0 if slides or abs(shown - round(shown)) < WHOLE else 1
+    text = f"{round(shown, digits) + 0.0:.{digits}f}".replace("-", "−")
+    return f"{text} mm" if slides else f"{text}°"
+
+
+WIDTH, LEFT, RIGHT = 15.0, 0.75, 0.15
+"""Width of the figure and of what is free beside its axes [inch]."""
+LANE, BELOW, BETWEEN, TITLE, LEGEND = 0.36, 0.22, 0.12, 0.36, 0.42
+"""Heights: of a lane, of a row's time axis, of what is free between rows, of the title, of the legend [inch]."""
+COLUMNS, LINE = 10, 0.2
+"""Names in a line of the legend, and the height of every further line [inch]."""
+BAR = 0.76
+"""Height of a bar, as a share of its lane."""
+STOPS_A_ROW, MOST_ROWS = 9, 6
+"""An arm's stops in one row of the time axis, and how many rows there are at most."""
+LEAST = 1e-3
+"""Shortest time axis [s]."""
+ROUNDING = 1e-6
+"""Shorter parts are not drawn [s]."""
+KINDS = {
+    "transfer": ("transfer", "#4c78a8"),
+    "approach": ("approach, retract", "#72b7b2"),
+    "retract": ("approach, retract", "#72b7b2"),
+    "dwell": ("dwell", "#f2a541"),
+    "path": ("path", "#9d6fb0"),
+    "seam": ("seam", "#d45087"),
+    "return": ("return", "#8a97a8"),
+}
+"""What bars are called in the legend, and their colours."""
+REASONS = {
+    "platform": ("waits: platform", "#d9d9d9", "////"),
+    "partner": ("waits: partner", "#dbe9f6", "\\\\\\\\"),
+    "shared_zone": ("waits: shared zone", "#fbd5d0", "xxxx"),
+    "after": ("waits: task before", "#e6dcf0", "||||"),
+    "window": ("waits: time window", "#fdf0c4", "----"),
+    "buffer": ("waits: buffer", "#d9efdc", "++++"),
+    "conveyor": ("waits: conveyor", "#d2e7ec", "////"),
+    "end": ("waits: work is done", "#f4f4f4", "...."),
+    "": ("waits", "#efefef", ""),
+}
+"""The same of waits, with their hatches."""
+TURNS = ("platform moves", "#5a5a5a")
+"""The same of the platform."""
+
+
+@dataclass(frozen=True)
+class _Style:
+    """How bars of one sort look."""
+
+    name: str
+    colour: str
+    hatch: str = ""
+
+
+def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
+    """Returns the figure of who does what when: arms and platform as bars over time, in up to MOST_ROWS rows.
+
+    Waits are hatched by what they are for. Where they fit, bars bear the ids of their tasks, and the platform's lane
+    the angle at which it stands.
+
+    Args:
+        schedule: with segments.
+        job: what it was planned for.
+        kind: one of FIGURE_KINDS.
+    """
+    lanes = [*schedule.robot.arms, *(["platform"] if schedule.robot.platform else [])]
+    count = row_count(schedule)
+    span = max(schedule.duration / count, LEAST)
+    row = LANE * len(lanes) + BELOW
+    bars, moving = _bars(schedule, lanes), platform_moves(schedule)
+    present = {style.name: style for _, style in bars}
+    legend = LEGEND + LINE * max(0, math.ceil(len(present) / COLUMNS) - 1)
+    height = TITLE + count * row + (count - 1) * BETWEEN + legend
+    figure = new_figure(WIDTH, height)
+    # Axes are placed by hand: only then is it known beforehand which words fit into which bars.
+    figure.set_layout_engine("none")
+    inch = (WIDTH - LEFT - RIGHT) / span
+    starts = [number * span for number in range(count)]
+    tasks = [task_words(schedule, list(schedule.robot.arms), t, t + span) for t in starts]
+    stands = [platform_words(schedule, moving, len(lanes) - 1, t, t + span) for t in starts]
+    words = [label for rows in (tasks, stands) for label in labels([*chain(*rows)], inch)]
+    for number, start in enumerate(starts):
+        bottom = legend + BELOW + (count - 1 - number) * (row + BETWEEN)
+        place = [LEFT / WIDTH, bottom / height, 1.0 - (LEFT + RIGHT) / WIDTH]
+        axes = figure.add_axes((*place, LANE * len(lanes) / height))
+        _draw_row(axes, bars, start, start + span, schedule.duration)
+        _write(axes, [word for word in words if start <= word.time < start + span])
+        _dress(axes, lanes, schedule, start, start + span)
+    _title_and_legend(figure, title(schedule, job), present, height)
+    return rendered(figure, kind)
+
+
+def row_count(schedule: Schedule) -> int:
+    """Returns into how many rows the time axis is broken: more where an arm has more stops."""
+    stops = [
+        len({(s.task, s.action) for s in schedule.segments if s.arm == arm and s.task})
+        for arm in schedule.robot.arms
+    ]
+    return min(MOST_ROWS, max(1, math.ceil(max(stops, default=0) / STOPS_A_ROW)))
+
+
+def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], list[Any]]:
+    """Returns spans (start, length) [s] by lane and look."""
+    bars: dict[tuple[int, _Style], list[Any]] = {}
+    for part in schedule.segments:
+        if part.arm in lanes and part.end - part.start > ROUNDING:
+            key = lanes.index(part.arm), _style(part)
+            bars.setdefault(key, []).append((part.start, part.end - part.start))
+    moves = [(start, end - start) for start, end in platform_moves(schedule)]
+    if moves:
+        bars[len(lanes) - 1, _Style(*TURNS)] = moves
+    return bars
+
+
+def _style(part: Segment) -> _Style:
+    return _Style(*(REASONS[part.reason] if part.kind == "wait" else KINDS[part.kind]))
+
+
+def _draw_row(
+    axes: Any, bars: dict[tuple[int, _Style], list[Any]], start: float, end: float, last: float
+) -> None:
+    """Draws what of the bars lies in a row; an axis that goes beyond the end of the motion is grey there."""
+    for (lane, style), spans in bars.items():
+        inside = [span for span in spans if span[0] < end and sum(span) > start]
+        axes.broken_barh(
+            inside,
+            (lane - BAR / 2.0, BAR),
+            facecolors=style.colour,
+            hatch=style.hatch or None,
+            edgecolor="0.55" if style.hatch else "white",
+            linewidth=0.0 if style.hatch else 0.3,
+        )
+    if last < end:
+        axes.axvspan(last, end, color="0.93", linewidth=0.0)
+
+
+def _write(axes: Any, words: Sequence[Label]) -> None:
+    for label in words:
+        axes.text(
+            label.time,
+            label.lane,
+            label.text,
+            size=label.size,
+            color=label.colour,
+            ha="center",
+            va="center_baseline",
+            clip_on=True,
+            parse_math=False,
+        )
+
+
+def _dress(axes: Any, lanes: Sequence[str], schedule: Schedule, start: float, end: float) -> None:
+    """Sets a row's axes: lanes from top to bottom, time in s, thin lines where stages begin that do not overlap."""
+    axes.set_xlim(start, end)
+    axes.set_ylim(len(lanes) - 0.5, -0.5)
+    axes.set_yticks(range(len(lanes)), lanes)
+    axes.tick_params(axis="y", length=0)
+    axes.tick_params(axis="x", labelsize=8)
+    if end >= schedule.duration:
+        axes.set_xlabel("time [s]", fontsize=8, labelpad=1)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    axes.set_axisbelow(True)
+    axes.grid(axis="x", color="0.88", linewidth=0.6)
+
+
+def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], height: float) -> None:
+    from matplotlib.patches import Patch
+
+    figure.text(
+        LEFT / WIDTH,
+        1.0 - 0.5 * TITLE / height,
+        heading,
+        size=11,
+        va="center",
+        parse_math=False,
+    )
+    order = [*KINDS.values(), *REASONS.values(), TURNS]
+    names = [name for name in dict.fromkeys(row[0] for row in order) if name in present]
+    handles = [
+        Patch(
+            facecolor=present[name].colour,
+            hatch=present[name].hatch or None,
+            edgecolor="0.55" if present[name].hatch else present[name].colour,
+            linewidth=0.0,
+            label=name,
+        )
+        for name in names
+    ]
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="lower left",
+            bbox_to_anchor=(LEFT / WIDTH, 0.03 / height),
+            bbox_transform=figure.transFigure,
+            ncols=min(COLUMNS, len(handles)),
+            frameon=False,
+            fontsize=8,
+            borderaxespad=0.0,
+            borderpad=0.0,
+            handlelength=1.8,
+            columnspacing=1.4,
+        )
+
+
+def title(schedule: Schedule, job: Job) -> str:
+    """Returns the figure's heading: robot, time, bound and gap where there are such; a bound of 0 s says nothing."""
+    what = "cycle time" if job.returns else "time of one pass"
+    text = f"{schedule.robot.name}: {what} {schedule.duration:.3f} s"
+    gap = relative_gap(schedule)
+    if schedule.lower_bound and gap is not None:
+        text += f", bound {schedule.lower_bound:.3f} s, gap {gap:.1%}"
+    return text

@@ -1,0 +1,159 @@
+"""Paths drawn: where tools and elbows go, contraction forces, manipulability, and the joints with their limits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.report.figures.figures import new_figure, rendered
+from dualarm_cli.report.path_measures import PathSamples, path_samples
+
+WIDTH, HEIGHT = 16.0, 12.0
+"""Size of one path's part [inch]."""
+PLANES = ((0, 1), (0, 2), (1, 2))
+AXES = "xyz"
+STYLES = {"left": ("tab:blue", 2.2, "-"), "right": ("tab:red", 1.2, (0, (4, 2)))}
+"""Colour, width and line of each arm: where both do the same the thin one is seen on the wide one."""
+
+
+def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
+    """Returns the figure of a plan's paths: for each the trails, forces and manipulability, and all joints.
+
+    The quantities of [Choi2020] Figs. 6 to 11 and of [Zhang2024] Figs. 2 to 4. Legends are beside what is drawn.
+
+    Args:
+        schedule: the plan.
+        job: what it was planned for; with paths.
+        kind: one of FIGURE_KINDS.
+    """
+    samples = path_samples(schedule, job)
+    figure = new_figure(WIDTH, HEIGHT * len(samples))
+    for part, path in zip(np.atleast_1d(figure.subfigures(len(samples), 1)), samples, strict=True):
+        part.suptitle(f"{path.task} by {path.method}, {path.time[-1]:.3f} s")
+        trails, curves, joints = part.subfigures(3, 1, height_ratios=[1.1, 0.9, 1.2])
+        _draw_trails(trails, path)
+        sprung = _sprung(path)
+        panels = curves.subplots(1, 3 if sprung else 2)
+        if sprung:
+            _draw_forces(panels[0], path)
+        _draw_manipulability(panels[-2], path)
+        _draw_manipulability(panels[-1], path, together=True)
+        _beside(curves, panels)
+        panels = joints.subplots(1, 3)
+        for axes, what in zip(panels, ("position", "velocity", "acceleration"), strict=True):
+            _draw_joints(axes, path, job, what)
+        _beside(joints, panels[:1], columns=2)
+    return rendered(figure, kind)
+
+
+def _sprung(path: PathSamples) -> bool:
+    """Returns whether distances from critical points say something: springs pull, or the file gives the points."""
+    return path.method.startswith("virtual_spring") or bool(path.work.critical_points)
+
+
+def _beside(part: Any, panels: Any, columns: int = 1) -> None:
+    """Adds one legend of all that is named in panels, to the right of them, each name once."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        found = dict(zip(labels, handles, strict=True)) | found
+    part.legend(
+        list(found.values()),
+        list(found),
+        loc="outside right center",
+        fontsize=8,
+        ncols=columns,
+        handlelength=3.5,
+    )
+
+
+def _style(arm: str) -> dict[str, Any]:
+    colour, width, line = STYLES.get(arm, ("k", 1.5, "-"))
+    return {"color": colour, "linewidth": width, "linestyle": line}
+
+
+def _draw_trails(part: Any, path: PathSamples) -> None:
+    """Draws tools, elbows and, where springs pull, critical points: in space and seen along each axis."""
+    spatial = part.add_subplot(1, 4, 1, projection="3d")
+    flat = [part.add_subplot(1, 4, k) for k in (2, 3, 4)]
+    sprung = _sprung(path)
+    for m, arm in enumerate(path.arms):
+        colour = _style(arm)["color"]
+        trails = {"tool": (path.tool[:, m], "-"), "elbow": (path.elbow[:, m], "--")}
+        if sprung:
+            trails["critical point"] = (path.critical[:, m], ":")
+        for name, (trail, line) in trails.items():
+            width = _style(arm)["linewidth"]
+            look = {"color": colour, "linestyle": line, "linewidth": width}
+            spatial.plot(*trail.T, **look, label=f"{arm} {name}")
+            spatial.scatter(*trail[0], color=colour, s=14)
+            for axes, (i, j) in zip(flat, PLANES, strict=True):
+                axes.plot(trail[:, i], trail[:, j], **look)
+                axes.plot(trail[0, i], trail[0, j], "o", color=colour, markersize=4)
+    for axes, (i, j) in zip(flat, PLANES, strict=True):
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel(f"{AXES[i]} [m]")
+        axes.set_ylabel(f"{AXES[j]} [m]")
+    spatial.set_aspect("equal")
+    for name in AXES:
+        getattr(spatial, f"set_{name}label")(f"{name} [m]")
+        spatial.tick_params(axis=name, labelsize=7)
+    flat[0].set_title("dots: where they begin", fontsize=9)
+    _beside(part, [spatial])
+
+
+def _draw_forces(axes: Any, path: PathSamples) -> None:
+    """Draws the contraction forces of virtual springs, and the least ones with tools and platform where they are."""
+    for m, arm in enumerate(path.arms):
+        look = _style(arm)
+        axes.plot(path.time, path.force[:, m], **look, label=arm)
+        if path.least is not None:
+            least = path.work.stiffness * path.least[:, m]
+            look |= {"linestyle": ":", "alpha": 0.7}
+            axes.plot(path.time, least, **look, label=f"{arm}, least force with tools there")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"contraction force K D [m], K = {path.work.stiffness:g}")
+
+
+def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False) -> None:
+    """Draws the manipulability of each arm, or of all tools by all joints."""
+    if together:
+        axes.plot(path.time, path.together, color="k", label="together")
+        axes.set_ylabel("manipulability M of all tools together")
+    else:
+        for m, arm in enumerate(path.arms):
+            axes.plot(path.time, path.alone[:, m], **_style(arm), label=arm)
+        axes.set_ylabel("manipulability M of each arm [m³/rad³]")
+    highest = float((path.together if together else path.alone).max())
+    axes.set_ylim(0.0, 1.1 * highest if highest > 0.0 else 1.0)
+    axes.set_xlabel("time [s]")
+
+
+def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
+    """Draws one rate of all joints that follow as a share of its limits, -1 to 1."""
+    limits = job.cell.robot.limits.scaled(job.speed)
+    values = getattr(path, what)
+    if what == "position":
+        middle = (limits.lower + limits.upper) / 2.0
+        shares = (values - middle) / np.maximum(limits.upper - middle, 1e-12)
+    else:
+        shares = values / getattr(limits, what)
+    groups = [arm for arm in job.cell.robot.arms if arm.name in path.arms]
+    lines = [
+        (joint, f"C{k % 10}", *STYLES.get(arm.name, ("k", 1.5, "-"))[1:])
+        for arm in groups
+        for k, joint in enumerate(arm.joints)
+    ]
+    lines += [(joint, "k", 1.0 + k, "-.") for k, joint in enumerate(job.cell.robot.platform)]
+    for joint, colour, width, line in lines:
+        column = job.cell.robot.columns([joint])[0]
+        axes.plot(
+            path.time, shares[:, column], color=colour, linewidth=width, linestyle=line, label=joint
+        )
+    for edge in (-1.0, 1.0):
+        axes.axhline(edge, color="0.5", linestyle="--")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"{what}, share of its limit")

@@ -1,0 +1,191 @@
+"""The figure of one move: the arms before and after, and what the platform angle does to the elbows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.platform_angle.problem import (
+    Kind,
+    PlatformProblem,
+    cosine_coefficients,
+    elbow_cosine,
+)
+from dualarm_cli.platform_angle.table import MethodRow
+from dualarm_cli.report.figures.figures import FIGURE_KINDS, new_figure, rendered
+
+__all__ = ["FIGURE_KINDS", "draw_move"]
+
+COLOURS = ("#1f5fbf", "#c23b22")
+"""Arm 1 and arm 2."""
+BALANCE = "#2a7f3f"
+SAMPLES = 1441
+
+
+def draw_move(
+    problem: PlatformProblem, rows: list[MethodRow], start: FloatArray, kind: str
+) -> bytes:
+    """Returns the figure of one move as PNG, SVG or PDF: the same bytes for the same input.
+
+    For the paper's input its panels are Figures 2 to 5 of [Bottin2021].
+
+    Args:
+        problem: one move.
+        rows: candidates of all methods.
+        start: wrist centres before the move in the platform's axis frame [m], shape (2, 3).
+        kind: one of FIGURE_KINDS.
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+    """
+    figure = new_figure(12, 8)
+    axes = figure.subplot_mosaic(
+        [["before", "equation", "equation"], ["one", "two", "elbows"]],
+        width_ratios=[1, 1, 1.15],
+    )
+    chosen = _shown(rows)
+    angle_0 = float(problem.angle_0[0])
+    _draw_arms(axes["before"], problem, start, angle_0)
+    _draw_targets(axes["before"], problem)
+    axes["before"].set_title("before the move (crosses: targets)")
+    _draw_equation(axes["equation"], problem, rows)
+    _draw_elbows(axes["elbows"], problem, rows)
+    numbers = [row for row in rows if row.method == "linearised"]
+    for name, row in zip(("one", "two"), chosen, strict=False):
+        ax = axes[name]
+        _draw_shoulder_before(ax, problem, angle_0)
+        _draw_arms(ax, problem, start, angle_0, faint=True)
+        _draw_arms(ax, problem, problem.wrist[0], row.angle)
+        _draw_targets(ax, problem)
+        number = numbers.index(row) + 1
+        ax.set_title(f"{row.method}, N = {number}: turn {np.degrees(row.turn):+.2f}°")
+    for name in ("before", "one", "two"):
+        axes[name].set_aspect("equal")
+        axes[name].set_xlabel("x [m]")
+    axes["before"].set_ylabel("y [m]")
+    axes["one"].set_ylabel("y [m]")
+    # One legend below everything, so that it hides nothing.
+    named = [axes[name].get_legend_handles_labels() for name in ("one", "equation", "elbows")]
+    found = {
+        label: line for lines, labels in named for line, label in zip(lines, labels, strict=True)
+    }
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=5)
+    return rendered(figure, kind)
+
+
+def _draw_shoulder_before(ax: Any, problem: PlatformProblem, angle: float) -> None:
+    """Draws where the first shoulder is before the move, in green as in Figure 5 of [Bottin2021]."""
+    azimuth, radius = angle + problem.offset[0, 0], problem.radius[0, 0]
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    ax.plot([0.0, x], [0.0, y], color=BALANCE, linewidth=2, label="first shoulder before the move")
+
+
+def _shown(rows: list[MethodRow]) -> list[MethodRow]:
+    """Returns the two candidates drawn: the paper's first root and the one it chooses.
+
+    For the paper's input these are numbers 1 and 3 of its Table 2, as in its Figure 5.
+    """
+    roots = [r for r in rows if r.method == "linearised" and r.difference is not None]
+    chosen = [row for row in roots if row.chosen]
+    others = [row for row in roots if not row.chosen]
+    return (others[:1] + chosen)[:2]
+
+
+def _draw_arms(
+    ax: Any, problem: PlatformProblem, wrist: FloatArray, angle: float, faint: bool = False
+) -> None:
+    """Draws platform, shoulders and both arms seen along the platform's axis."""
+    style = {"alpha": 0.3, "linestyle": "--"} if faint else {"linestyle": "-"}
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    # Both elbows point away from the other arm.
+    outward = -1.0 if np.sin(problem.offset[0, 1] - problem.offset[0, 0]) > 0 else 1.0
+    for radius in sorted(set(problem.radius[0].tolist())):
+        ax.plot(radius * np.cos(turn), radius * np.sin(turn), color="0.7", linewidth=1)
+    for arm in (0, 1):
+        azimuth = angle + problem.offset[0, arm]
+        shoulder = problem.radius[0, arm] * np.array([np.cos(azimuth), np.sin(azimuth)])
+        elbow = _elbow(problem, arm, shoulder, wrist[arm], outward if arm == 0 else -outward)
+        line = np.array([[0.0, 0.0], shoulder, elbow, wrist[arm][:2]])
+        colour = COLOURS[arm]
+        ax.plot(line[:2, 0], line[:2, 1], color="0.5", linewidth=1, **style)
+        label = f"arm {arm + 1} before the move" if faint else None
+        look = {"color": colour, "linewidth": 3, "marker": "o", "markersize": 5, **style}
+        ax.plot(line[1:, 0], line[1:, 1], label=label, **look)
+
+
+def _elbow(
+    problem: PlatformProblem, arm: int, shoulder: FloatArray, wrist: FloatArray, side: float
+) -> FloatArray:
+    """Returns the elbow seen from above for a level arm plane, left (1) or right (-1) of the arm."""
+    flat = wrist[:2] - shoulder
+    rise = wrist[2] - problem.height[0, arm]
+    reach = float(np.hypot(np.linalg.norm(flat), rise))
+    a1, a2 = problem.upper[0, arm], problem.fore[0, arm]
+    along = (reach**2 + a1**2 - a2**2) / (2.0 * reach) if reach > 0 else 0.0
+    across = np.sqrt(max(0.0, a1**2 - along**2))
+    left = np.array([-flat[1], flat[0]]) / max(float(np.linalg.norm(flat)), 1e-12)
+    elbow: FloatArray = shoulder + flat * (along / max(reach, 1e-12)) + side * across * left
+    return elbow
+
+
+def _draw_targets(ax: Any, problem: PlatformProblem) -> None:
+    for arm in (0, 1):
+        x, y, _ = problem.wrist[0, arm]
+        ax.plot(x, y, "x", color=COLOURS[arm], markersize=9, markeredgewidth=2)
+
+
+def _turns(problem: PlatformProblem) -> tuple[FloatArray, FloatArray]:
+    """Returns turns over half a turn either way [deg] and the platform angles there [rad]."""
+    turn = np.linspace(-np.pi, np.pi, SAMPLES)
+    return np.degrees(turn), problem.angle_0[0] + turn
+
+
+def _mark(ax: Any, rows: list[MethodRow], method: str) -> None:
+    """Draws the candidates as dashed lines: roots black, the others red, as in the paper."""
+    for row in rows:
+        if row.method == method:
+            root = row.kind in (Kind.ROOT_SAME, Kind.ROOT_OPPOSITE)
+            colour = "black" if root else "#c23b22"
+            ax.axvline(np.degrees(row.turn), color=colour, linestyle="--", linewidth=0.9)
+
+
+def _draw_equation(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
+    """Draws both functions of Eq. 5, each over its largest absolute value."""
+    degrees, angle = _turns(problem)
+    u, v, w = np.moveaxis(cosine_coefficients(problem)[0], -1, 0)
+    x = u[:, None] + v[:, None] * np.cos(angle) + w[:, None] * np.sin(angle)
+    gain = x - np.cos(problem.elbow_0[0])[:, None]
+    for sign, label, colour in (
+        (1.0, "elbows turn the same way", "#7a3fa0"),
+        (-1.0, "elbows turn opposite ways", "#e08a1e"),
+    ):
+        value = gain[0] - sign * gain[1]
+        ax.plot(degrees, value / np.abs(value).max(), color=colour, label=label)
+    ax.axhline(0.0, color="0.5", linewidth=0.8)
+    _mark(ax, rows, "linearised")
+    ax.set_xlim(-180, 180)
+    ax.set_title("equation 5, normalised (dashed: candidates of `linearised`)")
+    ax.set_xlabel("platform turn [deg]")
+
+
+def _draw_elbows(ax: Any, problem: PlatformProblem, rows: list[MethodRow]) -> None:
+    """Draws both elbow displacements and the difference of their sizes."""
+    degrees, angle = _turns(problem)
+    x = elbow_cosine(problem, angle[None])[0]
+    delta = np.degrees(np.arccos(np.clip(x, -1, 1)) - problem.elbow_0[0])
+    delta = np.where(np.abs(x) <= 1.0, delta, np.nan)
+    for arm in (0, 1):
+        ax.plot(degrees, delta[:, arm], color=COLOURS[arm], label=f"arm {arm + 1}")
+    balance = np.abs(delta[:, 0]) - np.abs(delta[:, 1])
+    ax.plot(degrees, balance, color=BALANCE, label="|Δ1| − |Δ2|")
+    ax.axhline(0.0, color="0.5", linewidth=0.8)
+    _mark(ax, rows, "linearised")
+    for row in rows:
+        if row.method == "exact" and row.kind in (Kind.ROOT_SAME, Kind.ROOT_OPPOSITE):
+            ax.plot(np.degrees(row.turn), 0.0, "o", color=BALANCE, markersize=5)
+    ax.set_xlim(-180, 180)
+    ax.set_title("elbow displacements (dots: roots of `exact`)")
+    ax.set_xlabel("platform turn [deg]")
+    ax.set_ylabel("displacement [deg]")

@@ -1,0 +1,136 @@
+"""Seams drawn: joints and their velocities over the whole plan, the tool in the part and in the world, the chain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.report.figures.figures import new_figure, rendered
+from dualarm_cli.report.seam_measures import SeamSamples, seam_samples
+from dualarm_cli.verification.tool_model import ToolModel
+
+PER_SECOND = 100.0
+"""Instants a second at which joints are drawn."""
+MOST = 4000
+"""Instants at most."""
+FRAMES = 12
+"""Frames of the tool that are drawn along each seam."""
+AXIS = 0.15
+"""Length of their axes, as a share of the seam's size."""
+COLOURS = ("tab:red", "tab:green", "tab:blue")
+
+
+def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
+    """Returns the figure of a plan's seams: a row of joint curves, then a row of three panels for each seam.
+
+    The quantities of [Qin2024] Figs. 13 to 18 and 23 to 28.
+
+    Args:
+        schedule: the plan.
+        job: what it was planned for; with seams.
+        kind: one of FIGURE_KINDS.
+    """
+    samples = seam_samples(schedule, job)
+    rows = len(samples) + 2
+    figure = new_figure(15.0, 4.2 * rows)
+    parts = figure.subfigures(rows, 1)
+    arms = [arm.name for arm in job.cell.robot.arms]
+    for part, rate in zip(parts[:2], ("position", "velocity"), strict=True):
+        for axes, arm in zip(np.atleast_1d(part.subplots(1, len(arms))), arms, strict=True):
+            _draw_joints(axes, schedule, job, arm, rate, samples)
+    for part, seam in zip(parts[2:], samples, strict=True):
+        part.suptitle(f"{seam.task} by {seam.method}")
+        _draw_in_part(part.add_subplot(1, 4, 1, projection="3d"), schedule, job, seam)
+        _draw_in_world(part.add_subplot(1, 4, 2, projection="3d"), seam)
+        _draw_speed(part.add_subplot(1, 4, 3), seam)
+        _draw_chain(part.add_subplot(1, 4, 4), seam)
+    return rendered(figure, kind)
+
+
+def _draw_joints(
+    axes: Any, schedule: Schedule, job: Job, arm: str, rate: str, samples: list[SeamSamples]
+) -> None:
+    """Draws all joints of one arm in degrees, the seams shaded."""
+    names = next(a.joints for a in job.cell.robot.arms if a.name == arm)
+    motion = schedule.trajectory.select(names)
+    count = int(min(MOST, max(2.0, motion.duration * PER_SECOND)))
+    time = np.linspace(0.0, motion.duration, count)
+    values = motion.at(time)[0 if rate == "position" else 1]
+    for k, name in enumerate(names):
+        axes.plot(time, np.degrees(values[:, k]), label=name, linewidth=1.0)
+    for seam in samples:
+        if arm in seam.work.arms:
+            axes.axvspan(*seam.span, color="0.92", zorder=0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"{arm} {'[deg]' if rate == 'position' else '[deg/s]'}")
+    if rate == "position":
+        axes.legend(fontsize=6, loc="best", ncols=2)
+
+
+def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) -> None:
+    """Draws the seam in the part's frame with the tool's frames along it."""
+    on, work = seam.on, seam.work
+    _, p = work.curve.at(np.linspace(0.0, work.length, 400))
+    axes.plot(*(1e3 * p.T), color="k", linewidth=1.0)
+    R, tip = ToolModel(schedule).poses(work.slave, schedule.trajectory.at(on.time)[0])
+    chosen = np.unique(np.searchsorted(on.length, np.linspace(0.0, work.length, FRAMES)))
+    chosen = chosen[chosen < len(on.time)]
+    to_part = np.swapaxes(on.R_part[chosen], -1, -2)
+    place = (to_part @ (tip[chosen] - on.p_part[chosen])[..., None])[..., 0]
+    turned = to_part @ R[chosen]
+    size = AXIS * float(np.ptp(p, axis=0).max())
+    for axis, colour in enumerate(COLOURS):
+        ends = place + size * turned[:, :, axis] * (-1.0 if axis == 2 else 1.0)
+        for a, b in zip(place, ends, strict=True):
+            axes.plot(*(1e3 * np.stack([a, b]).T), color=colour, linewidth=0.9)
+    _equal(axes, np.concatenate([p, place]), "tool on the part [mm]")
+
+
+def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
+    """Draws the ways of the part's frame and of the tool's working point in the world."""
+    on, work = seam.on, seam.work
+    _, p = work.curve.at(on.length)
+    tip = on.p_part + (on.R_part @ p[..., None])[..., 0]
+    axes.plot(*(1e3 * tip.T), color="tab:red", linewidth=1.0, label="tool")
+    axes.plot(*(1e3 * on.p_part.T), color="tab:blue", linewidth=1.0, label="part")
+    axes.plot(*(1e3 * on.p_part[:1].T), "o", color="tab:blue", markersize=4)
+    axes.plot(*(1e3 * tip[:1].T), "s", color="tab:red", markersize=4)
+    axes.legend(fontsize=7)
+    _equal(axes, np.concatenate([tip, on.p_part]), "in the world [mm]")
+
+
+def _equal(axes: Any, points: FloatArray, title: str) -> None:
+    """Gives all three axes one scale."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.55 * max(float((high - low).max()), 1e-3)
+    for name, centre in zip("xyz", (low + high) / 2.0, strict=True):
+        getattr(axes, f"set_{name}lim")(1e3 * (centre - half), 1e3 * (centre + half))
+        axes.tick_params(labelsize=6)
+    axes.set_title(title, fontsize=8)
+
+
+def _draw_speed(axes: Any, seam: SeamSamples) -> None:
+    axes.plot(seam.on.time - seam.on.time[0], 1e3 * seam.speed, color="k")
+    if seam.work.speed is not None:
+        axes.axhline(1e3 * seam.work.speed, color="0.5", linestyle="--")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("speed along the seam [mm/s] (dashed: asked)")
+
+
+def _draw_chain(axes: Any, seam: SeamSamples) -> None:
+    time = seam.on.time - seam.on.time[0]
+    axes.semilogy(time, np.maximum(seam.on.distance, 1e-16), label="distance [m]")
+    axes.semilogy(time, np.maximum(seam.on.angle, 1e-16), label="angle [rad]")
+    axes.axhline(1e-6, color="0.5", linestyle="--")
+    axes.set_ylim(1e-14, 1e-5)
+    # Powers as plain numbers: raised ones ask for fonts that may be missing.
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
+    axes.minorticks_off()
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("residual of the closed chain")
+    axes.legend(fontsize=7)

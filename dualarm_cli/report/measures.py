@@ -1,0 +1,182 @@
+"""What is measured of a schedule so that methods can be compared: who decides its length, elbows, platform."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.report.stage_parts import PLATFORM, StageParts, overlap, stage_parts
+
+ELBOW = 3
+"""Place of the elbow among the joints of a 7-axis arm."""
+AXES = 7
+LINES, DWELLS, PATHS, SEAMS, OTHER = "lines", "dwells", "paths", "seams", "other"
+NO_TRANSFERS = (LINES, DWELLS, PATHS, SEAMS, OTHER)
+"""What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
+LEAST_OTHER = 1e-6
+"""Less than this is rounding [s]."""
+
+
+@dataclass(frozen=True)
+class Bottlenecks:
+    """Along each stage's critical arm: what the whole length of the motion is made of."""
+
+    stages: dict[str, int]
+    """How many stages' transfers each joint group decides, most first."""
+    time: dict[str, float]
+    """Time of transfers by deciding group, of lines and of dwells [s]; together the length of the motion."""
+
+    @property
+    def transfers(self) -> float:
+        """Time that transfers decide [s]."""
+        return sum(time for name, time in self.time.items() if name not in NO_TRANSFERS)
+
+
+def bottlenecks(schedule: Schedule) -> Bottlenecks:
+    """Returns what decides how long a schedule is.
+
+    A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
+    dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer. Where stages overlap,
+    since each arm runs on a clock of its own, the length is that of the arm that is done last: its stages, and `other`
+    for what it waits.
+
+    Args:
+        schedule: with stages and segments, or with events at least.
+    """
+    groups = [*([PLATFORM] if schedule.robot.platform else []), *schedule.robot.arms]
+    time = dict.fromkeys([*groups, LINES, DWELLS], 0.0)
+    counts: Counter[str] = Counter()
+    parts = stage_parts(schedule)
+    counts.update(part.group for part in parts if part.group)
+    _add_shares(schedule, parts, time, lambda part: part.group)
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], groups.index(item[0])))
+    return Bottlenecks(dict(ranked), time)
+
+
+def limiting_times(schedule: Schedule) -> dict[str, float]:
+    """Returns what a schedule's length is made of [s], as `bottlenecks` does, but transfers by their deciding joint.
+
+    Args:
+        schedule: with stages and segments, or with events at least.
+    """
+    time: dict[str, float] = {}
+    _add_shares(schedule, stage_parts(schedule), time, lambda part: _joint(schedule, part))
+    return {name: length for name, length in time.items() if length > LEAST_OTHER}
+
+
+def _add_shares(
+    schedule: Schedule,
+    parts: Sequence[StageParts],
+    time: dict[str, float],
+    name_of: Callable[[StageParts], str],
+) -> None:
+    """Adds the shares of all stages of the critical arm to `time`, transfers by the name of who decides them."""
+    last = _last_arm(parts) if overlap(schedule.stages) else ""
+    for part in parts:
+        if last and part.critical != last:
+            continue
+        for name, length in _shares(part).items():
+            name = name_of(part) if name == part.group else name
+            time[name] = time.get(name, 0.0) + length
+    if last and (rest := schedule.duration - sum(time.values())) > LEAST_OTHER:
+        time[OTHER] = time.get(OTHER, 0.0) + rest
+
+
+def _joint(schedule: Schedule, part: StageParts) -> str:
+    """Returns the joint of the deciding group that needs longest for a stage's transfer; the group if none is known."""
+    robot, stage = schedule.robot, part.stage
+    joints = robot.platform if part.group == PLATFORM else robot.arms[part.group].joints
+    if stage.bottleneck in joints:
+        return stage.bottleneck
+    known = [joint for joint in joints if stage.joint_times.get(joint, 0.0) > 0.0]
+    return max(known, key=lambda joint: stage.joint_times[joint], default=part.group)
+
+
+def _last_arm(parts: Sequence[StageParts]) -> str:
+    """Returns the arm whose work ends last; empty where none works."""
+    ends: dict[str, float] = {}
+    for part in parts:
+        if part.critical:
+            end = part.arms[part.critical][-1].end
+            ends[part.critical] = max(end, ends.get(part.critical, end))
+    return max(ends, key=lambda arm: ends[arm], default="")
+
+
+def _shares(part: StageParts) -> dict[str, float]:
+    """Returns a stage's length by what decides it [s]."""
+    arm = part.critical
+    whole = part.stage.end - part.stage.start
+    if not arm:
+        return {part.group or OTHER: whole}
+    shares = {
+        LINES: part.length(arm, "approach", "retract"),
+        DWELLS: part.length(arm, "dwell"),
+    }
+    if (paths := part.length(arm, "path")) > 0.0:
+        shares[PATHS] = paths
+    if (seams := part.length(arm, "seam")) > 0.0:
+        shares[SEAMS] = seams
+    transfer = part.length(arm, "transfer", "return")
+    if part.group:
+        shares[part.group] = transfer
+    rest = whole - sum(shares.values())
+    if rest > LEAST_OTHER:
+        shares[OTHER] = rest
+    return shares
+
+
+def elbow_imbalance(schedule: Schedule) -> float | None:
+    """Returns the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
+
+    Transfers of both arms count, the return among them. None where there are no two 7-axis arms, or no such transfer,
+    and where stages overlap: no transfer is then of both arms.
+
+    Args:
+        schedule: with stages.
+    """
+    arms = schedule.robot.arms
+    sevens = all(len(arm.joints) == AXES for arm in arms.values())
+    if len(arms) != 2 or not sevens or overlap(schedule.stages):
+        return None
+    trajectory = schedule.trajectory
+    columns = [trajectory.joints.index(arm.joints[ELBOW]) for arm in arms.values()]
+    parts = [part for part in stage_parts(schedule) if len(part.arms) == 2]
+    if not parts:
+        return None
+    before = np.array([part.stage.start for part in parts])
+    sizes = []
+    for name, column in zip(arms, columns, strict=True):
+        after = np.array([part.arrival(name) for part in parts])
+        moved = trajectory.at(after)[0][:, column] - trajectory.at(before)[0][:, column]
+        sizes.append(np.abs(moved))
+    return float(np.abs(sizes[0] - sizes[1]).mean())
+
+
+def platform_travel(schedule: Schedule) -> float | None:
+    """Returns the path length of the platform's joints [rad]; None without a platform."""
+    if not schedule.robot.platform:
+        return None
+    return sum(joint_travel(schedule, schedule.robot.platform).values())
+
+
+def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
+    """Returns the path length of each joint [rad], measured between knots.
+
+    Args:
+        schedule: whose trajectory is measured.
+        joints: which ones.
+    """
+    trajectory = schedule.trajectory
+    length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
+    return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
+
+
+def sliding_joints(urdf: str) -> set[str]:
+    """Returns the names of a URDF's joints that slide."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.get("type") == "prismatic"}

@@ -1,0 +1,227 @@
+"""The throughput report of a schedule: one document from which every table is printed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dualarm_cli.model.job import AT_STANDS, Job
+from dualarm_cli.model.schedule import Schedule, Stage
+from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.report.buffer_use import buffer_rows
+from dualarm_cli.report.conveyor_measures import conveyor_rows
+from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
+from dualarm_cli.report.path_measures import path_measures
+from dualarm_cli.report.seam_measures import seam_measures
+from dualarm_cli.report.sensitivity import sensitivity
+from dualarm_cli.report.waits import drawn_out, wait_rows, waited
+from dualarm_cli.verification.budget_checks import judge_budget
+from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
+from dualarm_cli.verification.tolerances import CLEARANCE_SLACK
+
+FORMAT = "dualarm.report/1"
+SHORTEST_CYCLE = 1e-3
+"""Below this a throughput means nothing [s]."""
+
+
+def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Returns the report as a JSON-ready document; times in s, angles in rad.
+
+    Args:
+        schedule: a planned schedule, with its verification where there is one.
+        job: what it was planned for.
+    """
+    drawn = drawn_out(schedule)
+    return {
+        "format": FORMAT,
+        "robot": schedule.robot.name,
+        "cycle_time": schedule.duration,
+        "closes": job.returns,
+        "parts": count_parts(job),
+        "parts_per_hour": throughput(schedule, job),
+        "lower_bound": schedule.lower_bound,
+        "gap": relative_gap(schedule),
+        "grid_gap": schedule.grid_gap,
+        "order_grid_gap": schedule.order_grid_gap,
+        "mode": job.mode,
+        "order": job.order,
+        "open": not job.is_decided,
+        "collisions": _collisions(schedule),
+        "smallest_clearance": smallest_clearance(schedule),
+        "clearance_cost": schedule.clearance_cost,
+        "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
+        "paths": path_measures(schedule, job),
+        "seams": seam_measures(schedule, job),
+        "conveyors": conveyor_rows(schedule, job),
+        "stages": [_stage_row(stage) for stage in schedule.stages],
+        "bottlenecks": _bottlenecks(schedule),
+        "arms": {
+            name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}
+            for name in schedule.robot.arms
+        },
+        "tool_changes": _tool_changes(schedule, job),
+        "waits": wait_rows(schedule, job),
+        "buffers": buffer_rows(schedule, job),
+        "limits_used": _limits_used(schedule),
+        "platform_travel": platform_travel(schedule) or 0.0,
+        "elbow_imbalance": elbow_imbalance(schedule),
+        "joint_travel": joint_travel(schedule, schedule.trajectory.joints),
+        "speed": job.speed,
+        "tool_speed_cap": job.tool_speed,
+        "assumed_limits": assumed_joints(schedule),
+        "sensitivity": [asdict(entry) for entry in sensitivity(schedule)],
+        "verification": verification_document(schedule.verification),
+        "settings": dict(schedule.provenance.settings),
+        "notes": list(schedule.notes),
+    }
+
+
+def count_parts(job: Job) -> int:
+    """Returns how many tasks pick or place something; one that is handed over is one."""
+    picks = (t.id for t in job.tasks if any(stop.action in ("pick", "place") for stop in t.stops))
+    return len(set(picks))
+
+
+def throughput(schedule: Schedule, job: Job) -> float | None:
+    """Returns parts per hour; None for a motion too short to mean anything."""
+    duration = schedule.duration
+    return 3600.0 * count_parts(job) / duration if duration > SHORTEST_CYCLE else None
+
+
+def relative_gap(schedule: Schedule) -> float | None:
+    """Returns by what share of its duration the schedule is above its lower bound; None without a bound."""
+    bound, duration = schedule.lower_bound, schedule.duration
+    return (duration - bound) / duration if bound is not None and duration > 0 else None
+
+
+def assumed_joints(schedule: Schedule) -> list[str]:
+    """Returns the joints whose acceleration and jerk limits are assumed."""
+    limits = schedule.robot.limits
+    return [
+        j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"
+    ]
+
+
+def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:
+    """Returns the stage whose clearance is nearest to what is required, or None where none was proven."""
+    stages = schedule.verification.clearances if schedule.verification is not None else ()
+    return asdict(min(stages, key=lambda stage: stage.margin)) if stages else None
+
+
+def _collisions(schedule: Schedule) -> str:
+    """Returns a sentence on what was proven about collisions."""
+    found = smallest_clearance(schedule)
+    if found is None:
+        return "not checked"
+    one, other = found["bodies"]
+    return (
+        f"{'none' if found['margin'] >= -CLEARANCE_SLACK else 'CLEARANCE MISSED'}; least clearance proven: "
+        f"{found['clearance'] * 1e3:.1f} mm where {found['required'] * 1e3:.1f} mm are required, "
+        f"{one} and {other} at {found['time']:.3f} s"
+    )
+
+
+def verification_document(verification: Verification | None) -> dict[str, Any] | None:
+    """Returns a verification as a JSON-ready document, or None."""
+    if verification is None:
+        return None
+    return {
+        "passed": verification.passed,
+        "checks": [_check_row(check) for check in verification.checks],
+        "clearances": [asdict(stage) for stage in verification.clearances],
+    }
+
+
+def _check_row(check: Check) -> dict[str, Any]:
+    return {
+        "name": check.name,
+        "verdict": check.verdict,
+        "measured": check.measured,
+        "allowed": check.allowed,
+        "unit": check.unit,
+        "detail": check.detail,
+    }
+
+
+def _stage_row(stage: Stage) -> dict[str, Any]:
+    return {
+        "start": stage.start,
+        "end": stage.end,
+        "duration": stage.end - stage.start,
+        "tasks": list(stage.tasks),
+        "platform_solver": stage.platform_solver,
+        "platform_angle": stage.platform_angle,
+        "platform_time": stage.platform_time,
+        "arm_times": dict(stage.arm_times),
+        "joint_times": dict(stage.joint_times),
+        "bottleneck": stage.bottleneck,
+    }
+
+
+def _tool_changes(schedule: Schedule, job: Job) -> dict[str, dict[str, float]]:
+    """Returns, by arm that may change tools, how often it does, its visits to stands, and how long that takes [s].
+
+    Visits one right after the other are one change. The time is that of transfers to stands, lines and dwells there;
+    what a detour over the stands costs on the way to the next task is not in it.
+    """
+    found = {}
+    for arm in job.cell.tool_changes:
+        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
+        at_stand = [event.action in AT_STANDS for event in events]
+        own = [s for s in schedule.segments if s.arm == arm and s.action in AT_STANDS]
+        found[arm] = {
+            "changes": sum(b and not a for a, b in pairwise([False, *at_stand])),
+            "visits": sum(at_stand),
+            "time": sum(s.end - s.start for s in own if s.kind != "wait"),
+        }
+    return found
+
+
+def _bottlenecks(schedule: Schedule) -> dict[str, int]:
+    """Returns how many stages each joint decides, most first."""
+    names = [stage.bottleneck for stage in schedule.stages if stage.bottleneck]
+    counts = {name: names.count(name) for name in sorted(set(names))}
+    return dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+
+def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
+    """Returns how long one arm does what [s], and the share of the time in which it works."""
+    times = dict.fromkeys(
+        ("transfer", "approach", "dwell", "retract", "return", "path", "seam"), 0.0
+    )
+    shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
+    for segment in schedule.segments:
+        if segment.arm != arm:
+            continue
+        if segment.kind in times:
+            times[segment.kind] += segment.end - segment.start
+        if segment.dwell is not None:
+            for name in shares:
+                shares[name] += getattr(segment.dwell, name)
+    busy = sum(times.values())
+    duration = schedule.duration
+    waiting = max(0.0, duration - busy)
+    return times | {
+        "dwell_shares": shares,
+        "waiting": waiting,
+        "waited": waited(schedule, arm),
+        "utilisation": busy / duration if duration > 0 else 0.0,
+    }
+
+
+def _limits_used(schedule: Schedule) -> dict[str, dict[str, float]]:
+    """Returns the largest share of each limit that each joint uses over the whole motion."""
+    trajectory = schedule.trajectory
+    limits = schedule.robot.limits.select(trajectory.joints)
+    peak = {
+        "velocity": velocity_extrema(trajectory) / limits.velocity,
+        "acceleration": np.abs(trajectory.acceleration).max(axis=0) / limits.acceleration,
+        "jerk": jerk_share(trajectory, limits),
+    }
+    return {
+        joint: {name: float(share[k]) for name, share in peak.items()}
+        for k, joint in enumerate(trajectory.joints)
+    }

@@ -1,0 +1,271 @@
+"""What is measured of seams as they are worked, and how it is told to people."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from rich.markup import escape
+from rich.table import Table
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.kinematics.manipulability import manipulability
+from dualarm_cli.kinematics.whole_body import WholeBody
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import Schedule, Segment
+from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.verification.seam_checks import OnSeam, on_seam
+from dualarm_cli.verification.tool_model import ToolModel
+
+STANDS_WAY, STANDS_TURN = 1e-6, 1e-6
+"""A part that moves and turns less stands [m, rad]."""
+
+
+def seam_lines(report: dict[str, Any]) -> list[str]:
+    """Returns a sentence for every seam of a report.
+
+    Args:
+        report: as built by `build_report`.
+    """
+    lines = []
+    for seam in report["seams"]:
+        least = ", ".join(f"{arm} {m:.4g}" for arm, m in seam["least_manipulability"].items())
+        start, end = seam["ramps"]
+        lines.append(
+            f"seam {seam['task']} by {seam['method']}: {seam['length'] * 1e3:.1f} mm at "
+            f"{seam['speed'] * 1e3:.4g} mm/s in {seam['duration']:.3f} s "
+            f"(ramps {start:.2f} and {end:.2f} s); chain closed to {_closed(seam)}; {part_words(seam)}; "
+            + (
+                f"tool leans up to {math.degrees(seam['lean']):.1f} deg; "
+                if seam["lean"] > 1e-6
+                else ""
+            )
+            + f"least manipulability {least}; {seam['limit_joint']} comes within "
+            f"{math.degrees(seam['limit_room']):.1f} deg of its limit, {seam['speed_joint']} uses "
+            f"{seam['speed_share']:.0%} of its speed"
+        )
+    return lines
+
+
+def _closed(seam: dict[str, Any]) -> str:
+    """Returns how far the chain is open; below a nanometre it means nothing."""
+    off = seam["residual"]
+    away = f"{off * 1e6:.2f} um" if off >= 1e-8 else f"{max(off * 1e9, 1.0):.0f} nm"
+    return f"{away} and {seam['residual_angle'] * 1e6:.2f} urad"
+
+
+def part_words(seam: dict[str, Any]) -> str:
+    """Returns whether the part stands or how far it moves."""
+    x, y, z = seam["part_xyz"]
+    roll, pitch, yaw = (math.degrees(angle) for angle in seam["part_rpy"])
+    where = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
+    if seam["part_way"] < STANDS_WAY and seam["part_turn"] < STANDS_TURN:
+        platform = math.degrees(seam["platform_travel"])
+        turns = f", the platform turns {platform:.1f} deg" if platform > 0.05 else ""
+        return f"the part stands at {where}{turns}"
+    way, turn = seam["part_way"] * 1e3, math.degrees(seam["part_turn"])
+    return f"the part moves {way:.0f} mm and turns {turn:.0f} deg from {where}"
+
+
+def seams_table(section: dict[str, Any]) -> Table | None:
+    """Returns the table of how each solver works a task file's seams; None where it has none.
+
+    Args:
+        section: one member of the comparison's `comparisons`.
+    """
+    rows = [row for row in section["rows"] if row["seams"]]
+    if not rows:
+        return None
+    names = {seam["task"] for row in rows for seam in row["seams"]}
+    what = "seams" if len(names) > 1 else f"seam {next(iter(names))}"
+    table = Table(title=escape(f"{section['tasks']}: {what}"), title_justify="left")
+    for name in [*(["seam"] if len(names) > 1 else []), "solver"]:
+        table.add_column(name, no_wrap=True)
+    columns = ("mm/s", "s", "part mm", "part °", "chain um", "M master", "M slave", "travel °")
+    for name in (*columns, "room °", "speed", "clear mm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        for seam in row["seams"]:
+            least, clear = seam["least_manipulability"], seam["clearance"]
+            master = least.get(seam["master"])
+            table.add_row(
+                *([escape(seam["task"])] if len(names) > 1 else []),
+                seam["method"],
+                f"{seam['speed'] * 1e3:.4g}",
+                f"{seam['duration']:.3f}",
+                f"{seam['part_way'] * 1e3:.0f}",
+                f"{math.degrees(seam['part_turn']):.0f}",
+                f"{seam['residual'] * 1e6:.2f}",
+                "–" if master is None else f"{master:.3g}",
+                f"{least[seam['slave']]:.3g}",
+                f"{math.degrees(seam['joint_travel']):.0f}",
+                f"{math.degrees(seam['limit_room']):.1f}",
+                f"{seam['speed_share']:.0%}",
+                "–" if clear is None else f"{clear * 1e3:.1f}",
+            )
+    return table
+
+
+SPACING = 0.005
+"""Time between the instants at which bodies are measured [s]."""
+STEADY = 0.999
+"""Share of the largest speed from which on the tool counts as at its steady speed."""
+
+
+@dataclass(frozen=True)
+class SeamSamples:
+    """One seam as it is worked."""
+
+    task: str
+    """Id of the task."""
+    method: str
+    """The seam solver."""
+    work: SeamWork
+    """What was asked for."""
+    span: tuple[float, float]
+    """From when to when [s]."""
+    on: OnSeam
+    """Tool and part at the verifier's instants."""
+    time: FloatArray
+    """Instants since the seam began [s], shape (k,)."""
+    position: FloatArray
+    """All joints [rad], shape (k, n)."""
+    velocity: FloatArray
+    """Their velocities [rad/s], shape (k, n)."""
+    alone: dict[str, FloatArray]
+    """Manipulability of each working arm by its own joints, shape (k,)."""
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speed along the seam at the verifier's instants, by differences [m/s], shape (m,)."""
+        found: FloatArray = np.gradient(self.on.length, self.on.time)
+        return found
+
+    @property
+    def lean(self) -> FloatArray:
+        """By how much the tool's axis leans away from where it should point [rad], shape (m,)."""
+        return self.on.lean
+
+
+def seam_samples(schedule: Schedule, job: Job) -> list[SeamSamples]:
+    """Returns the seams of a planned job as they are worked, in their order.
+
+    Args:
+        schedule: the plan.
+        job: what it was planned for.
+    """
+    if not job.has_seams:
+        return []
+    model, body = ToolModel(schedule), WholeBody(job.cell)
+    found = []
+    for section in job.sections():
+        work = section[0].seam
+        if work is None:
+            continue
+        own = [
+            s
+            for s in schedule.segments
+            if (s.kind, s.arm, s.task) == ("seam", work.slave, section[0].id) and s.end > s.start
+        ]
+        if own:
+            found.append(_sampled(schedule, job, model, body, work, own[0]))
+    return found
+
+
+def _sampled(
+    schedule: Schedule,
+    job: Job,
+    model: ToolModel,
+    body: WholeBody,
+    work: SeamWork,
+    segment: Segment,
+) -> SeamSamples:
+    count = max(2, int(np.ceil((segment.end - segment.start) / SPACING)) + 1)
+    time = np.linspace(segment.start, segment.end, count)
+    q, qd, _ = schedule.trajectory.select(body.joints).at(time)
+    own = body.moves & ~body.moves_carried
+    rows = {arm: body.arms.index(arm) for arm in work.arms}
+    alone: dict[str, list[float]] = {arm: [] for arm in work.arms}
+    for configuration in q:
+        J = body.at(configuration).J
+        for arm, a in rows.items():
+            alone[arm].append(float(manipulability(J[6 * a : 6 * a + 6][:, own[a]])))
+    methods = [s.platform_solver for s in schedule.stages if segment.task in s.tasks]
+    return SeamSamples(
+        segment.task,
+        methods[0] if methods else "",
+        work,
+        (segment.start, segment.end),
+        on_seam(schedule, job, model, work, segment),
+        time - segment.start,
+        q,
+        qd,
+        {arm: np.array(values) for arm, values in alone.items()},
+    )
+
+
+def seam_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
+    """Returns what is measured of every seam, JSON-ready; m, rad, s.
+
+    Args:
+        schedule: the plan, with its verification where there is one.
+        job: what it was planned for.
+    """
+    limits = job.cell.robot.limits.scaled(job.speed)
+    clearances = schedule.verification.clearances if schedule.verification is not None else ()
+    return [
+        _measured(schedule, job, seam, limits, clearances) for seam in seam_samples(schedule, job)
+    ]
+
+
+def _measured(
+    schedule: Schedule, job: Job, seam: SeamSamples, limits: Any, clearances: Any
+) -> dict[str, Any]:
+    on, robot = seam.on, job.cell.robot
+    working = [j for arm in robot.arms if arm.name in seam.work.arms for j in arm.joints]
+    columns = robot.columns(working)
+    room = np.minimum(seam.position - limits.lower, limits.upper - seam.position).min(axis=0)
+    nearest = columns[int(np.argmin(room[columns]))]
+    share = (np.abs(seam.velocity) / limits.velocity).max(axis=0)
+    fastest = int(np.argmax(share))
+    travel = np.abs(np.diff(seam.position, axis=0)).sum(axis=0)
+    speed = seam.speed
+    steady = np.flatnonzero(speed >= STEADY * speed.max())
+    steps = log_rotation(np.swapaxes(on.R_part[:-1], -1, -2) @ on.R_part[1:])
+    numbers = [
+        k
+        for k, stage in enumerate(schedule.stages)
+        if seam.task in stage.tasks and stage.start <= seam.span[0] < stage.end
+    ]
+    clear = [c.clearance for c in clearances if c.stage in numbers]
+    return {
+        "task": seam.task,
+        "method": seam.method,
+        "master": seam.work.master,
+        "slave": seam.work.slave,
+        "length": seam.work.length,
+        "duration": seam.span[1] - seam.span[0],
+        "speed": float(np.median(speed[steady])),
+        "ramps": [float(on.time[k] - on.time[0]) for k in steady[:1]]
+        + [float(on.time[-1] - on.time[k]) for k in steady[-1:]],
+        "residual": float(on.distance.max()),
+        "residual_angle": float(on.angle.max()),
+        "lean": float(on.lean.max()),
+        "part_way": float(np.linalg.norm(np.diff(on.p_part, axis=0), axis=1).sum()),
+        "part_turn": float(np.linalg.norm(steps, axis=1).sum()),
+        "part_xyz": on.p_part[0].tolist(),
+        "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
+        "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
+        "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
+        "joint_travel": float(travel.sum()),
+        "platform_travel": float(travel[robot.columns(robot.platform)].sum()),
+        "limit_room": float(room[nearest]),
+        "limit_joint": limits.joints[nearest],
+        "speed_share": float(share[fastest]),
+        "speed_joint": limits.joints[fastest],
+        "clearance": min(clear, default=None),
+    }

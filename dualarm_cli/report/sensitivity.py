@@ -1,0 +1,438 @@
+"""What the cycle time would be with assumed limits lower or higher, the plan's postures kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.schedule import DURATION, Schedule
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.report.stage_parts import PLATFORM, StageParts, is_handover, overlap, stage_parts
+from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, symmetric_grid
+from dualarm_cli.timing.spline import largest_rates
+
+SAMPLES = 9
+"""Samples of each path."""
+SAME_TIME = 1e-9
+"""Instants nearer than this are one [s]."""
+INSTANTS = 96
+"""Instants per line from which its path is read off the trajectory."""
+PER_PHASE = 2
+"""Instants per phase of a shape at which the joints' rates are looked at."""
+SHAPES = symmetric_grid(
+    np.array([0.5, 0.42, 0.34, 0.25, 0.17]), np.array([0.5, 0.4, 0.3, 0.22, 0.15, 0.1, 0.06])
+)
+"""Double-S shapes of which each line takes the fastest."""
+
+
+def line_factors(
+    trajectory: Trajectory,
+    spans: FloatArray,
+    limits: JointLimits,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns the durations of lines under changed limits as multiples of those under the limits, (v, k).
+
+    A line's time is that of the fastest double-S shape along the path, whose coordinate is the length in joint space
+    with every joint measured by its speed limit. Only the ratio of two such times is used, so that what the coordinate
+    costs cancels out. The ratio is kept to what is possible: a line need never take longer than its own profile does
+    when it is played at the pace that keeps the changed limits, and limits c times as high change a time by the factor
+    c^-1/2 (acceleration) or c^-1/3 (jerk) at most. Our own derivation.
+
+    Args:
+        trajectory: the motion that holds the lines.
+        spans: when each line begins and ends [s], shape (k, 2).
+        limits: of the joints that move along the lines.
+        acceleration: v sets of factors on the acceleration limits, shape (v, n).
+        jerk: factors on the jerk limits, shape (v, n).
+    """
+    columns = [trajectory.joints.index(joint) for joint in limits.joints]
+    slower = np.concatenate([np.ones_like(jerk), acceleration**-0.5, np.cbrt(1.0 / jerk)], axis=1)
+    least = _shape_times(_paths(trajectory, spans, columns, limits.velocity), limits)
+    own = _own_times(trajectory, spans, columns, limits)
+    before = least.max(axis=2).min(axis=0)
+    # Whatever changes, the line's own profile could be played slower or faster by this much.
+    bound = _slowest(own[None], slower)
+    factors = np.minimum(_slowest(least, slower) / np.where(before > 0.0, before, np.inf), bound)
+    extreme = np.concatenate([slower, np.ones((len(slower), 1))], axis=1)
+    return np.clip(factors, extreme.min(axis=1)[:, None], extreme.max(axis=1)[:, None])
+
+
+def _slowest(times: FloatArray, slower: FloatArray) -> FloatArray:
+    """Returns each line's time with the fastest of its shapes when demands are slowed, shape (v, k).
+
+    Args:
+        times: what each demand asks for with each shape [s], shape (g, k, d).
+        slower: factors on the demands, shape (v, d).
+    """
+    first = times.argmax(axis=2)
+    two = np.partition(times, -2, axis=2)[:, :, -2:]
+    found = np.empty((len(slower), times.shape[1]))
+    for row, factor in enumerate(slower):
+        changed = np.flatnonzero(factor != 1.0)
+        if len(changed) == 1:
+            # The slowest of all others is the slowest, unless that is the one that changes.
+            others = np.where(first == changed[0], two[:, :, 0], two[:, :, 1])
+            slowest = np.maximum(others, times[:, :, changed[0]] * factor[changed[0]])
+        else:
+            slowest = (times * factor).max(axis=2)
+        found[row] = slowest.min(axis=0)
+    return found
+
+
+def _own_times(
+    trajectory: Trajectory, spans: FloatArray, columns: list[int], limits: JointLimits
+) -> FloatArray:
+    """Returns what each demand asks of a line's own profile, as shares of the line's time, shape (k, 3 n)."""
+    own = np.empty((len(spans), 3 * len(columns)))
+    for k, (start, end) in enumerate(spans):
+        low, high = np.searchsorted(trajectory.time, (start - SAME_TIME, end + SAME_TIME))
+        inside = slice(int(low), max(int(high), int(low) + 2))
+        time, v, a = (
+            trajectory.time[inside],
+            trajectory.velocity[inside, columns],
+            trajectory.acceleration[inside, columns],
+        )
+        speed, acceleration, jerk = largest_rates(time, v, a)
+        own[k] = np.concatenate(
+            [
+                speed / limits.velocity,
+                np.sqrt(acceleration / limits.acceleration),
+                np.cbrt(jerk / limits.jerk),
+            ]
+        )
+    return own
+
+
+def _paths(
+    trajectory: Trajectory, spans: FloatArray, columns: list[int], scale: FloatArray
+) -> FloatArray:
+    """Returns joints at the path's sample nodes [rad], shape (k, SAMPLES, n)."""
+    # Dense where the motion starts and ends slowly, so that the path is resolved alike everywhere.
+    share = (1.0 - np.cos(np.linspace(0.0, np.pi, INSTANTS))) / 2.0
+    time = spans[:, :1] + share * (spans[:, 1:] - spans[:, :1])
+    q = trajectory.at(time.ravel())[0][:, columns].reshape(*time.shape, len(columns))
+    step = np.linalg.norm(np.diff(q, axis=1) / scale, axis=2)
+    way = np.concatenate([np.zeros((len(q), 1)), np.cumsum(step, axis=1)], axis=1)
+    nodes = _nodes()
+    return np.stack([_read_off(q[k], way[k], nodes) for k in range(len(q))])
+
+
+def _read_off(q: FloatArray, way: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Returns joints at shares of one path's length, linear between its instants."""
+    at = nodes * way[-1]
+    index = np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(way) - 2)
+    gap = way[index + 1] - way[index]
+    part = np.divide(at - way[index], gap, out=np.zeros_like(at), where=gap > 0.0)[:, None]
+    found: FloatArray = (1.0 - part) * q[index] + part * q[index + 1]
+    return found
+
+
+def _nodes() -> FloatArray:
+    """Returns Chebyshev's extrema on [0, 1]: interpolation there does not swing at the ends."""
+    return (1.0 - np.cos(np.pi * np.arange(SAMPLES) / (SAMPLES - 1))) / 2.0
+
+
+def _shape_times(path: FloatArray, limits: JointLimits) -> FloatArray:
+    """Returns the times that velocity, acceleration and jerk of each joint ask for, shape (g, k, 3 n)."""
+    k, m, n = path.shape
+    flat = np.moveaxis(path, 1, 0).reshape(m, -1)
+    rates = [
+        np.abs(operator @ flat).reshape(len(SHAPES.start), -1, k, n).max(axis=1)
+        for operator in _operators()
+    ]
+    return np.concatenate(
+        [
+            rates[0] / limits.velocity,
+            np.sqrt(rates[1] / limits.acceleration),
+            np.cbrt(rates[2] / limits.jerk),
+        ],
+        axis=2,
+    )
+
+
+@lru_cache(maxsize=1)
+def _operators() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns matrices from path samples to q', q'', q''' in unit time at all instants of all shapes."""
+    s, sd, sdd, sddd = (values.ravel() for values in SHAPES.within_phases(PER_PHASE))
+    nodes = _nodes()
+    D = differentiation_matrix(nodes)
+    at = lagrange_basis(nodes, s)
+    first, second, third = at @ D, at @ D @ D, at @ D @ D @ D
+    sd, sdd, sddd = sd[:, None], sdd[:, None], sddd[:, None]
+    return (
+        sd * first,
+        sdd * first + sd**2 * second,
+        sddd * first + 3.0 * sd * sdd * second + sd**3 * third,
+    )
+
+
+SHARE = 0.1
+"""By what share limits are lowered and raised."""
+LINES = ("approach", "retract")
+MOTIONS = ("transfer", "return", *LINES)
+SPEED_BISECTIONS = 40
+"""Halvings by which the slowing of transfers under a tool-speed cap is found again."""
+SLOWED = 1e-6
+"""A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
+
+
+@dataclass(frozen=True)
+class LimitSensitivity:
+    """What one assumed limit, or several together, are worth."""
+
+    joint: str | None
+    """The joint; None for all joints whose limits are assumed, together."""
+    limit: str
+    """`acceleration`, `jerk`, or `acceleration and jerk`."""
+    value: float | None
+    """The assumed limit at the job's speed [rad/s² or rad/s³]; None for several."""
+    lower: float
+    """Cycle time with the limit 10 % lower [s]."""
+    higher: float
+    """Cycle time with the limit 10 % higher [s]."""
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One approach or retract."""
+
+    arm: str
+    stage: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """What every arm does in each of s stages, in arrays."""
+
+    moved: FloatArray
+    """Displacement of every joint in the transfer [rad], shape (s, n)."""
+    lines: tuple[_Line, ...]
+    """Approaches and retracts."""
+    fixed: Mapping[str, FloatArray]
+    """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,)."""
+    returns: BoolArray
+    """Whether all joints arrive together and nothing follows: a return, or a stage without work, shape (s,)."""
+    recorded: FloatArray
+    """Length of the longest transfer [s], shape (s,)."""
+    together: FloatArray
+    """In a hand-over what no limit changes after both arms have come [s]; NaN in all other stages, shape (s,)."""
+
+
+def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
+    """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
+
+    Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
+    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-over
+    as long as the slower transfer and then both arms' lines and dwells), lines
+    change by the ratio of two estimates along the same path, dwells do not change. To decide postures anew with the
+    other limits could only be faster than what is said here, so that `higher` is conservative. Under a tool-speed cap
+    the factor by which a transfer was slowed is kept. Transfers that wait or are bent to keep clear count as straight
+    ones of the same displacement, and what they take longer as constant; a note of the plan says so.
+
+    Args:
+        schedule: a planned one; of one without stages, whose stages overlap, since its length is no sum of them then,
+            or that does not say its limits, nothing is returned; nor of one with conveyors, as quicker arms would meet
+            parts elsewhere.
+    """
+    limits = schedule.robot.limits.select(schedule.trajectory.joints)
+    entries = _entries(limits)
+    parts = stage_parts(schedule)
+    moving = any(event.moves for event in schedule.events)
+    if not entries or not parts or overlap(schedule.stages) or moving:
+        return []
+    if not np.isfinite(limits.acceleration).all():
+        return []
+    # Row 0 is the plan as it is; then every entry lower and higher.
+    acceleration, jerk = np.ones((2, 2 * len(entries) + 1, len(limits.joints)))
+    for row, (_, which, limit) in enumerate(entries):
+        for step, factor in enumerate((1.0 - SHARE, 1.0 + SHARE), start=1):
+            if "acceleration" in limit:
+                acceleration[2 * row + step, which] = factor
+            if "jerk" in limit:
+                jerk[2 * row + step, which] = factor
+    chains = _chains(schedule, parts, limits)
+    cycle = _cycle_times(schedule, chains, limits, acceleration, jerk)
+    # The closed forms give differences; the schedule's own duration is what they are added to.
+    cycle += schedule.duration - cycle[0]
+    found = [
+        LimitSensitivity(
+            joint=joint,
+            limit=limit,
+            value=None if joint is None else float(getattr(limits, limit)[which[0]]),
+            lower=float(cycle[2 * row + 1]),
+            higher=float(cycle[2 * row + 2]),
+        )
+        for row, (joint, which, limit) in enumerate(entries)
+    ]
+    single = [entry for entry in found if entry.joint is not None]
+    single.sort(key=lambda entry: -round(entry.lower - entry.higher, 12))
+    return single + [entry for entry in found if entry.joint is None]
+
+
+def _entries(limits: JointLimits) -> list[tuple[str | None, list[int], str]]:
+    """Returns which joints' which limits are changed: each joint's by itself, then all together."""
+    assumed = [k for k, source in enumerate(limits.source) if source == "assumed"]
+    jerked = [k for k in assumed if np.isfinite(limits.jerk[k])]
+    entries: list[tuple[str | None, list[int], str]] = []
+    for limit, columns in (("acceleration", assumed), ("jerk", jerked)):
+        entries += [(limits.joints[k], [k], limit) for k in columns]
+    if assumed:
+        entries.append((None, assumed, "acceleration"))
+    if jerked:
+        entries += [(None, jerked, "jerk"), (None, assumed, "acceleration and jerk")]
+    return entries
+
+
+def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits) -> _Chains:
+    """Returns the stages as arrays."""
+    starts = np.array([part.stage.start for part in parts])
+    arrivals = {name: starts.copy() for name in schedule.robot.arms}
+    fixed = {name: np.full(len(parts), -np.inf) for name in schedule.robot.arms}
+    lines: list[_Line] = []
+    for k, part in enumerate(parts):
+        for name, segments in part.arms.items():
+            rest = segments[-1].end - part.stage.start
+            for segment in segments:
+                if segment.kind in MOTIONS:
+                    rest -= segment.end - segment.start
+                if segment.kind in LINES:
+                    lines.append(_Line(name, k, segment.start, segment.end))
+                elif segment.kind in MOTIONS:
+                    arrivals[name][k] = segment.end
+            fixed[name][k] = rest
+    returns = np.array([not part.stage.tasks or not part.arms for part in parts])
+    together = np.full(len(parts), np.nan)
+    for k, part in enumerate(parts):
+        if is_handover(part.arms):
+            came = max(arrivals[name][k] for name in part.arms)
+            moved = sum(line.end - line.start for line in lines if line.stage == k)
+            together[k] = part.stage.end - came - moved
+    # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
+    ends = np.array([part.stage.end for part in parts])
+    arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
+    displaced = _displacements(schedule, starts, arrivals, arrived, limits.joints)
+    # What takes the time that the file gives it is as long under any limits.
+    displaced[[part.stage.bottleneck == DURATION for part in parts]] = 0.0
+    return _Chains(
+        moved=displaced,
+        lines=tuple(lines),
+        fixed=fixed,
+        returns=returns,
+        recorded=arrived - starts,
+        together=together,
+    )
+
+
+def _displacements(
+    schedule: Schedule,
+    starts: FloatArray,
+    arrivals: Mapping[str, FloatArray],
+    arrived: FloatArray,
+    joints: tuple[str, ...],
+) -> FloatArray:
+    """Returns how far each joint moves in each stage's transfer [rad], shape (s, n)."""
+    trajectory = schedule.trajectory
+    before = trajectory.at(starts)[0]
+    moved = np.abs(trajectory.at(arrived)[0] - before)
+    for name, arm in schedule.robot.arms.items():
+        columns = [joints.index(joint) for joint in arm.joints]
+        after = trajectory.at(arrivals[name])[0]
+        moved[:, columns] = np.abs(after - before)[:, columns]
+    return moved
+
+
+def _cycle_times(
+    schedule: Schedule,
+    chains: _Chains,
+    limits: JointLimits,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns the length of the whole motion with each row of factors on the limits [s], shape (v,)."""
+    robot = schedule.robot
+    groups = {PLATFORM: [limits.joints.index(joint) for joint in robot.platform]}
+    groups |= {
+        name: [limits.joints.index(j) for j in arm.joints] for name, arm in robot.arms.items()
+    }
+    groups = {name: columns for name, columns in groups.items() if columns}
+    velocity = limits.velocity * _slowing(schedule, chains, limits)[:, None]
+    line_times = {
+        name: _line_times(schedule, chains, limits, name, acceleration, jerk) for name in robot.arms
+    }
+    cycle = np.empty(len(acceleration))
+    for row, (a, j) in enumerate(zip(acceleration, jerk, strict=True)):
+        law = RestToRest(velocity, limits.acceleration * a, limits.jerk * j)
+        alone = law.per_joint(chains.moved)
+        times = {name: alone[:, columns].max(axis=1) for name, columns in groups.items()}
+        longest = np.max(list(times.values()), axis=0)
+        platform = times.get(PLATFORM, np.zeros_like(longest))
+        ends = [
+            np.maximum(platform, times[name]) + line_times[name][row] + rest
+            for name, rest in chains.fixed.items()
+        ]
+        lengths = np.where(chains.returns, longest, np.max(ends, axis=0))
+        # The arms of a hand-over wait for each other, and then for each other's lines.
+        lines = np.sum([times_of[row] for times_of in line_times.values()], axis=0)
+        met = longest + lines + chains.together
+        cycle[row] = np.where(np.isnan(met), lengths, met).sum()
+    return cycle
+
+
+def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatArray:
+    """Returns the factors on the speed limits under which each stage's transfers were timed, (s,).
+
+    They are below 1 only under a cap on the tools' speed, and found from how long the transfers take.
+    """
+    low, high = np.zeros(len(chains.moved)), np.ones(len(chains.moved))
+    if schedule.robot.tool_speed is None:
+        return high
+
+    def times(factor: FloatArray) -> FloatArray:
+        law = RestToRest(limits.velocity * factor[:, None], limits.acceleration, limits.jerk)
+        return law.duration(chains.moved)
+
+    slowed = chains.recorded > times(high) * (1.0 + SLOWED)
+    for _ in range(SPEED_BISECTIONS):
+        middle = (low + high) / 2.0
+        enough = times(middle) <= chains.recorded
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    return np.where(slowed, high, 1.0)
+
+
+def _line_times(
+    schedule: Schedule,
+    chains: _Chains,
+    limits: JointLimits,
+    arm: str,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns how long one arm's lines take in every stage with each row of factors [s], (v, s)."""
+    times = np.zeros((len(acceleration), len(chains.moved)))
+    lines = [line for line in chains.lines if line.arm == arm]
+    own = limits.select(schedule.robot.arms[arm].joints)
+    columns = [limits.joints.index(joint) for joint in own.joints]
+    if not lines or not columns:
+        return times
+    spans = np.array([[line.start, line.end] for line in lines])
+    factors = np.ones((len(acceleration), len(lines)))
+    changed = (acceleration[:, columns] != 1.0).any(axis=1) | (jerk[:, columns] != 1.0).any(axis=1)
+    factors[changed] = line_factors(
+        schedule.trajectory,
+        spans,
+        own,
+        *(v[np.ix_(changed, columns)] for v in (acceleration, jerk)),
+    )
+    for column, line in enumerate(lines):
+        times[:, line.stage] += factors[:, column] * (line.end - line.start)
+    return times

@@ -1,1 +1,0 @@
-"""What people read of a schedule: tables, figures and the report file."""

@@ -1,0 +1,92 @@
+"""What a whole method is asked and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.stages.search.problem import Decisions
+from dualarm_cli.stages.stages import StagePlan
+
+
+@dataclass
+class PathBudget:
+    """How many more searches for a free path of all joints may fail: each takes as long as many plans without one."""
+
+    left: int
+    """So many more."""
+
+    @classmethod
+    def of(cls, job: Job, effort: str) -> PathBudget:
+        """Returns what trying the orders of a job may take in all."""
+        first, share = PATHS[effort]
+        return cls(first + round(share * sum(len(task.stops) for task in job.tasks)))
+
+
+PATHS = {"quick": (1, 0.1), "normal": (3, 0.2), "thorough": (12, 1.0)}
+"""How many searches for a path may fail: so many, and so many more for each stop."""
+
+
+@dataclass(frozen=True)
+class MethodProblem:
+    """A job, and how hard to try."""
+
+    model: CellModel
+    """The job's cell, ready for kinematics."""
+    job: Job
+    """What is to be done."""
+    redundancy: str
+    """Name of the redundancy solver."""
+    effort: str = "normal"
+    """quick, normal or thorough; greedy methods have one effort only."""
+    seed: int = 0
+    """Seed of all randomness."""
+    holding: Holding | None = None
+    """What has to keep clear; None where nothing has to."""
+    barred: tuple[Barred, ...] = ()
+    """Stages that turned out not to keep clear; only methods over the whole sequence avoid them."""
+    blind: tuple[StagePlan, ...] = ()
+    """The method's own plan for the same job that does not keep clear, if there is one."""
+    touching: tuple[int, ...] = ()
+    """Its stages that do not, or only at a cost; the number of stages stands for the return."""
+    start: Decisions | None = None
+    """A plan to begin a search with: that which an order was chosen by."""
+    patient: bool = True
+    """Whether stages in which arms touch while they work side by side are mended and decided once more; else the order
+    will be changed, which is what helps most."""
+
+    paths: PathBudget | None = None
+    """How many searches for paths may fail; None for as many as there are."""
+
+    @property
+    def turns_for_both(self) -> bool:
+        """Whether there is a platform angle to choose for two arms."""
+        return self.model.platform.is_turntable and len(self.model.arms) == 2
+
+    @property
+    def simpler(self) -> list[str]:
+        """Names of the greedy methods that differ on this robot."""
+        return ["fixed", "exact", "linearised"] if self.turns_for_both else ["fixed"]
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A method's answer."""
+
+    stages: list[StagePlan]
+    """In their order, the return last where there is one."""
+    grid_gap: float | None = None
+    """How far the best plan on the method's own grid was from that grid's bound, as a share, before it was refined;
+    None for methods without a grid. It says nothing about plans off the grid."""
+    alternatives: tuple[list[StagePlan], ...] = ()
+    """Other plans that may turn out to be faster when they are timed exactly."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know."""
+    hopeless: bool = False
+    """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
+    simpler: Callable[[], list[list[StagePlan]]] | None = None
+    """Simpler methods' plans, to be asked for where keeping clear turns out to be dear; None where they were asked."""

@@ -1,0 +1,186 @@
+"""The quickest single stage: platform angle and both arms' postures together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
+from dualarm_cli.postures.arm_angle import choose_near
+from dualarm_cli.postures.reach import turned_flanges
+from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.postures.target_grid import least_transfer_times
+from dualarm_cli.stages.stage_choice import (
+    OpenStage,
+    choose_stage,
+    explain,
+    first_that_serve,
+    places_to_try,
+    platform_candidates,
+    stage_plan,
+)
+
+MINIMUM_TIME = "minimum_time"
+"""Name of the method, and what its stages' solver is called."""
+SIMPLER = ("fixed", "exact", "linearised")
+"""Platform solvers that no stage of this method is slower than from the same start."""
+GRID_STEP = np.radians(5.0)
+"""Spacing of the platform angles at which a first idea of the stage's time is had [rad]."""
+FREE_YAWS = 4
+"""Yaws that are looked at for it where any will do."""
+PROMISING = 3
+"""Platform angles besides the simpler solvers' at which postures are chosen."""
+ZOOM = np.linspace(-1.0, 1.0, 7)
+"""Platform angles that are tried in a bracket, as shares of its half-width; the first one is GRID_STEP wide."""
+ZOOM_ROUNDS = 3
+"""Rounds of ever narrower brackets."""
+ZOOM_SHRINK = 0.35
+"""Half-width of a bracket as a share of that of the round before."""
+POSTURE_WIDTH = 0.12
+"""Half-width of the variation of postures in the first round [rad]."""
+TRAVEL_ALLOWED = 0.01
+"""How much slower than the best a posture may be by the cost of its joints' travel to be looked at [s]."""
+SAME_TIME = 1e-9
+"""Stages whose times differ by less are equally quick [s]."""
+
+
+def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | InfeasibleError:
+    """Returns the quickest stage that is found from a position, or why there is none.
+
+    The stage lasts as long as the slower arm: max(T_platform, T_arm) + approach + dwell + retract. For a given platform
+    angle the arms are independent of each other, so that what is left is a function of one variable. A first idea of
+    it, without lines, is had on a grid of angles and at every candidate of the `exact` solver (roots, stationary
+    points, ends of reach); at its best local minima and at the angles of SIMPLER postures are chosen in full; about
+    the best of those, angle and postures are refined together in ever narrower brackets, which finds the balances
+    of platform against arm, and the limits, between the grid's angles. Of stages equally quick the one with the least
+    turn of the platform is taken. Where postures are not refined, brackets and (if any other angle serves) SIMPLER are
+    left out.
+
+    What is certain with refinement: by the same estimate (closed forms for transfers; lines as estimated) the stage is
+    never longer than the one that `fixed`, `exact` or `linearised` would make from the same position. That it is the
+    least of all is not: the function has many local minima, and both grid and brackets may miss the best.
+
+    Args:
+        stage: what is to be done.
+        position: all joints before the stage [rad], shape (n,).
+    """
+    model = stage.model
+    if not model.platform.is_turntable:
+        plan = choose_stage(stage, {"fixed": position})["fixed"]
+        return replace(plan, solver=MINIMUM_TIME) if isinstance(plan, StagePlan) else plan
+    places = {
+        f"{MINIMUM_TIME} {k}": [(MINIMUM_TIME, np.array([angle]))]
+        for k, angle in enumerate(_promising(stage, position))
+    }
+    tries = {name: iter(one) for name, one in places.items()}
+    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    if not stage.refine:
+        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
+    if not any(isinstance(plan, StagePlan) for plan in found.values()):
+        tries = {name: places_to_try(stage, position, name) for name in SIMPLER}
+        tries |= {name: iter(one) for name, one in places.items()}
+        found = first_that_serve(stage, dict.fromkeys(tries, position), tries)
+    plans = [plan for plan in found.values() if isinstance(plan, StagePlan)]
+    if not plans:
+        reasons = found["fixed"]
+        return explain(stage, position, {} if isinstance(reasons, StagePlan) else reasons)
+    best = _quickest(stage, plans)
+    if stage.refine:
+        best = _zoomed(stage, position, best)
+    return replace(best, solver=MINIMUM_TIME)
+
+
+def _angle(stage: OpenStage, plan: StagePlan) -> float:
+    return float(plan.arrival[stage.model.platform_columns[0]])
+
+
+def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
+    """Returns the shortest of some stages, of equally short ones that whose platform turns least."""
+    column = stage.model.platform_columns[0]
+    least = min(plan.duration for plan in plans) + SAME_TIME
+    return min(
+        (plan for plan in plans if plan.duration <= least),
+        key=lambda plan: abs(plan.arrival[column] - plan.start[column]),
+    )
+
+
+def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
+    """Returns the platform angles [rad] at the best local minima of a first idea of the stage's time."""
+    column = stage.model.platform_columns[0]
+    here = float(position[column])
+    at_start = stage.at_start(position)
+    limits = stage.model.cell.robot.limits
+    low, high = max(limits.lower[column], here - np.pi), min(limits.upper[column], here + np.pi)
+    below, above = int((here - low) / GRID_STEP), int((high - here) / GRID_STEP)
+    grid = here + GRID_STEP * np.arange(-below, above + 1)
+    balanced = [
+        float(a[0]) for _, a in platform_candidates(stage.model, position, at_start, "exact")
+    ]
+    angles = np.unique(np.concatenate([grid, balanced, [low, high]]))
+    angles = angles[(angles >= low) & (angles <= high)]
+    time = _first_idea(stage, at_start, angles - here)
+    before, after = np.append(np.inf, time[:-1]), np.append(time[1:], np.inf)
+    minima = np.flatnonzero(np.isfinite(time) & (time <= before) & (time <= after))
+    order = np.lexsort((np.abs(angles[minima] - here), time[minima]))
+    return angles[minima[order[:PROMISING]]]
+
+
+def _first_idea(
+    stage: OpenStage, at_start: Mapping[str, StopProblem], turn: FloatArray
+) -> FloatArray:
+    """Returns about how long the stage takes after further turns of the platform [s], shape (m,), lines left out."""
+    waiting = stage.clock.platform_times(turn[:, None])
+    longest = np.zeros(len(turn))
+    for name, problem in at_start.items():
+        if problem.free_yaw:
+            few = problem.yaw[:: max(1, len(problem.yaw) // FREE_YAWS)]
+            problem = replace(problem, yaw=few)
+        # Where the transfer ends: at the start of the approach, if there is one.
+        R, p = turned_flanges(problem, turn)[1 if problem.approach > 0 else 0]
+        transfer = least_transfer_times(problem, np.broadcast_to(R, (*p.shape[:2], 3, 3)), p)
+        own = np.maximum(transfer, waiting) + stage.work[name][1].dwell.total
+        longest = np.maximum(longest, own)
+    return longest
+
+
+def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePlan:
+    """Returns the quickest stage of ever narrower brackets about a stage's platform angle; or that stage."""
+    column = stage.model.platform_columns[0]
+    limits = stage.model.cell.robot.limits
+    for k in range(ZOOM_ROUNDS):
+        shrink = ZOOM_SHRINK**k
+        angles = _angle(stage, best) + GRID_STEP * shrink * ZOOM
+        angles = np.clip(angles, limits.lower[column], limits.upper[column])
+        made = _stages_near(stage, position, angles, best, POSTURE_WIDTH * shrink)
+        best = _quickest(stage, [best, *made])
+    return best
+
+
+def _stages_near(
+    stage: OpenStage, position: FloatArray, angles: FloatArray, like: StagePlan, width: float
+) -> list[StagePlan]:
+    """Returns stages at platform angles (m,) with postures near those of another stage, slower ones left out."""
+    problems = stage.from_position(position, angles[:, None])
+    each = [(k, arm) for k in range(len(angles)) for arm in problems[k]]
+    answers = choose_near(
+        [problems[k][arm] for k, arm in each],
+        [like.stops[arm].posture for _, arm in each],
+        [like.duration - stage.work[arm][1].dwell.total + TRAVEL_ALLOWED for _, arm in each],
+        width,
+    )
+    postures: list[dict[str, StopPosture]] = [{} for _ in angles]
+    for (k, arm), answer in zip(each, answers, strict=True):
+        if answer is not None:
+            postures[k][arm] = answer
+    plans = []
+    for k, found in enumerate(postures):
+        apart = stage.keep is None or stage.keep.apart(position, angles[k : k + 1], found)
+        if len(found) == len(problems[k]) and apart:
+            made = stage_plan(stage, position, MINIMUM_TIME, angles[k : k + 1], problems[k], found)
+            if isinstance(made, StagePlan):
+                plans.append(made)
+    return plans

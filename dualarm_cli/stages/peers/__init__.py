@@ -1,0 +1,1 @@
+"""General optimisers on the same decisions, for comparison."""

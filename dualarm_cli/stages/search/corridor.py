@@ -1,0 +1,231 @@
+"""The best combination of several plans, stage by stage: dynamic programming over what each of them does."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
+from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import (
+    Evaluated,
+    TransferChain,
+    evaluate,
+    platform_times,
+    start_joints,
+)
+
+TRIES = 24
+"""Paths that are looked at for clearance, at most."""
+
+
+def best_combination(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    best: Evaluated,
+    others: list[Decisions],
+) -> Evaluated:
+    """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
+
+    Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a
+    stage, or before the return, comes from where `best` has it. So the result is evaluated anew, and taken only if
+    faster.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        best: a possible plan.
+        others: plans to combine it with.
+    """
+    plans = [best.decisions, *others]
+    angle = np.stack([plan.angle for plan in plans], axis=1)
+    found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
+    cost = stage_costs(problem, best, found, angle)
+    closing = closing_costs(problem, best, found, angle)
+    worth = best.total
+    barred: set[tuple[int, int, int]] = set()
+    if problem.clearance is not None:
+        clear = plan_clearance(problem, best)
+        worth += clear.penalty
+        _bar(cost, closing, np.zeros(len(cost), dtype=np.int64), clear, barred)
+    for _ in range(TRIES):
+        picked = _shortest(cost, closing)
+        if not picked.any() or not _length(cost, closing, picked) < worth:
+            break
+        result = evaluate(problem, tables, _picked(plans, picked))
+        if problem.clearance is None:
+            return result if result.total < worth else best
+        clear = plan_clearance(problem, result)
+        if result.total + clear.penalty < worth:
+            return result
+        if not _bar(cost, closing, picked, clear, barred):
+            break
+    return best
+
+
+def _length(cost: FloatArray, closing: FloatArray, picked: IntArray) -> float:
+    """Returns the length of a path through the costs [s]."""
+    n = len(picked)
+    before = np.concatenate([[0], picked[:-1]])
+    total = cost[np.arange(n), before, picked].sum() + closing[picked[-1], picked[0]]
+    return float(total)
+
+
+def _bar(
+    cost: FloatArray,
+    closing: FloatArray,
+    picked: IntArray,
+    clear: PlanClearance,
+    barred: set[tuple[int, int, int]],
+) -> bool:
+    """Makes costlier what does not keep clear along a path, and returns whether there was anything new.
+
+    Choices at stops and pairs of choices on moves become impossible, those where the arms meet cost what they wait.
+
+    Args:
+        cost: of every stage, by the choices before and in it, shape (n, m, m).
+        closing: of the return, shape (m, m).
+        picked: the path, shape (n,).
+        clear: what keeps clear along it.
+        barred: stage and choices that have been dealt with.
+    """
+    n, before = len(picked), np.concatenate([[0], picked[:-1]])
+    news = False
+    for k in np.flatnonzero(~clear.stops).tolist():
+        news |= bool(np.isfinite(cost[k, :, picked[k]]).any())
+        cost[k, :, picked[k]] = np.inf
+    for k in np.flatnonzero(~clear.moves | (clear.waits > 0.0)).tolist():
+        table, place = (
+            (closing, (picked[-1], picked[0])) if k == n else (cost[k], (before[k], picked[k]))
+        )
+        key = (k, int(place[0]), int(place[1]))
+        if key not in barred:
+            barred.add(key)
+            news = True
+            table[place] += clear.waits[k] if clear.moves[k] else np.inf
+    return news
+
+
+def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:
+    """Returns the decisions that take each stage from the plan it names."""
+    result = plans[0]
+    for m in np.unique(picked):
+        result = result.put(np.nonzero(picked == m)[0], plans[m])
+    return result
+
+
+def candidates_of(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    plans: list[Decisions],
+    angle: FloatArray,
+    a: int,
+) -> CandidatePostures:
+    """Returns one arm's postures for every stage and plan, arrays of shape (n, m, ...)."""
+    n, m = angle.shape
+    stage = np.repeat(np.arange(n), m)
+    candidates = ArmDecisions(
+        *(
+            np.stack([getattr(plan.arms[a], field.name) for plan in plans], axis=1).reshape(
+                n * m, *getattr(plans[0].arms[a], field.name).shape[1:]
+            )
+            for field in fields(ArmDecisions)
+        )
+    )
+    found = postures(problem, a, tables[a], stage, angle.ravel(), candidates)
+    parts = {field.name: getattr(found, field.name) for field in fields(CandidatePostures)}
+    return CandidatePostures(**{name: x.reshape(n, m, *x.shape[1:]) for name, x in parts.items()})
+
+
+def stage_costs(
+    problem: SequenceProblem, best: Evaluated, found: list[CandidatePostures], angle: FloatArray
+) -> FloatArray:
+    """Returns the length of every stage for every plan before and in it [s], shape (n, m, m)."""
+    n, m = angle.shape
+    before = np.empty((n, m))
+    before[1:] = angle[:-1]
+    before[0] = problem.platform_start[0] if problem.turns else 0.0
+    moved = angle[:, None, :] - before[:, :, None]
+    if problem.free_start:
+        moved[0] = 0.0
+    waiting = platform_times(problem, moved)
+    cost, arrived, all_work = np.zeros((3, n, m, m))
+    for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
+        chain = TransferChain.of(work)
+        k = chain.active
+        if not len(k):
+            continue
+        came = chain.previous[k]
+        q_from = np.empty((len(k), m, 7))
+        q_from[:] = start_joints(problem, work, chain, now)
+        later = came >= 0
+        q_from[later] = now.q_retract[came[later], None]
+        next_door = later & (came == k - 1)
+        q_from[next_door] = arm.q_retract[came[next_door]]
+        transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
+        if problem.free_start and k[0] == 0:
+            transfer[0] = 0.0
+        there = np.maximum(transfer, waiting[k])
+        cost[k] = np.maximum(cost[k], there + arm.work[k][:, None, :])
+        arrived[k] = np.maximum(arrived[k], there)
+        all_work[k] += arm.work[k][:, None, :]
+    cost[problem.together] = (arrived + all_work)[problem.together]
+    return cost
+
+
+def closing_costs(
+    problem: SequenceProblem, best: Evaluated, found: list[CandidatePostures], angle: FloatArray
+) -> FloatArray:
+    """Returns the length of the return for every plan of the last stage and of the first one [s], shape (m, m).
+
+    The first stage tells only where the start is free, as a cycle then closes wherever its first transfer would end.
+    """
+    n, m = angle.shape
+    if not problem.returns:
+        return np.zeros((m, m))
+    home: FloatArray = np.zeros(1)
+    if problem.turns:
+        home = angle[0] if problem.free_start else problem.platform_start[:1]
+    closing = np.zeros((m, m))
+    closing[:] = platform_times(problem, home[None, :] - angle[-1, :, None])
+    for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
+        chain = TransferChain.of(work)
+        if not len(chain.active) or chain.active[-1] != n - 1:
+            continue
+        start = start_joints(problem, work, chain, now)[None]
+        if problem.free_start and chain.active[0] == 0:
+            start = arm.q_approach[0]
+        back = work.law.duration(start[None, :, :] - arm.q_retract[-1][:, None, :])
+        np.maximum(closing, back, out=closing)
+    return closing
+
+
+def _shortest(cost: FloatArray, closing: FloatArray) -> IntArray:
+    """Returns the choice at every stage along the shortest path, shape (n,).
+
+    Where the return depends on the first stage, every choice of that has a dynamic programme of its own.
+
+    Args:
+        cost: of every stage, by the choices before and in it, shape (n, m, m).
+        closing: of the return, by the choices in the last and the first stage, shape (m, m).
+    """
+    n, m = cost.shape[:2]
+    total = cost[0, :1]
+    if (closing != closing[:, :1]).any():
+        total = np.where(np.eye(m, dtype=np.bool_), total, np.inf)
+    parents = np.zeros((n, *total.shape), dtype=np.int64)
+    for k in range(1, n):
+        through = total[:, :, None] + cost[k]
+        parents[k] = np.argmin(through, axis=1)
+        total = np.take_along_axis(through, parents[k][:, None, :], axis=1)[:, 0]
+    total = total + closing.T[: len(total)]
+    first, last = np.unravel_index(int(np.argmin(total)), total.shape)
+    picked = np.zeros(n, dtype=np.int64)
+    picked[-1] = last
+    for k in range(n - 1, 0, -1):
+        picked[k - 1] = parents[k, first, picked[k]]
+    return picked

@@ -1,0 +1,432 @@
+"""Successive linear programming: all continuous decisions of a plan improved together, a small step at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.postures import CandidatePostures
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
+from dualarm_cli.stages.search.variables import Slopes, Variables, slopes
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+@dataclass
+class Rows:
+    """Rows of `matrix @ x <= bound`, collected piece by piece."""
+
+    row: list[IntArray] = field(default_factory=list)
+    column: list[IntArray] = field(default_factory=list)
+    value: list[FloatArray] = field(default_factory=list)
+    bound: list[FloatArray] = field(default_factory=list)
+    stage: list[IntArray] = field(default_factory=list)
+    count: int = 0
+
+    def add(
+        self, columns: IntArray, values: FloatArray, bound: FloatArray, stage: IntArray
+    ) -> None:
+        """Appends m rows: columns and values (m, w), bounds and stages (m,); columns of -1 do not count."""
+        rows = np.broadcast_to(np.arange(len(bound))[:, None] + self.count, columns.shape)
+        used = (columns >= 0) & (values != 0.0)
+        self.row.append(rows[used])
+        self.column.append(columns[used])
+        self.value.append(values[used])
+        self.bound.append(bound)
+        self.stage.append(stage)
+        self.count += len(bound)
+
+    def by_stage(self) -> LinearProgram:
+        """Returns all rows in order of their stages."""
+        stage = np.concatenate(self.stage)
+        order = np.argsort(stage, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        row = place[np.concatenate(self.row)]
+        entries = np.argsort(row, kind="stable")
+        return LinearProgram(
+            row[entries],
+            np.concatenate(self.column)[entries],
+            np.concatenate(self.value)[entries],
+            np.concatenate(self.bound)[order],
+            stage[order],
+        )
+
+
+@dataclass(frozen=True)
+class LinearProgram:
+    """Rows in order of their stages."""
+
+    row: IntArray
+    """Row of each entry, ascending."""
+    column: IntArray
+    """Column of each entry."""
+    value: FloatArray
+    """Value of each entry."""
+    bound: FloatArray
+    """Bound of each row."""
+    stage: IntArray
+    """Stage of each row, ascending."""
+
+    def within(self, first: int, past: int) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Returns entries (rows counted from 0) and bounds of the stages from first to before past."""
+        low, high = np.searchsorted(self.stage, [first, past])
+        begin, end = np.searchsorted(self.row, [low, high])
+        entries = slice(begin, end)
+        return (
+            self.row[entries] - low,
+            self.column[entries],
+            self.value[entries],
+            self.bound[low:high],
+        )
+
+
+NEAR_CRITICAL = 0.55
+"""Share of a stage's transfer time from which on a joint's own time is watched."""
+RATE_STEP = 1e-7
+"""Step of the difference that gives a transfer time's slope [rad]."""
+LIMIT_MARGIN = 1e-6
+"""What is kept free of a joint's position limits [rad]."""
+
+
+def linear_rows(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    variables: Variables,
+    best: Evaluated,
+    radius: FloatArray,
+) -> LinearProgram:
+    """Returns the rows over (variables, lengths of stages and return, times of lines), in order of their stages.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        variables: numbering of its variables.
+        best: a possible plan.
+        radius: how far the variables of each stage may move [rad], shape (n + 1,).
+    """
+    rates = [
+        slopes(problem, a, tables[a], best.decisions, best.arms[a]) for a in range(len(tables))
+    ]
+    rows = Rows()
+    for a in range(len(problem.arms)):
+        _transfer_rows(rows, problem, tables, variables, best, rates[a], a)
+        _line_rows(rows, problem, variables, best, rates[a], a)
+        _limit_rows(rows, problem, variables, best, rates[a], a, radius)
+    if problem.returns:
+        _return_rows(rows, problem, variables, best, rates)
+    return rows.by_stage()
+
+
+def _columns(variables: Variables, arm: int, stages: IntArray) -> IntArray:
+    """Returns the columns of (platform angle, FIELDS) in some stages, shape (m, 5)."""
+    return np.column_stack([variables.angle[stages], variables.arms[arm][stages]])
+
+
+def _rate(law: RestToRest, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns each joint's time [s] and its slope by the displacement [s/rad], shape (..., n)."""
+    time = law.per_joint(moved)
+    ahead = law.per_joint(np.abs(moved) + RATE_STEP)
+    return time, np.sign(moved) * (ahead - time) / RATE_STEP
+
+
+def _transfer_rows(
+    rows: Rows,
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    variables: Variables,
+    best: Evaluated,
+    rates: Slopes,
+    a: int,
+) -> None:
+    """Appends, per stage and slow joint: transfer + lines + dwell <= stage's length, all linear."""
+    work, found = problem.arms[a], best.arms[a]
+    chain = TransferChain.of(work)
+    k = chain.active
+    came = chain.previous[k]
+    q_from = np.where(
+        came[:, None] >= 0, found.q_retract[came], start_joints(problem, work, chain, found)
+    )
+    time, slope = _rate(work.law, found.q_approach[k] - q_from)
+    here = slope[:, :, None] * rates.q_approach[k]
+    there = np.where(came[:, None, None] >= 0, -slope[:, :, None] * rates.q_retract[came], 0.0)
+    columns, columns_before = _columns(variables, a, k), _columns(variables, a, came)
+    longest = time.max(axis=1)
+    lines, dwell = _line_columns(problem, variables, a, k), tables[a].dwell[k]
+    if len(problem.together):
+        # In a hand-over the other arm's lines and dwell count as well.
+        other, met = 1 - a, np.isin(k, problem.together)
+        theirs = np.where(met[:, None], _line_columns(problem, variables, other, k), -1)
+        lines = np.column_stack([lines, theirs])
+        dwell = dwell + np.where(met, tables[other].dwell[k], 0.0)
+    both = np.ones(lines.shape)
+    if problem.platform_law is not None:
+        angle = best.decisions.angle
+        before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
+        platform_time, platform_slope = _rate(problem.platform_law, (angle - before)[k, None])
+        longest = np.maximum(longest, platform_time[:, 0])
+        columns_p = np.column_stack(
+            [variables.angle[k], np.where(k > 0, variables.angle[k - 1], -1)]
+        )
+        _add(
+            rows,
+            variables,
+            np.column_stack([columns_p, lines]),
+            np.column_stack([platform_slope, -platform_slope, both]),
+            platform_time[:, 0] + dwell,
+            k,
+            platform_time[:, 0] >= NEAR_CRITICAL * longest,
+        )
+    # A free start moves with the first stop: its transfer takes no time, and only its work counts.
+    if problem.free_start and len(k) and k[0] == 0:
+        here[0] = 0.0
+    for joint in range(7):
+        _add(
+            rows,
+            variables,
+            np.column_stack([columns, np.where(came[:, None] >= 0, columns_before, -1), lines]),
+            np.column_stack([here[:, joint], there[:, joint], both]),
+            time[:, joint] + dwell,
+            k,
+            time[:, joint] >= NEAR_CRITICAL * longest,
+        )
+
+
+def _line_columns(
+    problem: SequenceProblem, variables: Variables, a: int, stages: IntArray
+) -> IntArray:
+    """Returns the columns of the times of approach and retract in some stages, shape (m, 2)."""
+    first = variables.count + problem.stages + 1 + 2 * a * problem.stages
+    return np.column_stack([first + 2 * stages, first + 2 * stages + 1])
+
+
+def _line_rows(
+    rows: Rows,
+    problem: SequenceProblem,
+    variables: Variables,
+    best: Evaluated,
+    rates: Slopes,
+    a: int,
+) -> None:
+    """Appends, per line and slow joint: what the joint asks for <= time of the line."""
+    k = TransferChain.of(problem.arms[a]).active
+    columns, lines = _columns(variables, a, k), _line_columns(problem, variables, a, k)
+    found = best.arms[a]
+    pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
+    for end, (time, rate) in enumerate(pairs):
+        watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (time[k] > 0)
+        for joint in range(7):
+            used = watched[:, joint]
+            rows.add(
+                np.column_stack([columns, lines[:, end]])[used],
+                np.column_stack([rate[k, joint], -np.ones(len(k))])[used],
+                -time[k, joint][used],
+                k[used],
+            )
+
+
+def _add(
+    rows: Rows,
+    variables: Variables,
+    columns: IntArray,
+    values: FloatArray,
+    now: FloatArray,
+    stage: IntArray,
+    watched: BoolArray,
+) -> None:
+    """Appends now + values @ step <= length of the stage for the watched rows."""
+    columns = np.column_stack([columns, variables.count + stage])
+    values = np.column_stack([values, np.full(len(stage), -1.0)])
+    rows.add(columns[watched], values[watched], -now[watched], stage[watched])
+
+
+def _return_rows(
+    rows: Rows,
+    problem: SequenceProblem,
+    variables: Variables,
+    best: Evaluated,
+    rates: list[Slopes],
+) -> None:
+    """Appends the return's rows: every slow joint and the platform, back to the start."""
+    n = problem.stages
+    last = np.array([n])
+    angle = best.decisions.angle
+    if problem.platform_law is not None:
+        back = np.array([[start_angle(problem, angle) - angle[-1]]])
+        time, slope = _rate(problem.platform_law, back)
+        first = variables.angle[0] if problem.free_start else -1
+        columns = np.array([[variables.angle[-1], first]])
+        values = np.column_stack([-slope, slope])
+        watched = time[:, 0] >= NEAR_CRITICAL * best.closing
+        _add(rows, variables, columns, values, time[:, 0], last, watched)
+    for a, work in enumerate(problem.arms):
+        chain, found = TransferChain.of(work), best.arms[a]
+        if not len(chain.active):
+            continue
+        k = int(chain.active[-1])
+        start = start_joints(problem, work, chain, found)
+        time, slope = _rate(work.law, start - found.q_retract[k])
+        moves = problem.free_start and chain.active[0] == 0
+        for joint in range(7):
+            columns = _columns(variables, a, np.array([k]))
+            values = (-slope[joint] * rates[a].q_retract[k, joint])[None]
+            if moves:
+                columns = np.column_stack([columns, _columns(variables, a, np.array([0]))])
+                values = np.column_stack([values, slope[joint] * rates[a].q_approach[:1, joint]])
+            watched = time[[joint]] >= NEAR_CRITICAL * best.closing
+            _add(rows, variables, columns, values, time[[joint]], last, watched)
+
+
+def _limit_rows(
+    rows: Rows,
+    problem: SequenceProblem,
+    variables: Variables,
+    best: Evaluated,
+    rates: Slopes,
+    a: int,
+    radius: FloatArray,
+) -> None:
+    """Appends position limits of the joints that a step could bring there."""
+    work, found = problem.arms[a], best.arms[a]
+    k = TransferChain.of(work).active
+    columns = _columns(variables, a, k)
+    for q, rate in _ends(found, rates):
+        swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
+        for joint in range(7):
+            for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
+                room = sign * (limit[joint] - q[k, joint]) - LIMIT_MARGIN
+                near = room < swing[:, joint]
+                if near.any():
+                    values = sign * rate[k, joint]
+                    rows.add(columns[near], values[near], np.maximum(room[near], 0.0), k[near])
+
+
+def _ends(found: CandidatePostures, rates: Slopes) -> list[tuple[FloatArray, FloatArray]]:
+    return [
+        (found.q_approach, rates.q_approach),
+        (found.q_target, rates.q_target),
+        (found.q_retract, rates.q_retract),
+    ]
+
+
+WINDOW = 24
+"""Stages that are improved together; the windows of the next round lie half a window further on."""
+
+
+def linear_step(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    variables: Variables,
+    best: Evaluated,
+    radius: FloatArray,
+    round_number: int,
+) -> FloatArray:
+    """Returns the best step of all variables within a radius, everything taken as linear [rad], shape (count,).
+
+    Joints at the ends of all transfers, transfer times and line times are linear in the platform angles, arm angles and
+    free yaws; a linear program per window of stages then finds the step. (A transfer's time is concave in its
+    distance: its tangent lies above it, so that a promised gain is on the safe side.)
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        variables: numbering of its variables.
+        best: a possible plan.
+        radius: how far the variables of each stage may move [rad], shape (n + 1,).
+        round_number: every other round the windows lie half a window further on.
+    """
+    windows = _windows(problem.stages, round_number)
+    program = linear_rows(problem, tables, variables, best, radius)
+    return _solve(problem, variables, best, program, windows, radius)
+
+
+def _windows(stages: int, round_number: int) -> list[tuple[int, int]]:
+    """Returns first and past-the-last stage of each window; every other round they lie half a window further on."""
+    if stages <= WINDOW + WINDOW // 2:
+        return [(0, stages)]
+    edges = list(range(0 if round_number % 2 == 0 else WINDOW // 2, stages, WINDOW))
+    edges = [0, *edges[(edges[0] == 0) :]]
+    if stages - edges[-1] < WINDOW // 3:
+        edges.pop()
+    return list(zip(edges, [*edges[1:], stages], strict=True))
+
+
+def _stage_of_variable(variables: Variables) -> IntArray:
+    stage = np.zeros(variables.count, dtype=np.int64)
+    for rows in (variables.angle[:, None], *variables.arms):
+        k, column = np.nonzero(rows >= 0)
+        stage[rows[k, column]] = k
+    return stage
+
+
+def _solve(
+    problem: SequenceProblem,
+    variables: Variables,
+    best: Evaluated,
+    program: LinearProgram,
+    windows: list[tuple[int, int]],
+    radius: FloatArray,
+) -> FloatArray:
+    """Returns the best step of every window on its own [rad]."""
+    from scipy.optimize import linprog
+    from scipy.sparse import csc_matrix
+
+    n, v = problem.stages, variables.count
+    of_variable = _stage_of_variable(variables)
+    lower, upper = _bounds(problem, variables, best, radius[of_variable])
+    of_time = np.concatenate([np.arange(n + 1), *[np.repeat(np.arange(n), 2)] * len(problem.arms)])
+    step = np.zeros(v)
+    local = np.full(v + len(of_time), -1, dtype=np.int64)
+    inner_of = np.split(
+        np.argsort(of_variable, kind="stable"), np.bincount(of_variable, minlength=n).cumsum()
+    )
+    for first, end in windows:
+        # The stage after a window starts from it; the last window has the return.
+        past = end + 1
+        inner = np.concatenate(inner_of[first:end])
+        if not len(inner):
+            continue
+        times = _time_columns(n, len(problem.arms), first, past)
+        columns = np.concatenate([inner, v + times])
+        local[columns] = np.arange(len(columns))
+        row, column, value, bound = program.within(first, past)
+        kept = local[column] >= 0
+        matrix = csc_matrix(
+            (value[kept], (row[kept], local[column[kept]])), shape=(len(bound), len(columns))
+        )
+        local[columns] = -1
+        limits = np.column_stack(
+            [
+                np.concatenate([lower[inner], np.zeros(len(times))]),
+                np.concatenate([upper[inner], np.full(len(times), np.inf)]),
+            ]
+        )
+        cost = np.concatenate([np.zeros(len(inner)), times <= n])
+        result = linprog(cost, A_ub=matrix, b_ub=bound, bounds=limits, method="highs")
+        if result.status == 0:
+            step[inner] = result.x[: len(inner)]
+    return step
+
+
+def _bounds(
+    problem: SequenceProblem, variables: Variables, best: Evaluated, radius: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns least and greatest step of every variable [rad]."""
+    lower, upper = -radius, radius.copy()
+    if problem.turns:
+        low, high = problem.platform_range
+        free = variables.angle >= 0
+        columns, here = variables.angle[free], best.decisions.angle[free]
+        lower[columns] = np.maximum(lower[columns], low - here)
+        upper[columns] = np.minimum(upper[columns], high - here)
+    return lower, upper
+
+
+def _time_columns(stages: int, arms: int, first: int, past: int) -> IntArray:
+    """Returns the columns, counted after the variables, of the times of the stages from first to before past."""
+    lengths = np.arange(first, past)
+    lines = np.arange(2 * first, 2 * min(past, stages))
+    return np.concatenate([lengths, *(stages + 1 + 2 * a * stages + lines for a in range(arms))])

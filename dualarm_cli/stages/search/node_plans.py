@@ -1,0 +1,284 @@
+"""Plans on one grid of nodes: potentials, beam, and what its lines are really worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.beam import NodePath, beam_search
+from dualarm_cli.stages.search.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
+from dualarm_cli.stages.search.own_stages import (
+    free_nodes,
+    stages_without_angle,
+    taking_turns,
+    with_own_angles,
+)
+from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
+from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate
+
+TRIED = 48
+"""Yaws around the circle that are tried where the shared-out one cannot be."""
+MARGIN = 0.02
+"""What is kept free of the last joint's limits for what it does along the lines [rad]."""
+LAST = 6
+"""Column of the last joint."""
+
+
+def with_yaws(
+    problem: SequenceProblem, tables: tuple[StopTable, ...], decisions: Decisions
+) -> Decisions:
+    """Returns decisions whose free yaws share the last joint's turns out evenly over the transfers.
+
+    Between two stops of fixed yaw every transfer then turns the last joint equally far. A stop that would leave its
+    limits takes the nearest yaw that does not; one that cannot be at all takes the nearest of TRIED yaws.
+    """
+    arms = []
+    for a, work in enumerate(problem.arms):
+        free = np.array(
+            [s is not None and s.free_yaw and s.configurations is None for s in work.stops]
+        )
+        rows = decisions.arms[a]
+        if free.any() and yaw_turns_last_joint(work):
+            rows = _shared_out(problem, a, tables[a], decisions.angle, rows, free)
+            rows = _mended(problem, a, tables[a], decisions.angle, rows, free)
+        arms.append(rows)
+    return Decisions(decisions.angle, tuple(arms))
+
+
+def _sense(work: ArmWork) -> float:
+    """Returns +1 if a positive yaw is a positive turn of the last joint, else -1."""
+    geometry = work.kinematics.geometry
+    axis = geometry.R_flange.T @ geometry.axes[LAST]
+    return float(np.sign(axis @ work.R_tool_flange.T[:, 2]))
+
+
+def _evaluate(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    angle: FloatArray,
+    rows: ArmDecisions,
+    stages: IntArray,
+) -> CandidatePostures:
+    return postures(problem, a, table, stages, angle[stages], rows)
+
+
+def _shared_out(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    angle: FloatArray,
+    rows: ArmDecisions,
+    free: BoolArray,
+) -> ArmDecisions:
+    work = problem.arms[a]
+    stages = TransferChain.of(work).active
+    found = _evaluate(problem, a, table, angle, rows.take(stages), stages)
+    q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(-1, 3, 7)
+    last = q[:, :, LAST]
+    loose = free[stages]
+    low, high = work.limits.lower[LAST] + MARGIN, work.limits.upper[LAST] - MARGIN
+    turn = np.zeros(len(stages))
+    begin = None if problem.free_start else float(work.start[LAST])
+    for k in range(len(stages)):
+        if loose[k]:
+            here = last[k, 0] if begin is None else begin + _share(k, last, loose, begin)
+            room = low - last[k].min(), high - last[k].max()
+            turn[k] = float(np.clip(here - last[k, 0], min(room), max(room)))
+        begin = float(last[k, 2] + turn[k])
+    yaw = rows.yaw.copy()
+    near = rows.near.copy()
+    yaw[stages] += _sense(work) * turn
+    near[stages, LAST] = last[:, 1] + turn
+    return replace(rows, yaw=yaw, near=near)
+
+
+def _share(k: int, last: FloatArray, loose: BoolArray, begin: float) -> float:
+    """Returns how far the last joint turns in the transfer to a loose stop: its share of what is to come [rad]."""
+    ahead = np.nonzero(~loose[k:])[0]
+    if not len(ahead):
+        return 0.0
+    run = k + np.arange(ahead[0])
+    along = (last[run, 2] - last[run, 0]).sum()
+    total = last[k + ahead[0], 0] - begin - along
+    return float(total / (len(run) + 1))
+
+
+def _mended(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    angle: FloatArray,
+    rows: ArmDecisions,
+    free: BoolArray,
+) -> ArmDecisions:
+    stages = np.nonzero(free)[0]
+    found = _evaluate(problem, a, table, angle, rows.take(stages), stages)
+    for k in stages[~found.possible]:
+        same = np.full(TRIED, k)
+        turns = np.linspace(-np.pi, np.pi, TRIED, endpoint=False)
+        turns = turns[np.argsort(np.abs(turns), kind="stable")]
+        tried = rows.take(same)
+        tried = replace(tried, yaw=tried.yaw + turns)
+        possible = np.nonzero(_evaluate(problem, a, table, angle, tried, same).possible)[0]
+        if len(possible):
+            rows = rows.put(np.array([k]), tried.take(possible[:1]))
+    return rows
+
+
+BANS = 12
+"""How often the beam is repeated without nodes whose lines turned out to be impossible."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """How finely one grid of nodes is set, and how wide a beam goes through it."""
+
+    angle_step: float
+    """Spacing of the platform angles [rad]."""
+    arm_angles: int
+    """Arm angles around the circle."""
+    most_nodes: int
+    """Most nodes of one stop."""
+    width: int
+    """States that the beam keeps."""
+    per_angle: int = 4
+    """Nodes of each arm that the beam pairs at each platform angle."""
+    around: int = 0
+    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
+
+    def thinned(self, share: float) -> Mesh:
+        """Returns the mesh with a share of its nodes."""
+        return replace(self, most_nodes=round(share * self.most_nodes))
+
+
+@dataclass(frozen=True)
+class NodePlans:
+    """What one grid gives."""
+
+    plans: list[tuple[NodePath, Evaluated]]
+    """Different plans whose lines are all possible, the best on the nodes first; none where none was found."""
+    bound: float | None
+    """No plan on the nodes is faster, with their own line times [s]; None where a stop has no node."""
+    lacking: tuple[int, ...] = ()
+    """Stages for which no nodes were found, where that is why there is no plan."""
+
+
+def plans_on_nodes(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    mesh: Mesh,
+    plans: int,
+    near: Evaluated | None = None,
+    loose: BoolArray | None = None,
+) -> NodePlans:
+    """Returns the beam's plans on a grid of nodes, and the grid's bound.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        mesh: how finely nodes are set.
+        plans: how many plans at most.
+        near: a plan around which the platform angles lie, if the mesh has them around one.
+        loose: the stages that are looked at, shape (n,); in all others that plan's own postures are the only nodes. All
+            by default.
+    """
+    if mesh.around and near is not None:
+        angles = angles_near(problem, near.decisions, mesh)
+    else:
+        angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
+
+    def nodes(a: int, k: int) -> Nodes:
+        if near is not None and loose is not None and not loose[k]:
+            return _own_node(problem, a, k, angles[k], near)
+        grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
+        return free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
+
+    def of_stages(a: int) -> Iterator[Nodes | None]:
+        for k, stop in enumerate(problem.arms[a].stops):
+            partner = nodes(1 - a, k) if stop is not None and k in problem.together else None
+            yield None if stop is None else taking_turns(nodes(a, k), partner)
+
+    arms = tuple(arm_layers(problem, a, angles, of_stages(a)) for a in range(len(problem.arms)))
+    own: set[int] = set()
+    bound: float | None = None
+    for _ in range(BANS):
+        lacking = stages_without_angle(arms, angles.shape[1])
+        if own.intersection(lacking):
+            return NodePlans([], bound, tuple(lacking))
+        refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes)
+        if refined is None:
+            return NodePlans([], bound, tuple(lacking))
+        own.update(lacking)
+        if bound is None or lacking:
+            arms = with_potentials(problem, refined, angles.shape[1])
+            bound = max(arm.bound for arm in arms)
+        paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
+        found = []
+        for path in paths:
+            yawed = replace(path, decisions=with_yaws(problem, tables, path.decisions))
+            found.append((yawed, evaluate(problem, tables, yawed.decisions)))
+        possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
+        if possible or not found:
+            return NodePlans(possible, bound)
+        arms = tuple(_without(arm, a, *found[0]) for a, arm in enumerate(arms))
+    return NodePlans([], bound)
+
+
+def _own_node(
+    problem: SequenceProblem, a: int, k: int, angles: FloatArray, plan: Evaluated
+) -> Nodes:
+    """Returns the one node of a stop that a plan takes."""
+    work, found, row = problem.arms[a], plan.arms[a], np.array([k])
+    stop = work.stops[k]
+    assert stop is not None  # callers ask for active stages only
+    return Nodes(
+        np.array([np.argmin(np.abs(angles - plan.decisions.angle[k]))]),
+        plan.decisions.arms[a].take(row),
+        found.q_approach[row],
+        found.q_retract[row],
+        found.work[row],
+        stop.free_yaw and yaw_turns_last_joint(work),
+    )
+
+
+def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:
+    """Returns platform angles around the start, which is one of them, shape (f,).
+
+    Args:
+        problem: the sequence.
+        step: their spacing [rad].
+    """
+    if not problem.turns:
+        return np.zeros(1)
+    here = float(problem.platform_start[0])
+    low, high = problem.platform_range
+    low, high = max(low, here - np.pi), min(high, here + np.pi)
+    below, above = int((here - low) / step + 1e-9), int((high - here) / step + 1e-9)
+    return here + step * np.arange(-below, above + 1, dtype=np.float64)
+
+
+def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatArray:
+    """Returns platform angles around those of a plan, which are among them, shape (n, f)."""
+    if not problem.turns:
+        return np.zeros((problem.stages, 1))
+    steps = mesh.angle_step * np.arange(-mesh.around, mesh.around + 1)
+    return np.clip(plan.angle[:, None] + steps, *problem.platform_range)
+
+
+def _without(arm: ArmLayers, a: int, path: NodePath, plan: Evaluated) -> ArmLayers:
+    """Returns an arm's layers without the nodes of a plan whose lines are impossible."""
+    layers = list(arm.layers)
+    for k in arm.chain.active:
+        layer = layers[k]
+        if layer is not None and not plan.arms[a].possible[k]:
+            work = layer.work.copy()
+            work[path.nodes[a, k]] = np.inf
+            layers[k] = replace(layer, work=work)
+    return replace(arm, layers=layers)

@@ -1,0 +1,430 @@
+"""Stages of whose nodes the arms share no platform angle: they get angles and nodes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
+from dualarm_cli.postures.platform_reach import reachable_cells
+from dualarm_cli.stages.search.nodes import (
+    Grid,
+    Nodes,
+    grid_nodes,
+    middle_of_ranges,
+    thinned,
+    yaw_turns_last_joint,
+)
+from dualarm_cli.stages.search.postures import postures
+from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
+from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+
+SCAN_STEP = np.radians(1.0)
+"""Spacing of the platform angles that are looked at, besides those within the arm's reach [rad]."""
+WITHIN_REACH = 65
+"""Platform angles that are looked at along each arc from which a stop is within reach."""
+HALVINGS = 40
+"""How often the bracket about an end of an interval is halved: to 1e-12 of it."""
+FREE_YAWS = 8
+"""Yaws that are looked at where any will do."""
+SHARES = np.array([0.1, 0.5, 0.9])
+"""Where in an interval of arm angles nodes are set."""
+INSET = 0.05
+"""How far from the end of such an interval lines end, as a share of it."""
+ARM_ANGLES = 24
+"""Arm angles around the circle for lines to given configurations."""
+CANDIDATES = 12_000
+"""Most nodes whose lines are looked at."""
+
+Interval = tuple[float, float]
+
+
+def shared_intervals(
+    problem: SequenceProblem, tables: Sequence[StopTable], stage: int, around: Interval
+) -> list[Interval]:
+    """Returns the platform angles from which all arms reach their stops of a stage with all joints within limits.
+
+    Exact over the arm angle, and over the reach; where limits decide, every interval that is wider than SCAN_STEP is
+    found, and its ends are exact. So is what two arms share, however narrow that is.
+
+    Args:
+        problem: the sequence; its platform turns.
+        tables: the arms' stops.
+        stage: its number.
+        around: lowest and highest platform angle [rad].
+
+    Returns:
+        Lowest and highest angles, ascending [rad].
+    """
+    shared = [around]
+    for a, work in enumerate(problem.arms):
+        if work.stops[stage] is None:
+            continue
+        own = _intervals(problem, a, tables[a], stage, around)
+        both = [(max(p[0], q[0]), min(p[1], q[1])) for p in shared for q in own]
+        shared = sorted((low, high) for low, high in both if low <= high)
+    return shared
+
+
+def spread(intervals: Sequence[Interval], count: int) -> FloatArray:
+    """Returns so many angles within intervals, or fewer, ascending [rad], shape (c,): evenly, but some of each."""
+    if not intervals:
+        return np.zeros(0)
+    widest = sorted(intervals, key=lambda one: one[0] - one[1])[:count]
+    width = np.array([high - low for low, high in widest])
+    spare = count - len(widest)
+    shares = width / max(float(width.sum()), 1e-12)
+    numbers = 1 + np.floor(spare * shares).astype(np.int64)
+    return np.sort(
+        np.concatenate(
+            [
+                low + (high - low) * (np.arange(n) + 0.5) / n
+                for (low, high), n in zip(widest, numbers.tolist(), strict=True)
+            ]
+        )
+    )
+
+
+def exact_nodes(
+    problem: SequenceProblem, a: int, table: StopTable, stage: int, angles: FloatArray, most: int
+) -> Nodes:
+    """Returns nodes of one arm at one stop, with arm angles in the intervals within limits and lines timed as plans'.
+
+    Args:
+        problem: the sequence.
+        a: index of the arm.
+        table: its stops.
+        stage: its number.
+        angles: platform angles [rad], shape (f,).
+        most: most nodes.
+    """
+    work = problem.arms[a]
+    stop = work.stops[stage]
+    assert stop is not None  # callers ask for active stages only
+    if stop.configurations is not None:
+        return grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, most))
+    yaws = _yaws(problem, a, stage)
+    f = np.repeat(np.arange(len(angles)), len(yaws))
+    yaw = np.tile(yaws, len(angles))
+    found = _intervals_of_arm_angles(problem, a, table, stage, angles[f], yaw)
+    first, last = found.start[:, 0], found.end[:, 0]
+    m, branch, k = (np.repeat(x, len(SHARES)) for x in np.nonzero(np.isfinite(first)))
+    share = np.tile(SHARES, len(m) // len(SHARES))
+    psi = first[m, branch, k] + (last - first)[m, branch, k] * share
+    psi_approach = _nearest(psi, found.start[m, 1, branch], found.end[m, 1, branch])
+    psi_retract = _nearest(psi, found.start[m, 2, branch], found.end[m, 2, branch])
+    rows = np.flatnonzero(np.isfinite(psi_approach) & np.isfinite(psi_retract))
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), CANDIDATES)).astype(np.int64)]
+    n = len(rows)
+    candidates = ArmDecisions(
+        np.zeros(n, dtype=np.int64),
+        yaw[m[rows]],
+        branch[rows].astype(np.int64),
+        psi[rows],
+        psi_approach[rows],
+        psi_retract[rows],
+        np.tile(middle_of_ranges(work), (n, 1)),
+    )
+    index = f[m[rows]]
+    made = postures(problem, a, table, np.full(n, stage), angles[index], candidates)
+    possible = np.flatnonzero(made.possible)
+    nodes = Nodes(
+        index[possible],
+        candidates.at(made.q_target).take(possible),
+        made.q_approach[possible],
+        made.q_retract[possible],
+        made.work[possible],
+        stop.free_yaw and yaw_turns_last_joint(work),
+    )
+    return thinned(nodes, most)
+
+
+def _yaws(problem: SequenceProblem, a: int, stage: int) -> FloatArray:
+    stop = problem.arms[a].stops[stage]
+    assert stop is not None
+    if stop.free_yaw:
+        return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
+    return stop.yaw
+
+
+def _poses(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    stage: int,
+    angles: FloatArray,
+    yaw: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Returns flange poses at target, approach and retract, (m, 1, 3, 3) and (m, 3, 3), of rows (m,)."""
+    work = problem.arms[a]
+    row = np.full(len(angles), table.first[stage])
+    R, p, z = flange_poses(
+        problem.platform, work, table, row, yaw, platform_positions(problem, angles)
+    )
+    depths = np.array([0.0, table.approach[stage], table.retract[stage]])
+    return R[:, None], p[:, None, :] - z[:, None, :] * depths[:, None]
+
+
+def _intervals_of_arm_angles(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    stage: int,
+    angles: FloatArray,
+    yaw: FloatArray,
+) -> ArmAngleIntervals:
+    """Returns arm angles within limits at target, approach and retract, arrays (m, 3, 8, k), of rows (m,)."""
+    R, points = _poses(problem, a, table, stage, angles, yaw)
+    return feasible_arm_angles(problem.arms[a].kinematics, R, points)
+
+
+def _intervals(
+    problem: SequenceProblem, a: int, table: StopTable, stage: int, around: Interval
+) -> list[Interval]:
+    """Returns the platform angles from which one arm reaches its stop [rad]."""
+    stop = problem.arms[a].stops[stage]
+    if stop is None or stop.configurations is not None:
+        # Given configurations turn with the platform: what holds at one angle holds at all.
+        return [around]
+    yaws = _yaws(problem, a, stage)
+
+    def feasible(angles: FloatArray) -> BoolArray:
+        yaw = np.tile(yaws, len(angles))
+        at = np.repeat(angles, len(yaws))
+        found = _intervals_of_arm_angles(problem, a, table, stage, at, yaw)
+        # On one branch all along the lines, at any yaw.
+        branches = np.all(found.count > 0, axis=1)
+        return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
+
+    angles = np.arange(around[0], around[1], SCAN_STEP)
+    arcs = _arcs(problem, a, table, stage, yaws, around)
+    angles = np.unique(np.concatenate([angles, [around[1]], *arcs]))
+    return _runs(angles, feasible)
+
+
+def _arcs(
+    problem: SequenceProblem,
+    a: int,
+    table: StopTable,
+    stage: int,
+    yaws: FloatArray,
+    around: Interval,
+) -> list[FloatArray]:
+    """Returns platform angles along the arcs from which all points of a stop are within an arm's reach [rad]."""
+    R, points = _poses(problem, a, table, stage, np.zeros(len(yaws)), yaws)
+    arm = problem.arms[a].kinematics
+    found = []
+    for wrists in arm.wrist_center(R, points):
+        arcs = [around]
+        for wrist in wrists:
+            cells = reachable_cells(arm, wrist, np.array(around))
+            own = zip(cells.low.tolist(), cells.high.tolist(), strict=True)
+            arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in own for p in arcs]
+        found += [np.linspace(*arc, WITHIN_REACH) for arc in arcs if arc[0] <= arc[1]]
+    return found
+
+
+def _runs(angles: FloatArray, feasible: Callable[[FloatArray], BoolArray]) -> list[Interval]:
+    """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
+    ok = feasible(angles)
+    if not ok.any():
+        return []
+    begins = np.flatnonzero(ok & ~np.append(False, ok[:-1]))
+    ends = np.flatnonzero(ok & ~np.append(ok[1:], False))
+    # Between an angle that is feasible and its neighbour that is not.
+    inner = np.concatenate([angles[begins], angles[ends]])
+    outer = np.concatenate(
+        [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
+    )
+    for _ in range(HALVINGS):
+        middle = 0.5 * (inner + outer)
+        within = feasible(middle)
+        inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
+    low, high = np.split(inner, 2)
+    return list(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def _nearest(psi: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Returns the arm angles within intervals (n, k) that are nearest to some (n,) [rad]; NaN where there are none."""
+    width = end - start
+    inset = INSET * width
+    along = np.mod(psi[:, None] - start, 2.0 * np.pi)
+    # From beyond the interval's end back to it, or on to its start.
+    back, on = width - inset - along, 2.0 * np.pi + inset - along
+    moved = np.where(np.abs(back) < on, back, on)
+    moved = np.where(along < inset, inset - along, moved)
+    moved = np.where((along >= inset) & (along <= width - inset), 0.0, moved)
+    moved = np.where(width >= 2.0 * np.pi, 0.0, moved)
+    size = np.where(np.isfinite(moved), np.abs(moved), np.inf)
+    best: IntArray = np.argmin(size, axis=1)
+    return psi + moved[np.arange(len(psi)), best]
+
+
+LOOKED_AT = 48
+"""Platform angles that are looked at in such a stage."""
+PAIRED = 8
+"""Nodes of each arm at each of them that are looked at together."""
+
+
+def stages_without_angle(arms: Sequence[ArmLayers], angles: int) -> list[int]:
+    """Returns the stages with no platform angle at which all arms that work in them have nodes left.
+
+    Args:
+        arms: layers of each arm.
+        angles: number of the grid's platform angles at a stage.
+    """
+    lacking = []
+    for k, layers in enumerate(zip(*(arm.layers for arm in arms), strict=True)):
+        shared = np.ones(angles, dtype=np.bool_)
+        for layer in layers:
+            if layer is not None:
+                index = layer.angle_index[np.isfinite(layer.work)]
+                shared &= np.bincount(index, minlength=angles) > 0
+        if not shared.any():
+            lacking.append(k)
+    return lacking
+
+
+def with_own_angles(
+    problem: SequenceProblem,
+    tables: Sequence[StopTable],
+    arms: Sequence[ArmLayers],
+    angles: FloatArray,
+    stages: Sequence[int],
+    most: int,
+) -> tuple[ArmLayers, ...] | None:
+    """Returns the arms' layers with some stages on platform angles of their own; None where a stage has none.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        arms: their layers.
+        angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
+        stages: their numbers.
+        most: most nodes of one stop.
+    """
+    layers = [list(arm.layers) for arm in arms]
+    for k in stages:
+        made = _own_nodes(problem, tables, k, angles.shape[1], most)
+        if made is None:
+            return None
+        angles[k], nodes = made
+        for a, (arm, own) in enumerate(zip(arms, nodes, strict=True)):
+            if own is not None:
+                partner = nodes[1 - a] if k in problem.together else None
+                layers[a][k] = layer_of(problem, arm.table, angles[k], taking_turns(own, partner))
+    return tuple(replace(arm, layers=own) for arm, own in zip(arms, layers, strict=True))
+
+
+def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:
+    """Returns nodes whose work counts the other arm's in a hand-over, which comes before or after: this at least.
+
+    Args:
+        nodes: of one arm.
+        partner: of the other one; None in other stages.
+    """
+    if partner is None or not len(nodes.work) or not len(partner.work):
+        return nodes
+    return replace(nodes, work=nodes.work + partner.work.min())
+
+
+def free_nodes(problem: SequenceProblem, a: int, k: int, angles: FloatArray, nodes: Nodes) -> Nodes:
+    """Returns the nodes at which the arm keeps clear of itself and of what stands still.
+
+    Args:
+        problem: the sequence.
+        a: index of the arm.
+        k: number of the stage.
+        angles: its platform angles [rad], shape (f,).
+        nodes: the arm's nodes there.
+    """
+    test = problem.clearance
+    if test is None or not len(nodes.work):
+        return nodes
+    free = np.ones(len(nodes.work), dtype=np.bool_)
+    before, after = int(test.before[k, a]), int(test.after[k, a])
+    places = [(nodes.decisions.near, int(test.at_targets[k, a])), (nodes.q_approach, before)]
+    if before != after or not np.array_equal(nodes.q_approach, nodes.q_retract):
+        places.append((nodes.q_retract, after))
+    for q, held in places:
+        rows = np.flatnonzero(free)
+        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows], held)
+    return nodes.take(np.flatnonzero(free))
+
+
+def _own_nodes(
+    problem: SequenceProblem, tables: Sequence[StopTable], k: int, count: int, most: int
+) -> tuple[FloatArray, list[Nodes | None]] | None:
+    """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
+    angles = np.zeros(1)
+    if problem.turns:
+        low, high = problem.platform_range
+        here = float(problem.platform_start[0])
+        around = max(low, here - np.pi), min(high, here + np.pi)
+        angles = spread(shared_intervals(problem, tables, k, around), max(LOOKED_AT, count))
+    if not len(angles):
+        return None
+    nodes = [
+        None
+        if work.stops[k] is None
+        else free_nodes(problem, a, k, angles, exact_nodes(problem, a, tables[a], k, angles, most))
+        for a, work in enumerate(problem.arms)
+    ]
+    working = [own for own in nodes if own is not None]
+    shared = np.logical_and.reduce(
+        [np.bincount(own.angle_index, minlength=len(angles)) > 0 for own in working]
+    )
+    if len(working) > 1:
+        apart = _apart(problem, k, angles, nodes, np.flatnonzero(shared))
+        shared = apart if apart.any() else shared
+    usable = np.flatnonzero(shared)
+    if not len(usable):
+        return None
+    chosen = usable[np.linspace(0, len(usable) - 1, min(count, len(usable))).round().astype(int)]
+    number = np.full(len(angles), -1)
+    number[chosen] = np.arange(len(chosen))
+    # Rows of the grid are all of one length: the last angle is repeated, without nodes.
+    padded = np.append(angles[chosen], np.full(count - len(chosen), angles[chosen[-1]]))
+    return padded, [None if own is None else _renumbered(own, number) for own in nodes]
+
+
+def _renumbered(nodes: Nodes, number: IntArray) -> Nodes:
+    """Returns the nodes at the platform angles that have a new number, with that."""
+    kept = nodes.take(np.flatnonzero(number[nodes.angle_index] >= 0))
+    return replace(kept, angle_index=number[kept.angle_index])
+
+
+def _apart(
+    problem: SequenceProblem,
+    k: int,
+    angles: FloatArray,
+    nodes: Sequence[Nodes | None],
+    shared: IntArray,
+) -> BoolArray:
+    """Returns the platform angles, among shared ones, at which some nodes of two arms keep clear of each other (f,)."""
+    free = np.zeros(len(angles), dtype=np.bool_)
+    test = problem.clearance
+    if test is None:
+        return free
+    one, other = nodes
+    assert one is not None  # callers ask for stages in which both work
+    assert other is not None
+    for f in shared.tolist():
+        rows = [np.flatnonzero(own.angle_index == f) for own in (one, other)]
+        some = [r[np.linspace(0, len(r) - 1, min(len(r), PAIRED)).astype(int)] for r in rows]
+        i, j = (x.ravel() for x in np.meshgrid(*some, indexing="ij"))
+        places = [(one.q_retract[i], other.q_retract[j], test.after[k])]
+        if test.handing[k]:
+            places.append((one.decisions.near[i], other.decisions.near[j], test.at_targets[k]))
+        clear = np.ones(len(i), dtype=np.bool_)
+        for q, r, held in places:
+            position = test.positions(np.full(len(i), angles[f]), [q, r])
+            margins = test.cell.cross_margins(position, np.tile(held, (len(i), 1)))
+            clear &= margins >= SLACK
+        free[f] = clear.any()
+    return free

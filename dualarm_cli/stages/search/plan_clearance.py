@@ -1,0 +1,144 @@
+"""Which stages of a plan keep clear: at their stops, on their moves, and on the return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.stages.search.clearance import SAMPLES, SequenceClearance
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
+
+MEETING = 0.4
+"""About how long one arm waits for the other where their moves meet [s]."""
+STOPS = 7
+"""Places that are looked at of every stop: two on each line, its target, and where the lines begin and end."""
+DETOUR, DEPTH = 0.1, 10.0
+"""About what it costs that an arm's move has to be bent: in any case [s], and for what it lacks [s/m]."""
+TURNS = 1.0
+"""About how long it waits where they cannot be at their targets at once [s]."""
+
+
+@dataclass(frozen=True)
+class PlanClearance:
+    """What keeps clear in a plan of n stages."""
+
+    stops: BoolArray
+    """Where approach, target and retract of each arm keep clear, and where retracts of both end, shape (n,)."""
+    moves: BoolArray
+    """Where the move into a stage, and last the return, is not barred, shape (n + 1,)."""
+    waits: FloatArray
+    """About what it costs that an arm's straight move touches something or the arms meet, by stage, and last in the
+    return [s], shape (n + 1,)."""
+
+    @property
+    def penalty(self) -> float:
+        """What is added to a plan's length [s]: infinite where it cannot be, else what waits and detours cost."""
+        if not (self.stops.all() and self.moves.all()):
+            return np.inf
+        return float(self.waits.sum())
+
+
+def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
+    """Returns what keeps clear in a plan; everything where nothing is asked for.
+
+    Arms at the same place of their lines are looked at together, as are arms that wait where they ended: where they
+    meet at the targets one goes after the other, but both are where their retracts end at last. Moves are taken
+    as straight in all joints.
+
+    Args:
+        problem: the sequence.
+        plan: joints of all stages.
+    """
+    n = problem.stages
+    test = problem.clearance
+    if test is None:
+        yes = np.ones(n + 1, dtype=np.bool_)
+        return PlanClearance(yes[:-1], yes, np.zeros(n + 1))
+    arrive, work, leave, lines = _joints(problem, test, plan)
+    before = np.concatenate([_start(problem, test, plan)[None], leave[:-1]])
+    if problem.free_start:
+        before[0] = arrive[0]
+    after = before[:1] if problem.returns else leave[-1:]
+    starts, ends = np.concatenate([before, leave[-1:]]), np.concatenate([arrive, after])
+    position = np.concatenate([*lines, work, arrive, leave, test.along(starts, ends)])
+    moving = np.repeat(np.concatenate([test.before, test.after[-1:]]), SAMPLES, axis=0)
+    on_lines = (*(test.coming,) * 2, *(test.leaving,) * 2, test.at_targets)
+    held = np.concatenate([*on_lines, test.before, test.after, moving])
+    cross = test.cell.cross_margins(position, held)
+    own = np.full(len(position), np.inf)
+    for a, arm in enumerate(problem.arms):
+        margin = test.cell.own_margins(a, position, held[:, a])
+        # An arm that stands still is where it is: it need not keep more than it must.
+        idle = np.array([stop is None for stop in arm.stops], dtype=np.bool_)
+        margin[: STOPS * n] += np.where(np.tile(idle, STOPS), SLACK, 0.0)
+        own = np.minimum(own, margin)
+    stops = STOPS * n
+    alone = (own[:stops] >= SLACK).reshape(STOPS, n)
+    both = (cross[:stops] >= SLACK).reshape(STOPS, n)
+    lacks = np.maximum(-own[stops:], 0.0).reshape(n + 1, SAMPLES).max(axis=1)
+    apart = np.all((cross[stops:] >= 0.0).reshape(n + 1, SAMPLES), axis=1)
+    known = np.zeros(n + 1)
+    for k in {bar.stage for bar in test.barred}:
+        [known[k]] = test.known_costs(k, starts[k, None], ends[k, None])
+    waits = move_waits(test.pace, lacks, apart)
+    waits = np.maximum(waits, np.where(np.isfinite(known), known, 0.0))
+    waits[:n] += np.where(both[:-1].all(axis=0), 0.0, test.pace * TURNS)
+    # In a hand-over neither can be there after the other.
+    together = both[-1] & (both.all(axis=0) | ~test.handing)
+    stops_clear = np.asarray(alone.all(axis=0) & together)
+    stops_clear[list(test.settled)] = True
+    return PlanClearance(stops_clear, np.isfinite(known), waits)
+
+
+def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
+    """Returns about what n straight moves cost for clearance [s], shape (n,).
+
+    Args:
+        pace: how much slower than at full speed everything moves.
+        lacks: what an arm lacks of clearance by itself, at most [m], shape (n,).
+        apart: where the arms keep clear of each other, shape (n,).
+    """
+    detours = np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
+    return pace * (detours + np.where(apart, 0.0, MEETING))
+
+
+def _start(problem: SequenceProblem, test: SequenceClearance, plan: Evaluated) -> FloatArray:
+    """Returns all joints before the first stage [rad]."""
+    joints = [
+        start_joints(problem, work, TransferChain.of(work), found)[None]
+        for work, found in zip(problem.arms, plan.arms, strict=True)
+    ]
+    angle = np.array([start_angle(problem, plan.decisions.angle)])
+    return test.positions(angle, joints)[0]
+
+
+def _joints(
+    problem: SequenceProblem, test: SequenceClearance, plan: Evaluated
+) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
+    """Returns all joints where moves end, at the targets, where retracts end and on the lines, (n, columns) each."""
+    n = problem.stages
+    at_end, at_target, after = [], [], []
+    on_lines: list[list[FloatArray | None]] = [[], [], [], []]
+    for work, found in zip(problem.arms, plan.arms, strict=True):
+        chain = TransferChain.of(work)
+        # An idle arm waits where it ended last.
+        last = np.where(np.isin(np.arange(n), chain.active), np.arange(n), chain.previous)
+        start = start_joints(problem, work, chain, found)
+        waits = np.where(last[:, None] >= 0, found.q_retract[last], start)
+        active = np.isin(np.arange(n), chain.active)[:, None]
+        at_end.append(np.where(active, found.q_approach, waits))
+        at_target.append(np.where(active, found.q_target, waits))
+        after.append(waits)
+        for k, place in enumerate(on_lines):
+            place.append(np.where(active, found.q_between[:, k], waits))
+    angle = plan.decisions.angle
+    return (
+        test.positions(angle, at_end),
+        test.positions(angle, at_target),
+        test.positions(angle, after),
+        [test.positions(angle, place) for place in on_lines],
+    )

@@ -1,0 +1,107 @@
+"""From a good plan to the nearest best one: linear steps and random ones, combined stage by stage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.stages.search.corridor import best_combination
+from dualarm_cli.stages.search.linear_steps import linear_step
+from dualarm_cli.stages.search.plan_clearance import plan_clearance
+from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import Evaluated, evaluate
+from dualarm_cli.stages.search.variables import Variables
+
+SCALES = np.array([0.25, 0.5, 1.0, 1.7])
+"""Shares of the linear step that every stage may take."""
+FIRST_RADIUS = 0.15
+"""How far a variable may move in the first round [rad]."""
+SHRINK = 0.85
+"""How the radius changes after a round that gained little."""
+LITTLE = 3e-4
+"""Share of the cycle time below which a round's gain is little."""
+SMALLEST_RADIUS = 2e-3
+"""Radius below which polishing ends [rad]."""
+
+
+def polish(
+    problem: SequenceProblem,
+    tables: tuple[StopTable, ...],
+    start: Evaluated,
+    rounds: int,
+    random_steps: int,
+    seed: int,
+    loose: BoolArray | None = None,
+) -> Evaluated:
+    """Returns a plan that is nowhere slower than the start, after some rounds.
+
+    Every round offers each stage shares of the linear step and some random steps; dynamic programming combines them.
+
+    Args:
+        problem: the sequence.
+        tables: the arms' stops.
+        start: a possible plan.
+        rounds: how many rounds at most.
+        random_steps: how many random steps are offered besides.
+        seed: of the random steps.
+        loose: stages in which something may change, shape (n,); all by default.
+    """
+    variables = Variables.of(problem, loose)
+    if not variables.count:
+        return start
+    random = np.random.default_rng(seed)
+    best, radius = start, FIRST_RADIUS
+    for k in range(rounds):
+        radii = np.full(problem.stages + 1, radius)
+        step = linear_step(problem, tables, variables, best, radii, k)
+        steps = np.vstack(
+            [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
+        )
+        moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
+        found = best_combination(problem, tables, best, moved)
+        if problem.returns:
+            # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
+            whole = [evaluate(problem, tables, plan) for plan in moved[: len(SCALES)]]
+            found = _best(problem, [found, *whole])
+        if best.total - found.total < LITTLE * best.total:
+            radius *= SHRINK
+        best = found
+        if radius < SMALLEST_RADIUS:
+            break
+    return best
+
+
+def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
+    """Returns the shortest plan, what does not keep clear counted in."""
+    if problem.clearance is None:
+        return min(plans, key=lambda plan: plan.total)
+    least, worth = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty
+    for plan in plans[1:]:
+        if plan.total < worth:
+            own = plan.total + plan_clearance(problem, plan).penalty
+            if own < worth:
+                least, worth = plan, own
+    return least
+
+
+def _within(problem: SequenceProblem, decisions: Decisions) -> Decisions:
+    """Returns decisions with the platform within its range."""
+    if not problem.turns:
+        return decisions
+    return Decisions(np.clip(decisions.angle, *problem.platform_range), decisions.arms)
+
+
+def _random_steps(
+    random: np.random.Generator, variables: Variables, radius: float, count: int
+) -> FloatArray:
+    """Returns steps of all variables, shape (count, v): normally distributed, many of them of one arm or none."""
+    steps = random.normal(scale=0.5 * radius, size=(count, variables.count))
+    for m in range(count):
+        which = m % (len(variables.arms) + 1)
+        for a, rows in enumerate(variables.arms):
+            if which not in (a, len(variables.arms)):
+                steps[m, rows[rows >= 0]] = 0.0
+        if which != len(variables.arms) and m % 2:
+            steps[m, variables.angle[variables.angle >= 0]] = 0.0
+    return steps

@@ -1,0 +1,266 @@
+"""What is left to do at least, from every node of either arm: dynamic programming with the other arm relaxed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.stages.search.nodes import Nodes
+from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem
+from dualarm_cli.stages.search.times import TransferChain
+from dualarm_cli.stages.search.transfer_table import ROWS, Coordinates, TransferTable
+
+LAST_JOINT = 6
+"""Column of the joint that free yaw turns."""
+PLATFORM = 7
+"""Column of the platform among an arm's coordinates."""
+
+Times = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One arm's nodes in one stage, ready to be compared."""
+
+    decisions: ArmDecisions
+    """What each node means, in single precision to save memory; in order of their platform angle."""
+    angle_index: IntArray
+    """Index of the platform angle within the grid's, ascending, shape (n,)."""
+    free_last: bool
+    """Whether the last joint is free: any yaw will do, and it turns that joint alone."""
+    approach: Coordinates
+    """Joints and platform where the approach starts, in steps, shape (c, n)."""
+    retract: Coordinates
+    """Joints and platform where the retract ends, in steps, shape (c, n)."""
+    work: Times
+    """Time of approach, dwell and retract [s], shape (n,)."""
+
+
+@dataclass(frozen=True)
+class ArmLayers:
+    """One arm over the whole sequence."""
+
+    table: TransferTable
+    """Times of its seven joints and of the platform."""
+    chain: TransferChain
+    """Its stops."""
+    layers: Sequence[Layer | None]
+    """By stage; None where it is idle."""
+    potential: Sequence[Times | None]
+    """Least time from the end of each node's retract to the end of all [s], by stage."""
+    passed: FloatArray
+    """Part of the potentials that each stage in which the arm is idle stands for [s], 0 elsewhere, shape (n,)."""
+    bound: float
+    """Least time of the whole sequence as this arm sees it [s]."""
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """One arm's transfers into one stage."""
+
+    times: Times
+    """Longer of arm and platform, and the stop's work [s], shape (n before, n)."""
+    angle_before: IntArray | None
+    """Index of the platform angle of each node before; None if another stage lies between."""
+    angle: IntArray
+    """Index of the platform angle of each node."""
+    relaxed: Times
+    """Least time for every pair of platform angles [s], shape (f, f), infinite for none."""
+
+
+def arm_layers(
+    problem: SequenceProblem, arm: int, angles: FloatArray, nodes: Iterable[Nodes | None]
+) -> ArmLayers:
+    """Returns an arm's layers; potentials are still to come.
+
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        angles: the grid's platform angles at each stage [rad], shape (n, f).
+        nodes: the arm's nodes by stage, in order of their platform angle; None where it is idle.
+    """
+    work = problem.arms[arm]
+    table = transfer_table(problem, work)
+    layers = [
+        None if own is None else layer_of(problem, table, here, own)
+        for here, own in zip(angles, nodes, strict=True)
+    ]
+    n = problem.stages
+    return ArmLayers(table, TransferChain.of(work), layers, [None] * n, np.zeros(n), 0.0)
+
+
+def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
+    """Returns the times of an arm's seven joints and of the platform, between any two postures."""
+    laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
+    if problem.platform_law is not None:
+        laws.append(problem.platform_law)
+        low, high = problem.platform_range
+        lower, upper = np.append(lower, low), np.append(upper, high)
+    return TransferTable.of(laws, lower, upper)
+
+
+def with_potentials(
+    problem: SequenceProblem, arms: Sequence[ArmLayers], angles: int
+) -> tuple[ArmLayers, ...]:
+    """Returns the arms' layers with their potentials, by backward dynamic programming over the stages.
+
+    A stage lasts at least max(platform, own transfer) + own work, and at least what the other arm needs for the same
+    two platform angles with whatever nodes suit it best. So a potential never exceeds what any plan on the nodes still
+    needs, and the larger of both arms' at the start is a bound on all such plans (up to the table's resolution). Across
+    stages in which an arm is idle, its platform angle is left open.
+
+    Args:
+        problem: the sequence.
+        arms: its layers.
+        angles: number of the grid's platform angles at a stage.
+    """
+    n = problem.stages
+    potential: list[list[Times | None]] = [[None] * n for _ in arms]
+    value: list[Times | None] = [None] * len(arms)
+    # What the stages after an arm's last stop need, as the other arm sees them.
+    rest = [0.0] * len(arms)
+    passed = np.zeros((len(arms), n))
+    for k in range(n - 1, -1, -1):
+        edges = {
+            a: _edges(problem, a, arm, k, angles)
+            for a, arm in enumerate(arms)
+            if arm.layers[k] is not None
+        }
+        # What an arm that is idle here knows of this stage: the other one's least time.
+        for a, arm in enumerate(arms):
+            if a in edges:
+                layer = arm.layers[k]
+                assert layer is not None
+                left = value[a]
+                if left is None:
+                    left = _return_times(problem, a, arm, layer, k) + np.float32(rest[a])
+                potential[a][k] = left
+                value[a] = _least(edges[a], left, [e.relaxed for b, e in edges.items() if b != a])
+                continue
+            least = min(float(e.times.min()) for e in edges.values())
+            passed[a, k] = least
+            now = value[a]
+            if now is None:
+                rest[a] += least
+            else:
+                value[a] = now + np.float32(least)
+    bounds = [0.0 if v is None else float(v.min()) for v in value]
+    return tuple(
+        replace(arm, potential=potential[a], passed=passed[a], bound=bounds[a])
+        for a, arm in enumerate(arms)
+    )
+
+
+def platform_columns(problem: SequenceProblem) -> tuple[int, ...]:
+    """Returns the coordinate of the platform, if it is one."""
+    return (PLATFORM,) if problem.turns else ()
+
+
+def start_coordinates(problem: SequenceProblem, arm: int, table: TransferTable) -> Coordinates:
+    """Returns an arm's start in steps, shape (c, 1)."""
+    q = problem.arms[arm].start[None]
+    if problem.turns:
+        q = np.column_stack([q, problem.platform_start[None]])
+    return table.coordinates(q)
+
+
+def free_columns(*layers: Layer | None) -> tuple[int, ...]:
+    """Returns the coordinates that do not count between layers: the last joint where yaw is free."""
+    free = any(layer is not None and layer.free_last for layer in layers)
+    return (LAST_JOINT,) if free else ()
+
+
+def layer_of(
+    problem: SequenceProblem, table: TransferTable, angles: FloatArray, nodes: Nodes
+) -> Layer:
+    """Returns one arm's nodes in one stage, ready to be compared.
+
+    Args:
+        problem: the sequence.
+        table: times of the arm's joints and of the platform.
+        angles: the grid's platform angles at this stage [rad], shape (f,).
+        nodes: the nodes, in order of their platform angle.
+    """
+
+    def steps(q: FloatArray) -> Coordinates:
+        if problem.turns:
+            q = np.column_stack([q, angles[nodes.angle_index]])
+        return table.coordinates(q)
+
+    return Layer(
+        nodes.decisions.compact(),
+        nodes.angle_index,
+        nodes.free_last,
+        steps(nodes.q_approach),
+        steps(nodes.q_retract),
+        nodes.work.astype(np.float32),
+    )
+
+
+def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int) -> _Edges:
+    """Returns one arm's transfers into stage k, in which it works."""
+    layer, came = arm.layers[k], int(arm.chain.previous[k])
+    assert layer is not None
+    before = arm.layers[came] if came >= 0 else None
+    angle = layer.angle_index
+    if came < 0 and k == 0 and problem.free_start:
+        return _Edges(
+            layer.work[None], None, angle, _by_angles(layer.work[None], None, angle, angles)
+        )
+    adjacent = came == k - 1
+    without = (*free_columns(layer, before), *(() if adjacent else platform_columns(problem)))
+    start = start_coordinates(problem, a, arm.table) if before is None else before.retract
+    times = arm.table.times(start, layer.approach, without)
+    times += layer.work
+    angle_before = None
+    if adjacent:
+        # There is but one angle at the start: by any number.
+        angle_before = np.zeros(1, dtype=np.int64) if before is None else before.angle_index
+    return _Edges(times, angle_before, angle, _by_angles(times, angle_before, angle, angles))
+
+
+def _by_angles(times: Times, angle_before: IntArray | None, angle: IntArray, angles: int) -> Times:
+    """Returns the least time of every pair of platform angles, shape (f, f); nodes are in their order."""
+    columns, first = np.unique(angle, return_index=True)
+    least = np.minimum.reduceat(times, first, axis=1)
+    table = np.full((angles, angles), np.inf, dtype=np.float32)
+    if angle_before is None:
+        table[:, columns] = least.min(axis=0)
+        return table
+    rows, first = np.unique(angle_before, return_index=True)
+    table[np.ix_(rows, columns)] = np.minimum.reduceat(least, first, axis=0)
+    return table
+
+
+def _least(edges: _Edges, left: Times, others: Sequence[Times]) -> Times:
+    """Returns the least time from every node before, the other arm's included, shape (n before,)."""
+    least = np.empty(len(edges.times), dtype=np.float32)
+    floor = None
+    for other in others:
+        floor = other if edges.angle_before is not None else other.min(axis=0, keepdims=True)
+        floor = floor[:, edges.angle]
+    for k in range(0, len(least), ROWS):
+        times = edges.times[k : k + ROWS]
+        if floor is not None:
+            rows = edges.angle_before
+            times = np.maximum(times, floor if rows is None else floor[rows[k : k + ROWS]])
+        least[k : k + ROWS] = (times + left).min(axis=1)
+    return least
+
+
+def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer, k: int) -> Times:
+    """Returns how long the return takes from every node of an arm's last stop [s], 0 where there is none.
+
+    The platform counts only where the stop is in the last stage k: else it turns on with the other arm.
+    """
+    if not problem.returns or problem.free_start:
+        return np.zeros(len(layer.work), dtype=np.float32)
+    goal = start_coordinates(problem, a, arm.table)
+    without = free_columns(layer)
+    if k < problem.stages - 1:
+        without = (*without, *platform_columns(problem))
+    return arm.table.times(layer.retract, goal, without)[:, 0]

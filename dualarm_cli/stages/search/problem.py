@@ -1,0 +1,181 @@
+"""A job's stages as numbers: what the search over the whole sequence is asked and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.kinematics.platform_chain import PlatformChain
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.stages.search.clearance import SequenceClearance
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+@dataclass(frozen=True)
+class StopTarget:
+    """Where one arm's tool has to stop, and what it does there."""
+
+    R_world_tool: FloatArray
+    """Rotation of the tool centre point in the world, shape (3, 3); ignored for configurations."""
+    p_world_tool: FloatArray
+    """Position of the tool centre point in the world [m], shape (3,); ignored for configurations."""
+    configurations: FloatArray | None
+    """Joint configurations that are the targets instead [rad], shape (m, 7), or None."""
+    yaw: FloatArray
+    """Turns about the tool's z axis that are allowed [rad], shape (y,); samples of all where free."""
+    free_yaw: bool
+    """Whether any turn about the tool's z axis will do."""
+    approach: float
+    """Length of the straight line to the target, along the tool's z axis [m]."""
+    retract: float
+    """Length of the straight line away from it [m]."""
+    dwell: float
+    """How long the tool stands still at the target [s]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("R_world_tool", "p_world_tool", "yaw"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class ArmWork:
+    """One arm and its stops, stage by stage."""
+
+    name: str
+    """Name of the arm."""
+    kinematics: SrsArm
+    """Closed-form kinematics in the frame that carries the arms."""
+    limits: JointLimits
+    """Of its seven joints."""
+    law: RestToRest
+    """Rest-to-rest times of its seven joints."""
+    R_tool_flange: FloatArray
+    """Rotation of the flange in the tool frame, shape (3, 3)."""
+    p_tool_flange: FloatArray
+    """Position of the flange in the tool frame [m], shape (3,)."""
+    stops: tuple[StopTarget | None, ...]
+    """Its target in each stage; None where it has nothing to do and stands still."""
+    start: FloatArray
+    """Joints before the first stage [rad], shape (7,); not used where the start is free."""
+
+
+@dataclass(frozen=True)
+class SequenceProblem:
+    """Stages in fixed order; the fastest rest-to-rest plan through all of them is asked for.
+
+    In a stage platform and arms leave together; an arm's approach begins when its own transfer and the platform's are
+    over; approach, dwell and retract follow; the stage ends when the last arm is done. In a hand-over all lines and
+    dwells of both arms follow one another, once both have arrived.
+    """
+
+    platform: PlatformChain
+    """Joints that carry the arms."""
+    platform_law: RestToRest | None
+    """Rest-to-rest time of the platform's joint; None where it cannot be turned (or there is none)."""
+    platform_range: tuple[float, float]
+    """Lowest and highest platform angle [rad]; not used where it cannot be turned."""
+    platform_start: FloatArray
+    """Platform joints before the first stage [rad], shape (k,), and always where it cannot be turned."""
+    arms: tuple[ArmWork, ...]
+    """One or two arms; every one has as many stops as there are stages."""
+    free_start: bool
+    """Whether the motion may begin anywhere: it then begins where the first transfer would end."""
+    returns: bool
+    """Whether the motion ends in its start, with a last transfer of platform and all arms."""
+    handing: tuple[bool, ...] = ()
+    """Which stages are hand-overs; empty for none."""
+    clearance: SequenceClearance | None = None
+    """What keeps clear; None where nothing is asked for."""
+
+    @property
+    def stages(self) -> int:
+        """Number of stages."""
+        return len(self.arms[0].stops)
+
+    @property
+    def together(self) -> IntArray:
+        """Numbers of the stages that are hand-overs."""
+        return np.flatnonzero(np.array(self.handing, dtype=np.bool_))
+
+    @property
+    def turns(self) -> bool:
+        """Whether there is a platform angle to choose."""
+        return self.platform_law is not None
+
+
+@dataclass(frozen=True)
+class ArmDecisions:
+    """What is decided for one arm; every array has a row per stage (n), idle stages' rows mean nothing.
+
+    The same noun carries many candidates of one stage: rows are then candidates.
+    """
+
+    target: IntArray
+    """Which configuration was taken; 0 for poses, shape (n,)."""
+    yaw: FloatArray
+    """Turn about the tool's z axis [rad], shape (n,)."""
+    branch: IntArray
+    """Branch of the inverse kinematics, shape (n,)."""
+    psi_target: FloatArray
+    """Arm angle at the target [rad], shape (n,)."""
+    psi_approach: FloatArray
+    """Arm angle where the approach starts [rad]; linear along the line, shape (n,)."""
+    psi_retract: FloatArray
+    """Arm angle where the retract ends [rad]; linear along the line, shape (n,)."""
+    near: FloatArray
+    """Joints whose whole turns those at the target are nearest to [rad], shape (n, 7)."""
+
+    @classmethod
+    def idle(cls, start: FloatArray, stages: int) -> ArmDecisions:
+        """Returns rows that mean nothing yet.
+
+        Args:
+            start: the arm's joints before the first stage [rad], shape (7,).
+            stages: how many rows.
+        """
+        number, angle = np.zeros(stages, dtype=np.int64), np.zeros(stages)
+        return cls(number, angle, number, angle, angle, angle, np.tile(start, (stages, 1)))
+
+    def take(self, rows: IntArray | slice) -> ArmDecisions:
+        """Returns some rows, in the order of the index."""
+        return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def at(self, q_target: FloatArray) -> ArmDecisions:
+        """Returns the same with whole turns of the joints as at given targets, shape (n, 7) [rad]."""
+        return replace(self, near=q_target)
+
+    def compact(self) -> ArmDecisions:
+        """Returns the same in half the memory, angles to 2e-7 rad."""
+        small = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int16}
+        values = (getattr(self, field.name) for field in fields(self))
+        return ArmDecisions(*(v.astype(small.get(v.dtype, v.dtype)) for v in values))
+
+    def put(self, rows: IntArray, other: ArmDecisions) -> ArmDecisions:
+        """Returns these decisions with some rows replaced by all of another's."""
+        merged = {}
+        for field in fields(self):
+            values = np.array(getattr(self, field.name))
+            values[rows] = getattr(other, field.name)
+            merged[field.name] = values
+        return replace(self, **merged)
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """A whole plan as numbers."""
+
+    angle: FloatArray
+    """Platform angle of each stage [rad], shape (n,); where it cannot be turned, zeros."""
+    arms: tuple[ArmDecisions, ...]
+    """By arm, in the problem's order."""
+
+    def put(self, rows: IntArray, other: Decisions) -> Decisions:
+        """Returns these decisions with some stages as another plan has them."""
+        angle = np.array(self.angle)
+        angle[rows] = other.angle[rows]
+        arms = zip(self.arms, other.arms, strict=True)
+        return Decisions(angle, tuple(mine.put(rows, theirs.take(rows)) for mine, theirs in arms))

@@ -1,0 +1,124 @@
+"""How long the stages of a decided sequence take, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+
+
+@dataclass(frozen=True)
+class TransferChain:
+    """Where one arm's transfers lead: from the end of one stop to the start of its next."""
+
+    active: IntArray
+    """Stages in which the arm works, shape (m,)."""
+    previous: IntArray
+    """For every stage the last one before it in which the arm worked, -1 for none, shape (n,)."""
+
+    @classmethod
+    def of(cls, arm: ArmWork) -> TransferChain:
+        """Returns an arm's chain of stops."""
+        working = np.array([stop is not None for stop in arm.stops], dtype=np.bool_)
+        last = np.maximum.accumulate(np.where(working, np.arange(len(working)), -1))
+        return cls(np.nonzero(working)[0], np.concatenate([[-1], last[:-1]]))
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A plan in joints and seconds."""
+
+    decisions: Decisions
+    """What was decided."""
+    arms: tuple[CandidatePostures, ...]
+    """Of every stage, by arm; idle stages' rows mean nothing."""
+    stages: FloatArray
+    """Length of each stage [s], infinite where it cannot be, shape (n,)."""
+    closing: float
+    """Length of the return [s]; 0 without one."""
+
+    @property
+    def total(self) -> float:
+        """The cycle time [s]."""
+        return float(self.stages.sum()) + self.closing
+
+
+def evaluate(
+    problem: SequenceProblem, tables: tuple[StopTable, ...], decisions: Decisions
+) -> Evaluated:
+    """Returns a plan's postures and closed-form times."""
+    n = problem.stages
+    rows = np.arange(n)
+    arms = tuple(
+        postures(problem, a, tables[a], rows, decisions.angle, decisions.arms[a])
+        for a in range(len(problem.arms))
+    )
+    stages, closing = stage_times(problem, decisions.angle, arms)
+    return Evaluated(decisions, arms, stages, closing)
+
+
+def stage_times(
+    problem: SequenceProblem, angle: FloatArray, arms: tuple[CandidatePostures, ...]
+) -> tuple[FloatArray, float]:
+    """Returns the length of every stage [s], shape (n,), and of the return.
+
+    Args:
+        problem: the sequence.
+        angle: platform angle of each stage [rad], shape (n,).
+        arms: postures of every stage, by arm.
+    """
+    before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
+    waiting = platform_times(problem, angle - before)
+    lengths, arrived, all_work = np.zeros((3, len(angle)))
+    closing = 0.0
+    if problem.returns:
+        closing = float(platform_times(problem, np.array([before[0] - angle[-1]]))[0])
+    for work, found in zip(problem.arms, arms, strict=True):
+        chain = TransferChain.of(work)
+        if not len(chain.active):
+            continue
+        start = start_joints(problem, work, chain, found)
+        k = chain.active
+        came = chain.previous[k]
+        q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
+        transfer = work.law.duration(found.q_approach[k] - q_from)
+        transfer = np.maximum(transfer, waiting[k])
+        lengths[k] = np.maximum(lengths[k], transfer + found.work[k])
+        arrived[k] = np.maximum(arrived[k], transfer)
+        all_work[k] += found.work[k]
+        if problem.returns:
+            back = float(work.law.duration(start - found.q_retract[k[-1]]))
+            closing = max(closing, back)
+    lengths[problem.together] = (arrived + all_work)[problem.together]
+    return lengths, closing
+
+
+def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
+    """Returns the platform angle before the first stage [rad]."""
+    if not problem.turns:
+        return 0.0
+    return float(angle[0] if problem.free_start else problem.platform_start[0])
+
+
+def start_joints(
+    problem: SequenceProblem, work: ArmWork, chain: TransferChain, found: CandidatePostures
+) -> FloatArray:
+    """Returns one arm's joints before the first stage [rad], shape (7,).
+
+    A free start is where the first stage's transfer ends; an arm that is idle then starts in its start posture.
+    """
+    if problem.free_start and len(chain.active) and chain.active[0] == 0:
+        return found.q_approach[0]
+    return work.start
+
+
+def platform_times(problem: SequenceProblem, moved: FloatArray) -> FloatArray:
+    """Returns the platform's times [s], shape (...), for displacements (...) [rad]."""
+    if problem.platform_law is None:
+        return np.zeros(np.shape(moved))
+    return problem.platform_law.duration(moved[..., None])

@@ -1,0 +1,119 @@
+"""The continuous decisions of a plan as one vector, and what joints and times do when it changes a little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.stops import StopTable
+
+DIFFERENCE = 1e-6
+"""Step of the finite differences [rad]: joints are smooth, and closed forms exact to 1e-14."""
+FIELDS = ("psi_target", "psi_approach", "psi_retract", "yaw")
+"""An arm's variables at a stop; moving the first carries the arm angles at the lines' ends along."""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Which variable stands where in the vector of all; -1 where something is not free."""
+
+    angle: IntArray
+    """Of each stage's platform angle, shape (n,)."""
+    arms: tuple[IntArray, ...]
+    """By arm: of each stage's FIELDS, shape (n, 4)."""
+    count: int
+    """How many there are."""
+
+    @classmethod
+    def of(cls, problem: SequenceProblem, loose: BoolArray | None = None) -> Variables:
+        """Numbers a problem's variables stage by stage.
+
+        Args:
+            problem: the sequence.
+            loose: stages in which something may change, shape (n,); all by default.
+        """
+        n, count = problem.stages, 0
+        angle = np.full(n, -1, dtype=np.int64)
+        arms = [np.full((n, len(FIELDS)), -1, dtype=np.int64) for _ in problem.arms]
+        for k in range(n) if loose is None else np.flatnonzero(loose).tolist():
+            if problem.turns:
+                angle[k], count = count, count + 1
+            for rows, work in zip(arms, problem.arms, strict=True):
+                stop = work.stops[k]
+                if stop is None:
+                    continue
+                free = (
+                    stop.configurations is None,
+                    stop.approach > 0,
+                    stop.retract > 0,
+                    stop.free_yaw and stop.configurations is None,
+                )
+                for column in np.flatnonzero(np.array(free)).tolist():
+                    rows[k, column], count = count, count + 1
+        return cls(angle, tuple(arms), count)
+
+    def moved(self, decisions: Decisions, step: FloatArray) -> Decisions:
+        """Returns decisions after a step of all variables [rad], shape (count,)."""
+        padded = np.append(step, 0.0)
+        arms = tuple(
+            shifted(arm, padded[rows]) for arm, rows in zip(decisions.arms, self.arms, strict=True)
+        )
+        return Decisions(decisions.angle + padded[self.angle], arms)
+
+
+def shifted(decisions: ArmDecisions, change: FloatArray) -> ArmDecisions:
+    """Returns candidates with their FIELDS changed by (n, 4) [rad]."""
+    return replace(
+        decisions,
+        psi_target=decisions.psi_target + change[:, 0],
+        psi_approach=decisions.psi_approach + change[:, 0] + change[:, 1],
+        psi_retract=decisions.psi_retract + change[:, 0] + change[:, 2],
+        yaw=decisions.yaw + change[:, 3],
+    )
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """First derivatives of one arm's stops by (platform angle, *FIELDS); every stage, v = 5 columns."""
+
+    q_approach: FloatArray
+    """Of the joints where the approach starts, shape (n, 7, v)."""
+    q_target: FloatArray
+    """Of the joints at the target, shape (n, 7, v)."""
+    q_retract: FloatArray
+    """Of the joints where the retract ends, shape (n, 7, v)."""
+    approach: FloatArray
+    """Of what each joint asks for on the approach [s/rad], shape (n, 7, v); 0 where a step leads out of reach."""
+    retract: FloatArray
+    """Of what each joint asks for on the retract [s/rad], shape (n, 7, v)."""
+
+
+def slopes(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    decisions: Decisions,
+    base: CandidatePostures,
+) -> Slopes:
+    """Returns derivatives by forward differences, all stages and variables in one batch."""
+    n, v = problem.stages, 1 + len(FIELDS)
+    stage = np.repeat(np.arange(n), v)
+    step = np.tile(DIFFERENCE * np.eye(v), (n, 1))
+    candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
+    found = postures(problem, arm, table, stage, decisions.angle[stage] + step[:, 0], candidates)
+
+    def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
+        return np.moveaxis(ahead.reshape(n, v, -1) - here[:, None], 1, 2) / DIFFERENCE
+
+    usable = (found.possible.reshape(n, v) & base.possible[:, None])[:, None, :]
+    return Slopes(
+        rate(found.q_approach, base.q_approach),
+        rate(found.q_target, base.q_target),
+        rate(found.q_retract, base.q_retract),
+        np.where(usable, rate(found.approach, base.approach), 0.0),
+        np.where(usable, rate(found.retract, base.retract), 0.0),
+    )

@@ -1,0 +1,289 @@
+"""The method `sequence`: everything together over the whole cycle, from every simpler method's plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.postures import StopPosture
+from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
+from dualarm_cli.stages.peers.grid import local_search
+from dualarm_cli.stages.peers.ipopt import nonlinear_program
+from dualarm_cli.stages.peers.repair import repaired
+from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.search import WHOLE, FoundSequence, evening, search, search_near
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import (
+    Evaluated,
+    TransferChain,
+    evaluate,
+    start_angle,
+    start_joints,
+)
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.stages import ArmStop, choose_stages_with, stop_problems
+
+
+def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
+    """Returns decided stages as numbers.
+
+    Args:
+        problem: the job's sequence.
+        model: the job's cell.
+        stages: of all its stages; a return at the end is left out.
+    """
+    n = problem.stages
+    angle = np.zeros(n)
+    if problem.turns:
+        column = model.platform_columns[0]
+        angle = np.array([plan.arrival[column] for plan in stages[:n]])
+    arms = []
+    for work in problem.arms:
+        decisions = ArmDecisions.idle(work.start, n)
+        for k, plan in enumerate(stages[:n]):
+            if work.name in plan.stops:
+                decisions = decisions.put(np.array([k]), _row(plan.stops[work.name].posture))
+        arms.append(decisions)
+    return Decisions(angle, tuple(arms))
+
+
+def _row(posture: StopPosture) -> ArmDecisions:
+    return ArmDecisions(
+        np.array([posture.target]),
+        np.array([posture.yaw]),
+        np.array([posture.branch]),
+        np.array([posture.psi_target]),
+        np.array([posture.psi_approach]),
+        np.array([posture.psi_retract]),
+        posture.q_target[None],
+    )
+
+
+def stage_plans(
+    model: CellModel, job: Job, problem: SequenceProblem, decisions: Decisions, solver: str
+) -> list[StagePlan]:
+    """Returns the stages of a decided sequence, the return last where there is one.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        problem: the same as numbers.
+        decisions: a possible plan.
+        solver: name of the method that made it.
+    """
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    found = evaluate(problem, tables, decisions)
+    position = _start(model, job, problem, found)
+    first = position
+    plans = []
+    for k, work in enumerate(job.stages()):
+        arrival = position.copy()
+        if problem.turns:
+            arrival[model.platform_columns] = decisions.angle[k]
+        turned, end = arrival.copy(), arrival.copy()
+        stops = {}
+        for a, arm in enumerate(problem.arms):
+            if arm.name not in work:
+                continue
+            task, stop = work[arm.name]
+            columns = model.arms[arm.name].columns
+            posture = _posture(found, a, k)
+            # Seen from the target itself: the lines' whole turns are counted from there.
+            turned[columns] = posture.q_target
+            seen = stop_problems(model, job, turned, {arm.name: work[arm.name]})[arm.name]
+            stops[arm.name] = ArmStop(arm.name, task, stop, seen, posture)
+            arrival[columns], end[columns] = posture.q_approach, posture.q_retract
+        length = float(found.stages[k])
+        plans.append(StagePlan(position, arrival, end, stops, solver, length))
+        position = end.copy()
+    if problem.returns:
+        plans.append(StagePlan(position, first, first, {}, "return", found.closing))
+    return plans
+
+
+def _start(model: CellModel, job: Job, problem: SequenceProblem, found: Evaluated) -> FloatArray:
+    """Returns all joints before the first stage [rad], shape (n,)."""
+    robot = job.cell.robot
+    position = np.array(robot.postures["home" if job.start == "free" else job.start])
+    if problem.turns:
+        position[model.platform_columns] = start_angle(problem, found.decisions.angle)
+    for work, postures in zip(problem.arms, found.arms, strict=True):
+        chain = TransferChain.of(work)
+        position[model.arms[work.name].columns] = start_joints(problem, work, chain, postures)
+    return position
+
+
+def _posture(found: Evaluated, arm: int, stage: int) -> StopPosture:
+    row, joints = found.decisions.arms[arm].take(np.array([stage])), found.arms[arm]
+    return StopPosture(
+        target=int(row.target[0]),
+        yaw=float(row.yaw[0]),
+        branch=int(row.branch[0]),
+        psi_target=float(row.psi_target[0]),
+        psi_approach=float(row.psi_approach[0]),
+        psi_retract=float(row.psi_retract[0]),
+        q_approach=joints.q_approach[stage],
+        q_target=joints.q_target[stage],
+        q_retract=joints.q_retract[stage],
+        cost=float(joints.work[stage]),
+    )
+
+
+ALIKE = 0.08
+"""A simpler method's plan that is estimated to be slower by less than this share is timed exactly as well: estimates of
+lines are a few percent off, and a third of a cycle is lines. In longer sequences what is wrong with single lines
+evens out."""
+REFINED = 0.08
+"""A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
+FEW_STAGES = 12
+"""Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
+SHORT = range(2, 5)
+"""With so many stages the search starts from local optima of the peers as well, which takes them tenths of a second:
+the fewer the stages, the less does the grid tell which of many local optima is best."""
+REFINED_MOVES = 0.03
+"""Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
+LONG = 50
+"""Orders of more stages than so many are planned from the plan that they were chosen by alone."""
+NEARLY_EXACT = "linearised"
+"""In long sequences the search does not start from this method's plan, which is nearly that of `exact`."""
+
+
+def solve_sequence(problem: MethodProblem) -> Decided:
+    """Returns the plan of the search over the whole sequence, and simpler ones that may turn out to be as fast.
+
+    The search starts from every greedy method's plan with unrefined postures; those that come near its result are
+    refined and compete with it when all are timed exactly.
+
+    Raises:
+        InfeasibleError: no method finds a plan; the reason of the first one.
+    """
+    model, job = problem.model, problem.job
+    numbers = sequence_problem(model, job, problem.holding, problem.barred)
+    nearby: list[list[StagePlan]] = []
+    # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
+    given = problem.start is not None and len(job.stages()) > LONG and problem.effort != "thorough"
+    if problem.blind:
+        # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
+        blind = decisions_of(numbers, model, list(problem.blind))
+        # The search knows no cap on the tools' speed: under one, what is good is left as it is.
+        near = search_near(
+            numbers,
+            blind,
+            problem.touching,
+            problem.effort,
+            problem.seed,
+            local=job.tool_speed is not None,
+        )
+        if near is not None:
+            nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
+        if nearby and problem.effort != "thorough":
+            return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
+    starts, failure = ({}, None) if given else _starts(problem)
+    decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
+    if problem.start is not None:
+        decided.append(problem.start)
+    if starts and len(job.stages()) in SHORT:
+        decided += _other_basins(problem, numbers)
+    found = search(numbers, decided, problem.effort, problem.seed)
+    if found is None and nearby:
+        return Decided(nearby[0])
+    if found is None:
+        raise failure or InfeasibleError("no plan was found on the grid of nodes")
+    stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
+    if found.hopeless:
+        return Decided(stages, hopeless=True)
+    alternatives = _rivals(problem, starts, found)
+    # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
+    gap = _grid_gap(found) if problem.holding is None else None
+    return Decided(stages, gap, (*nearby, *alternatives))
+
+
+def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
+    """Returns the simpler methods' plans."""
+    few = len(problem.job.stages()) <= FEW_STAGES
+    names = [*problem.simpler, *([MINIMUM_TIME] if few else [])]
+    plans = choose_stages_with(
+        problem.model, problem.job, names, problem.redundancy, holding=problem.holding
+    )
+    found: list[list[StagePlan]] = []
+    for plan in plans.values():
+        if isinstance(plan, InfeasibleError) or any(same_postures(plan, one) for one in found):
+            continue
+        found.append(plan)
+    return found
+
+
+def _starts(
+    problem: MethodProblem,
+) -> tuple[dict[str, list[StagePlan]], InfeasibleError | None]:
+    """Returns the simpler methods' plans with unrefined postures, and the first one's reason against it."""
+    starts: dict[str, list[StagePlan]] = {}
+    failure: InfeasibleError | None = None
+    long = len(problem.job.stages()) > WHOLE
+    names = [name for name in problem.simpler if not (long and name == NEARLY_EXACT)]
+    rough = choose_stages_with(
+        problem.model,
+        problem.job,
+        [*names, MINIMUM_TIME],
+        problem.redundancy,
+        refine=False,
+        holding=problem.holding,
+    )
+    for name, plan in rough.items():
+        if isinstance(plan, InfeasibleError):
+            failure = failure or plan
+        elif not any(same_postures(plan, other) for other in starts.values()):
+            starts[name] = plan
+    return starts, failure
+
+
+def _other_basins(problem: MethodProblem, numbers: SequenceProblem) -> list[Decisions]:
+    """Returns local optima that other methods find from simple plans."""
+    tables = tuple(StopTable.of(work) for work in numbers.arms)
+    methods = {"fixed": nonlinear_program, MINIMUM_TIME: local_search}
+    plans = choose_stages_with(
+        problem.model, problem.job, list(methods), problem.redundancy, holding=problem.holding
+    )
+    found = []
+    for name, plan in plans.items():
+        if isinstance(plan, InfeasibleError):
+            continue
+        start = repaired(numbers, tables, decisions_of(numbers, problem.model, plan))
+        if start is not None:
+            found.append(methods[name](numbers, tables, start, problem.effort).decisions)
+    return found
+
+
+def _grid_gap(found: FoundSequence) -> float | None:
+    if found.grid_total is None or found.grid_bound is None or found.grid_total <= 0.0:
+        return None
+    return max(0.0, 1.0 - found.grid_bound / found.grid_total)
+
+
+def _rivals(
+    problem: MethodProblem, starts: dict[str, list[StagePlan]], found: FoundSequence
+) -> tuple[list[StagePlan], ...]:
+    """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly."""
+    total = found.best.total
+    few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
+    capped = problem.job.tool_speed is not None
+    even = evening(len(problem.job.stages()))
+    worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)
+    if MINIMUM_TIME in worth:
+        worth[MINIMUM_TIME] = np.inf if few or capped else REFINED_MOVES * even
+    near = [name for name, rough in starts.items() if _length(rough) <= (1.0 + worth[name]) * total]
+    refined = choose_stages_with(
+        problem.model, problem.job, near, problem.redundancy, holding=problem.holding
+    )
+    plans = [plan for plan in refined.values() if not isinstance(plan, InfeasibleError)]
+    # What a cap on the tools' speed costs is not known before a plan is timed exactly.
+    return tuple(plan for plan in plans if capped or _length(plan) <= (1.0 + ALIKE * even) * total)
+
+
+def _length(plan: list[StagePlan]) -> float:
+    return sum(stage.duration for stage in plan)

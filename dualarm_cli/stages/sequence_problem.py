@@ -1,0 +1,148 @@
+"""From a job to the numbers that the search over its whole sequence works on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.postures.holding import Holding, stop_yaws
+from dualarm_cli.stages.search.clearance import Barred, SequenceClearance
+from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+
+def sequence_problem(
+    model: CellModel,
+    job: Job,
+    holding: Holding | None = None,
+    barred: tuple[Barred, ...] = (),
+) -> SequenceProblem:
+    """Returns a job's stages in their order, under its limits at its speed.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        holding: what has to keep clear; None where nothing has to.
+        barred: stages that turned out not to keep clear.
+    """
+    stages = job.stages()
+    stops = {
+        name: [
+            _target(work[name][1], None if holding is None else holding.yaws[k, name])
+            if name in work
+            else None
+            for k, work in enumerate(stages)
+        ]
+        for name in model.arms
+    }
+    handing = tuple(any(stop.action == "give" for _, stop in work.values()) for work in stages)
+    found = replace(_problem(model, job, stops), handing=handing)
+    if holding is None:
+        return found
+    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    return replace(found, clearance=_clearance(model, start, holding, barred))
+
+
+def stops_problem(
+    model: CellModel, job: Job, stops: Mapping[str, Sequence[Stop | None]]
+) -> SequenceProblem:
+    """Returns stops of one's choice as stages, for postures at them.
+
+    Args:
+        model: the job's cell.
+        job: for its limits and its start.
+        stops: each arm's stops, all of them as many.
+    """
+    targets = {
+        name: [None if stop is None else _target(stop, None) for stop in own]
+        for name, own in stops.items()
+    }
+    return _problem(model, job, targets)
+
+
+def _problem(
+    model: CellModel, job: Job, stops: Mapping[str, Sequence[StopTarget | None]]
+) -> SequenceProblem:
+    robot = job.cell.robot
+    limits = robot.limits.scaled(job.speed)
+    start = np.array(robot.postures["home" if job.start == "free" else job.start])
+    arms = tuple(
+        _arm_work(arm, limits.select(arm.arm.joints), tuple(stops[name]), start[arm.columns])
+        for name, arm in model.arms.items()
+    )
+    law, span = None, (0.0, 0.0)
+    if model.platform.is_turntable:
+        platform = limits.select(robot.platform)
+        law = _law(platform)
+        span = (float(platform.lower[0]), float(platform.upper[0]))
+    return SequenceProblem(
+        platform=model.platform,
+        platform_law=law,
+        platform_range=span,
+        platform_start=start[model.platform_columns],
+        arms=arms,
+        free_start=job.start == "free",
+        returns=job.returns,
+    )
+
+
+def _clearance(
+    model: CellModel, start: FloatArray, holding: Holding, barred: tuple[Barred, ...]
+) -> SequenceClearance:
+    return SequenceClearance(
+        holding.cell,
+        tuple(model.platform_columns),
+        start,
+        model.platform.is_turntable,
+        holding.before,
+        holding.after,
+        holding.handing,
+        barred,
+        holding.pace,
+    )
+
+
+def _law(limits: JointLimits) -> RestToRest:
+    return RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+
+
+def _arm_work(
+    arm: ArmModel, limits: JointLimits, stops: tuple[StopTarget | None, ...], start: np.ndarray
+) -> ArmWork:
+    T_tool_flange = arm.T_flange_tcp.inverse()
+    return ArmWork(
+        name=arm.arm.name,
+        kinematics=arm.closed_form,
+        limits=limits,
+        law=_law(limits),
+        R_tool_flange=T_tool_flange.rotation,
+        p_tool_flange=T_tool_flange.translation,
+        stops=stops,
+        start=start,
+    )
+
+
+def _target(stop: Stop, yaws: FloatArray | None) -> StopTarget:
+    target = stop.target
+    if isinstance(target, JointTarget):
+        R, p, free, configurations = np.eye(3), np.zeros(3), False, target.configurations
+    else:
+        assert isinstance(target, PoseTarget)  # seams are planned in sections of their own
+        R, p = target.pose.rotation, target.pose.translation
+        free, configurations = target.free_yaw, None
+    return StopTarget(
+        R_world_tool=R,
+        p_world_tool=p,
+        configurations=configurations,
+        yaw=stop_yaws(stop) if yaws is None else yaws,
+        free_yaw=free,
+        approach=stop.approach,
+        retract=stop.retract,
+        dwell=stop.dwell.total,
+    )

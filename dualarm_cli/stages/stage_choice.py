@@ -1,0 +1,361 @@
+"""One stage: postures at platform positions of one's choice, and the first position that will do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.errors import BlockedError, InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.srs.srs_arm import closed_form
+from dualarm_cli.model.job import Stop, Task
+from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
+from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops
+from dualarm_cli.postures.keep_clear import KeepClear, angles_looked_at, explain_touching
+from dualarm_cli.postures.reach import explain_reach, reachable_positions
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, stage_length
+from dualarm_cli.postures.stage_problems import Clock, stage_problems
+
+
+def platform_candidates(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem], solver: str
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yields the solver's platform positions in order of preference, each with the method's name.
+
+    No solver of the family has two elbows to balance, and the platform stays where it is, in a stage of joint
+    targets only (they turn with it), in a stage with one arm at work, and where it is not one revolute joint.
+
+    Args:
+        model: the cell.
+        position: all joints before the stage [rad], shape (n,).
+        stops: the arms' stops as seen with the platform where it is.
+        solver: name of the platform solver.
+    """
+    here = position[model.platform_columns]
+    in_world = sum(stop.configurations is None for stop in stops.values())
+    if not model.platform.is_turntable or len(stops) < 2 or not in_world or solver == "fixed":
+        yield "fixed", here
+        return
+    solution = PLATFORM_SOLVERS[solver].solve(stage_problem(model, position, stops))
+    limits = model.cell.robot.limits.select(model.platform.joints)
+    for angle in solution.preferred(0):
+        turns = 2.0 * np.pi * np.arange(-2, 3)
+        inside = [a for a in angle + turns if limits.lower[0] <= a <= limits.upper[0]]
+        if inside:
+            yield solver, np.array([min(inside, key=lambda a: abs(a - here[0]))])
+
+
+def stage_problem(
+    model: CellModel, position: FloatArray, stops: Mapping[str, StopProblem]
+) -> PlatformProblem:
+    """Returns the platform-angle problem of one stage with both arms at work.
+
+    The wrist centres are those of the transfer's end (the start of the approach), at the first yaw.
+    """
+    angle = float(position[model.platform_columns][0])
+    shoulder, upper, fore, wrist, elbow = [], [], [], [], []
+    for name, stop in stops.items():
+        arm = model.arms[name].closed_form
+        upper.append(arm.geometry.upper)
+        fore.append(arm.geometry.fore)
+        before = _wrist_before_approach(stop)
+        if stop.configurations is None:
+            shoulder.append(arm.geometry.shoulder)
+            wrist.append(in_axis_frame(before, angle))
+        else:
+            # Joint targets turn with the platform: as for a shoulder on the axis, no angle changes the elbow.
+            height = arm.geometry.shoulder[2]
+            reach = float(np.linalg.norm(before - arm.geometry.shoulder))
+            shoulder.append(np.array([0.0, 0.0, height]))
+            wrist.append(np.array([reach, 0.0, height]))
+        elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
+    points = np.array(shoulder)
+    return PlatformProblem.broadcast(
+        radius=np.hypot(points[:, 0], points[:, 1]),
+        offset=np.arctan2(points[:, 1], points[:, 0]),
+        height=points[:, 2],
+        upper=np.array(upper),
+        fore=np.array(fore),
+        wrist=np.array(wrist)[None],
+        angle_0=np.array([angle]),
+        elbow_0=np.array([elbow]),
+    )
+
+
+def _wrist_before_approach(stop: StopProblem) -> FloatArray:
+    """Returns the wrist centre at the start of the approach in the carried frame [m], (3,)."""
+    R_tool = stop.R_base_tool[0]
+    p_tool = stop.p_base_tool[0] - R_tool[:, 2] * stop.approach
+    wrist: FloatArray = closed_form(stop.arm).wrist_center(
+        R_tool @ stop.R_tool_flange, p_tool + R_tool @ stop.p_tool_flange
+    )
+    return wrist
+
+
+def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
+    """Returns a point of the carried frame in the platform's fixed axis frame."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = point
+    return np.array([c * x - s * y, s * x + c * y, z])
+
+
+MEET = (
+    "its posture and the other arm's are too near to each other, whichever of those tried they take"
+)
+"""Why there is none for two arms together."""
+REACH = "reach"
+"""What a stage's solver is called where none of its angles would do."""
+
+
+@dataclass(frozen=True)
+class OpenStage:
+    """One stage to be decided, for whatever comes before it."""
+
+    model: CellModel
+    clock: Clock
+    work: Mapping[str, tuple[Task, Stop]]
+    redundancy: str
+    refine: bool
+    keep: KeepClear | None = None
+
+    def from_position(
+        self, position: FloatArray, angles: FloatArray
+    ) -> list[dict[str, StopProblem]]:
+        """Returns the arms' stops with the platform at positions (m, k)."""
+        return stage_problems(
+            self.model, self.clock, position, angles, self.work, refine=self.refine, keep=self.keep
+        )
+
+    def at_start(self, position: FloatArray) -> dict[str, StopProblem]:
+        """Returns the arms' stops with the platform where it is."""
+        return self.from_position(position, position[self.model.platform_columns][None])[0]
+
+
+def choose_stage(
+    stage: OpenStage, positions: Mapping[str, FloatArray]
+) -> dict[str, StagePlan | InfeasibleError]:
+    """Returns by solver the stage at the first platform position at which every arm finds a posture.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage [rad], shape (n,), by platform solver.
+    """
+    tries = {name: places_to_try(stage, position, name) for name, position in positions.items()}
+    return {
+        name: plan if isinstance(plan, StagePlan) else explain(stage, positions[name], plan)
+        for name, plan in first_that_serve(stage, positions, tries).items()
+    }
+
+
+def first_that_serve(
+    stage: OpenStage,
+    positions: Mapping[str, FloatArray],
+    tries: Mapping[str, Iterator[tuple[str, FloatArray]]],
+) -> dict[str, StagePlan | Mapping[str, NoPosture]]:
+    """Returns by name the stage at the first place to try that serves, or the arms' reasons against its own last one.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage [rad], shape (n,), by name.
+        tries: platform positions in order, each with the name of what gave it, by name.
+    """
+    left = dict(tries)
+    reasons: dict[str, Mapping[str, NoPosture]] = {name: {} for name in left}
+    found: dict[str, StagePlan | Mapping[str, NoPosture]] = {}
+    while left:
+        asked = {name: next(places, None) for name, places in left.items()}
+        places = {name: one for name, one in asked.items() if one is not None}
+        made = try_places(stage, positions, places)
+        for name, one in asked.items():
+            if one is None:
+                found[name] = reasons[name]
+            elif isinstance(plan := made[name], StagePlan):
+                found[name] = plan
+            elif one[0] != REACH:
+                reasons[name] = plan
+        left = {name: places for name, places in left.items() if name not in found}
+    return found
+
+
+def places_to_try(
+    stage: OpenStage, position: FloatArray, platform: str
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yields platform positions to try, each with the name of what gave it."""
+    at_start = stage.at_start(position)
+    yield from platform_candidates(stage.model, position, at_start, platform)
+    for angles in reachable_positions(stage.model, position, at_start):
+        yield REACH, angles
+
+
+def try_places(
+    stage: OpenStage,
+    positions: Mapping[str, FloatArray],
+    places: Mapping[str, tuple[str, FloatArray]],
+) -> dict[str, StagePlan | dict[str, NoPosture]]:
+    """Returns by solver the stage at one platform position, or every arm's reason against it.
+
+    Args:
+        stage: what is to be done.
+        positions: all joints before the stage, by solver.
+        places: what gave the platform position, and the position, by solver.
+    """
+    keys = {
+        name: (positions[name].tobytes(), angles.tobytes()) for name, (_, angles) in places.items()
+    }
+    firsts = {key: name for name, key in reversed(keys.items())}
+    problems = {
+        key: stage.from_position(positions[name], places[name][1][None])[0]
+        for key, name in firsts.items()
+    }
+    each = [(key, arm) for key, stops in problems.items() for arm in stops]
+    answers = solve_stops(stage.redundancy, [problems[key][arm] for key, arm in each])
+    postures: dict[tuple[bytes, bytes], dict[str, StopPosture | NoPosture]] = {}
+    for (key, arm), answer in zip(each, answers, strict=True):
+        postures.setdefault(key, {})[arm] = answer
+    if stage.keep is not None:
+        for key, name in firsts.items():
+            angles = places[name][1]
+            postures[key] = made_apart(
+                stage, stage.keep, positions[name], angles, problems[key], postures[key]
+            )
+    return {
+        name: stage_plan(stage, positions[name], *places[name], problems[key], postures[key])
+        for name, key in keys.items()
+    }
+
+
+def made_apart(
+    stage: OpenStage,
+    keep: KeepClear,
+    position: FloatArray,
+    angles: FloatArray,
+    problems: Mapping[str, StopProblem],
+    postures: dict[str, StopPosture | NoPosture],
+) -> dict[str, StopPosture | NoPosture]:
+    """Returns postures of two arms that keep clear of each other: of one of them, another one where they do not.
+
+    Where nothing else is found, they need to only where their retracts end: one may wait for the other.
+
+    Args:
+        stage: what is to be done.
+        keep: what has to keep clear.
+        position: all joints before the stage [rad], shape (n,).
+        angles: where the platform is then, shape (k,).
+        problems: the arms' stops there.
+        postures: each arm's best one there.
+    """
+    found = {arm: one for arm, one in postures.items() if isinstance(one, StopPosture)}
+    if len(found) < 2 or len(found) < len(postures):
+        return postures
+    if keep.apart(position, angles, found):
+        return postures
+    tries: list[dict[str, StopPosture | NoPosture]] = []
+    for kept, other in (tuple(found), tuple(found)[::-1]):
+        test = keep.test(other, position, angles, stage.work, {kept: found[kept]})
+        [answer] = solve_stops(stage.redundancy, [replace(problems[other], clear=test)])
+        if isinstance(answer, StopPosture):
+            tries.append({kept: found[kept], other: answer})
+    if not tries and keep.apart(position, angles, found, keep.at_once):
+        return postures
+    if not tries:
+        return dict.fromkeys(postures, NoPosture(MEET))
+    return min(
+        tries, key=lambda pair: max(p.cost for p in pair.values() if isinstance(p, StopPosture))
+    )
+
+
+def stage_plan(
+    stage: OpenStage,
+    position: FloatArray,
+    solver: str,
+    angles: FloatArray,
+    problems: Mapping[str, StopProblem],
+    postures: Mapping[str, StopPosture | NoPosture],
+) -> StagePlan | dict[str, NoPosture]:
+    """Returns the stage from its postures, or the reasons against it."""
+    reasons = {arm: one for arm, one in postures.items() if isinstance(one, NoPosture)}
+    if reasons:
+        return reasons
+    turned = np.array(position)
+    turned[stage.model.platform_columns] = angles
+    arrival, end = turned.copy(), turned.copy()
+    stops: dict[str, ArmStop] = {}
+    there: dict[str, float] = {}
+    work: dict[str, tuple[Stop, float]] = {}
+    for arm, posture in postures.items():
+        if isinstance(posture, NoPosture):
+            continue
+        task, stop = stage.work[arm]
+        stops[arm] = ArmStop(arm, task, stop, problems[arm], posture)
+        columns = stage.model.arms[arm].columns
+        arrival[columns], end[columns] = posture.q_approach, posture.q_retract
+        own = problems[arm].transfer_time(posture.q_approach - problems[arm].start)
+        there[arm] = max(float(own), problems[arm].waiting)
+        work[arm] = stop, posture.cost - there[arm]
+    return StagePlan(np.array(position), arrival, end, stops, solver, stage_length(there, work))
+
+
+def explain_clearance(
+    stage: OpenStage, keep: KeepClear, position: FloatArray
+) -> tuple[dict[str, str], bool]:
+    """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it.
+
+    And whether that is so at all platform angles.
+    """
+    angles = angles_looked_at(stage.model, position)
+    problems = stage.from_position(position, angles)
+    faults = {
+        arm: explain_touching(keep, arm, position, angles, [stops[arm] for stops in problems])
+        for arm in stage.work
+    }
+    found = {arm: fault for arm, fault in faults.items() if fault is not None}
+    together = "and the other arm's" if len(stage.work) > 1 else "along its lines"
+    if found:
+        return found, True
+    reason = f"postures that keep clear were found for single places, but none for this stop {together} together"
+    return dict.fromkeys(stage.work, reason), False
+
+
+def explain(
+    stage: OpenStage, position: FloatArray, reasons: Mapping[str, NoPosture]
+) -> InfeasibleError:
+    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault.
+
+    Where it is reached and lacks clearance, a BlockedError with the stage: in another order that may be different.
+    """
+    model = stage.model
+    stops = stage.at_start(position)
+    misses = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
+    faults = {name: fault for name, fault in misses.items() if fault is not None}
+    everywhere = bool(faults)
+    keep = None if faults else stage.keep
+    if keep is not None:
+        faults, everywhere = explain_clearance(stage, keep, position)
+    if not faults:
+        faults = {name: reason.reason for name, reason in reasons.items()}
+        if model.platform.is_turntable and len(stage.work) > 1:
+            faults = dict.fromkeys(
+                stage.work, "reached, but at no platform angle that suits both arms"
+            )
+    lines = []
+    for name, fault in faults.items():
+        task, stop = stage.work[name]
+        lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
+    if not model.platform.joints:
+        where = "no posture"
+    elif model.platform.is_turntable and everywhere:
+        where = "no posture at any platform angle"
+    elif model.platform.is_turntable:
+        where = "no posture at the platform angles that this method tries"
+    else:
+        where = (
+            "no posture with the platform held where it starts (this version turns one joint only)"
+        )
+    message = where + " makes this stage:\n  " + "\n  ".join(lines)
+    if keep is not None:
+        never = tuple((name, stage.work[name][0].id) for name in faults) if everywhere else ()
+        return BlockedError(message, (keep.stage,), alone=everywhere, never=never)
+    return InfeasibleError(message)

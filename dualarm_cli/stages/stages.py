@@ -1,0 +1,135 @@
+"""Decisions, stage by stage: platform angle by its solver, then one posture per arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.postures.keep_clear import KeepClear
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, stage_length
+from dualarm_cli.postures.stage_problems import Clock, stop_problems
+from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
+from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
+
+__all__ = [
+    "ArmStop",
+    "StagePlan",
+    "choose_stages",
+    "choose_stages_with",
+    "stop_problems",
+]
+
+
+def choose_stages(
+    model: CellModel,
+    job: Job,
+    platform: str,
+    redundancy: str,
+    *,
+    refine: bool = True,
+    count: int | None = None,
+    holding: Holding | None = None,
+) -> list[StagePlan]:
+    """Returns the stages of a job, decided greedily in their order.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        platform: name of the platform solver, or `minimum_time`.
+        redundancy: name of the redundancy solver.
+        refine: whether postures are refined; without it stages are decided faster, to compare.
+        count: how many stages are decided; all of them by default.
+        holding: what has to keep clear; None where nothing has to.
+
+    Raises:
+        InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
+    """
+    plans = choose_stages_with(
+        model, job, [platform], redundancy, refine=refine, count=count, holding=holding
+    )
+    found = plans[platform]
+    if isinstance(found, InfeasibleError):
+        raise found
+    return found
+
+
+def choose_stages_with(
+    model: CellModel,
+    job: Job,
+    platforms: Sequence[str],
+    redundancy: str,
+    *,
+    refine: bool = True,
+    count: int | None = None,
+    holding: Holding | None = None,
+) -> dict[str, list[StagePlan] | InfeasibleError]:
+    """Returns the stages of a job as several platform solvers decide them, each for itself, or why one cannot.
+
+    Stage by stage all of them together, so that postures from every solver's positions are computed at once.
+
+    Args:
+        model: the job's cell.
+        job: what is to be done.
+        platforms: names of the platform solvers; `minimum_time` may be among them.
+        redundancy: name of the redundancy solver.
+        refine: whether postures are refined.
+        count: how many stages are decided; all of them by default.
+        holding: what has to keep clear; None where nothing has to.
+    """
+    clock = Clock.of(model, job)
+    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
+    failures: dict[str, InfeasibleError] = {}
+    for k, work in enumerate(job.stages()[:count]):
+        keep = None if holding is None else KeepClear(model, holding, k)
+        stage = OpenStage(model, clock, work, redundancy, refine, keep)
+        positions = {
+            name: np.array(found[-1].end) if found else home
+            for name, found in plans.items()
+            if name not in failures
+        }
+        greedy = {name: one for name, one in positions.items() if name != MINIMUM_TIME}
+        made = choose_stage(stage, greedy)
+        if MINIMUM_TIME in positions:
+            made[MINIMUM_TIME] = choose_quickest(stage, positions[MINIMUM_TIME])
+        for name, plan in made.items():
+            if isinstance(plan, InfeasibleError):
+                failures[name] = plan
+            elif not plans[name] and job.start == "free":
+                plans[name].append(_starting_there(plan))
+            else:
+                plans[name].append(plan)
+    for found in plans.values():
+        if job.returns and found:
+            found.append(_return(model, clock, found))
+    return {name: failures.get(name, plans[name]) for name in platforms}
+
+
+def _starting_there(plan: StagePlan) -> StagePlan:
+    """Returns a stage that begins where its transfer would have ended, and takes no time for it."""
+    work = {}
+    for name, one in plan.stops.items():
+        own = one.problem.transfer_time(one.posture.q_approach - one.problem.start)
+        work[name] = one.stop, one.posture.cost - max(float(own), one.problem.waiting)
+    length = stage_length(dict.fromkeys(work, 0.0), work)
+    return replace(plan, start=plan.arrival, duration=length)
+
+
+def _return(model: CellModel, clock: Clock, plans: Sequence[StagePlan]) -> StagePlan:
+    """Returns the last transfer, back to where the first one began."""
+    position, first = plans[-1].end, plans[0].start
+    moved = first - position
+    longest = max(
+        float(clock.platform_times(moved[model.platform_columns])),
+        *(
+            float(clock.arms[name].law.duration(moved[arm.columns]))
+            for name, arm in model.arms.items()
+        ),
+    )
+    return StagePlan(position, first, first, {}, "return", longest)

@@ -1,0 +1,344 @@
+"""Plans that keep clear: other postures, waits and detours, each only where it is needed; or the reason why not."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Obstacle
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.shape import Shape
+from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.stages.method import Decided, MethodProblem
+from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.timing import TIMING_SOLVERS
+from dualarm_cli.verification import verify
+
+QUICK = PlanSettings(effort="quick")
+
+
+@pytest.fixture(scope="module")
+def packing(tasks_folder):
+    """The first three parts of each arm."""
+    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    return dataclasses.replace(job, tasks=job.tasks[:6])
+
+
+def with_obstacle(job, kind, size, place):
+    """The job with one more obstacle."""
+    added = Obstacle("thing", Shape(kind, size, pin.SE3(np.eye(3), np.asarray(place))))
+    cell = dataclasses.replace(job.cell, obstacles=(*job.cell.obstacles, added))
+    return dataclasses.replace(job, cell=cell)
+
+
+def least(schedule, job):
+    """The least proven margin, after everything else was verified."""
+    found = verify(schedule, job, clearance=True)
+    assert [check.name for check in found.failures] == []
+    return min(stage.margin for stage in found.clearances)
+
+
+def test_a_plan_goes_round_what_stands_in_the_way_of_the_one_before(packing):
+    """A ball where the left elbow link was at an event of the blind plan: the new plan keeps its 10 mm from it."""
+    blind = plan_without_bound(packing, QUICK)
+    robot = packing.cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    event = next(e for e in blind.events if e.arm == "left")
+    [q], _, _ = blind.trajectory.at(np.array([event.time]))
+    order = [blind.trajectory.joints.index(name) for name in model.names[1:]]
+    pin.forwardKinematics(model, data, q[order])
+    elbow = packing.cell.base * data.oMi[model.getJointId("left_u")]
+    job = with_obstacle(packing, "sphere", (0.03,), elbow.translation)
+    blind_check = verify(blind, job, clearance=True)
+    assert "collisions" in [check.name for check in blind_check.failures]
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    again = plan_without_bound(job, QUICK)
+    np.testing.assert_array_equal(schedule.trajectory.position, again.trajectory.position)
+
+
+def test_arms_whose_ways_cross_wait_or_make_way_and_the_report_says_so(tasks_folder):
+    """Two robots face to face change sides: no straight moves serve."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    [note] = [note for note in schedule.notes if note.startswith("clearance:")]
+    assert "detour" in note or "waits" in note
+    assert "costs" in note
+
+
+def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
+    """A box about the first target: whatever the posture, the tool is in it."""
+    target = packing.tasks[0].stops[0].target.pose.translation
+    job = with_obstacle(packing, "box", (0.05, 0.05, 0.05), target)
+    with pytest.raises(InfeasibleError, match="left_tool and thing lack"):
+        plan_without_bound(job, dataclasses.replace(QUICK, platform="fixed"))
+
+
+@pytest.mark.parametrize(
+    ("name", "some"),
+    [
+        ("06_shared_bin", 4),
+        ("07_two_shelves", 4),
+        ("08_narrow_bin", 5),
+        pytest.param("06_shared_bin", None, marks=pytest.mark.slow),
+        pytest.param("07_two_shelves", None, marks=pytest.mark.slow),
+        pytest.param("08_narrow_bin", None, marks=pytest.mark.slow),
+    ],
+)
+def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
+    tasks_folder, name, some
+):
+    """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the blind plan."""
+    job = load_job(tasks_folder / name / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:some])
+    schedule = plan_without_bound(job, PlanSettings())
+    assert least(schedule, job) >= 0.0
+    blind = plan_without_bound(job, PlanSettings(), clear=False)
+    assert schedule.clearance_cost == pytest.approx(schedule.duration - blind.duration, abs=1e-9)
+    assert not verify(blind, job, clearance=True).passed
+    if name == "06_shared_bin":
+        assert schedule.clearance_cost <= 0.1 * blind.duration
+
+
+@pytest.mark.parametrize("method", ["fixed", "exact", "minimum_time", "swarm", "continuous"])
+def test_every_kind_of_method_keeps_clear(packing, method):
+    """Greedy ones, a peer from a greedy plan, and the refinement of the sequence's plan."""
+    schedule = plan_without_bound(packing, dataclasses.replace(QUICK, platform=method))
+    assert least(schedule, packing) >= 0.0
+
+
+def test_a_part_is_in_the_way_only_while_it_is_carried(tasks_folder):
+    """Boxes so long that they reach through the table where the approach to the shelf begins; without them it goes."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:2])
+    empty = dataclasses.replace(
+        job, tasks=tuple(dataclasses.replace(task, part="") for task in job.tasks)
+    )
+    long = Shape("box", (0.06, 0.06, 0.3), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.15])))
+    cell = dataclasses.replace(job.cell, parts={"box": (long,)})
+    carried = dataclasses.replace(job, cell=cell)
+    with pytest.raises(
+        InfeasibleError, match=r"'box' reaches [0-9.]+ mm into '(table|left_board_1|right_board_1)'"
+    ):
+        plan_without_bound(carried, QUICK)
+    schedule = plan_without_bound(empty, QUICK)
+    assert least(schedule, empty) >= 0.0
+
+
+def slower_platform(job):
+    """The platform at a quarter of its speed and acceleration: arms wait for it after their detours."""
+    robot = job.cell.robot
+    share = np.where(np.isin(robot.joints, robot.platform), 0.25, 1.0)
+    limits = dataclasses.replace(
+        robot.limits,
+        velocity=share * robot.limits.velocity,
+        acceleration=share * robot.limits.acceleration,
+    )
+    return in_robot(job, limits)
+
+
+def without_jerk_limits(job):
+    """Acceleration may jump."""
+    limits = job.cell.robot.limits
+    return in_robot(job, dataclasses.replace(limits, jerk=np.full(len(limits.joints), np.inf)))
+
+
+def in_robot(job, limits):
+    """The job with other limits of its robot."""
+    robot = dataclasses.replace(job.cell.robot, limits=limits)
+    return dataclasses.replace(job, cell=dataclasses.replace(job.cell, robot=robot))
+
+
+def capped(job):
+    """A cap on the tools' speed that most transfers feel."""
+    return dataclasses.replace(job, tool_speed=1.0)
+
+
+def slowed(job):
+    """Everything at a fifth of its pace."""
+    return dataclasses.replace(job, speed=0.2)
+
+
+def picked_without_approach(job):
+    """The motion begins at the first pick, whose part lies on the table."""
+    tasks = tuple(
+        dataclasses.replace(
+            task, stops=(dataclasses.replace(task.stops[0], approach=0.0), *task.stops[1:])
+        )
+        for task in job.tasks
+    )
+    return dataclasses.replace(job, tasks=tasks[:2], start="free")
+
+
+def one_arm(job):
+    """Only the left arm has anything to do; the right one hangs about."""
+    return dataclasses.replace(job, tasks=tuple(t for t in job.tasks if t.arm == "left"))
+
+
+def one_way(job):
+    """Nothing returns."""
+    return dataclasses.replace(job, returns=False)
+
+
+CHANGES = [
+    slower_platform,
+    without_jerk_limits,
+    slowed,
+    picked_without_approach,
+    one_arm,
+    one_way,
+]
+
+
+@pytest.mark.parametrize(
+    ("changed", "method"),
+    [(changed, "exact") for changed in CHANGES]
+    + [pytest.param(changed, "sequence", marks=pytest.mark.slow) for changed in (*CHANGES, capped)],
+)
+def test_whatever_is_planned_passes_the_verifier(tasks_folder, changed, method):
+    """Crowded cell, carried parts, detours: limits, lines, stillness, order and clearance by the independent judge."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = changed(dataclasses.replace(job, tasks=job.tasks[:4]))
+    schedule = plan_without_bound(job, dataclasses.replace(QUICK, platform=method))
+    assert least(schedule, job) >= 0.0
+
+
+def test_a_start_that_touches_is_refused_with_its_posture_and_pair(packing):
+    """A ball about the left elbow link where the job starts; the search would look for a way out for a minute."""
+    job = with_obstacle(packing, "sphere", (0.05,), elbow_at_home(packing))
+    with pytest.raises(
+        InfeasibleError, match=r"start: in posture 'home' .*thing.* lack \d+\.\d mm"
+    ):
+        plan_without_bound(job, QUICK)
+
+
+def elbow_at_home(job):
+    """Where the joint between the left arm's links is in the world."""
+    robot = job.cell.robot
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    home = np.array(robot.postures["home"])
+    pin.forwardKinematics(model, data, home[[robot.joints.index(n) for n in model.names[1:]]])
+    return (job.cell.base * data.oMi[model.getJointId("left_u")]).translation
+
+
+def test_a_part_that_would_reach_into_something_where_it_is_placed_is_infeasible(tasks_folder):
+    """A post of 30 mm beside the middle of the place, within the box's 30 mm on either side, whatever its turn."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    target = job.tasks[0].stops[1].target.pose
+    place = target.translation + target.rotation @ np.array([0.029, 0.0, 0.03])
+    blocked = with_obstacle(
+        dataclasses.replace(job, tasks=job.tasks[:2]), "box", (0.01, 0.01, 0.03), place
+    )
+    with pytest.raises(InfeasibleError, match=r"part 'box' reaches [0-9.]+ mm into 'thing'"):
+        plan_without_bound(blocked, QUICK)
+
+
+def test_a_part_is_turned_where_only_one_of_its_turns_fits(tasks_folder):
+    """A long box beside a post: along it fits, across it does not; the plan takes a turn that does."""
+    job = load_job(tasks_folder / "06_shared_bin" / "tasks.yaml")
+    long = Shape("box", (0.02, 0.09, 0.06), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.03])))
+    job = dataclasses.replace(
+        job, tasks=job.tasks[:2], cell=dataclasses.replace(job.cell, parts={"box": (long,)})
+    )
+    target = job.tasks[0].stops[1].target.pose
+    beside = with_obstacle(
+        job,
+        "box",
+        (0.01, 0.01, 0.03),
+        target.translation + target.rotation @ np.array([0.0, 0.035, 0.04]),
+    )
+    schedule = plan_without_bound(beside, QUICK)
+    assert least(schedule, beside) >= 0.0
+    event = next(e for e in schedule.events if e.arm == "left" and e.action == "place")
+    across = abs(float(event.pose.rotation[:, 1] @ target.rotation[:, 1]))
+    assert across < 1e-6
+
+
+def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder):
+    """Shelves with 0.5 m/s: curves about them, timed so that no tool is faster; a quarter longer at most."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:4], tool_speed=0.5)
+    schedule = plan_without_bound(job, QUICK)
+    assert least(schedule, job) >= 0.0
+    assert any("detour" in note for note in schedule.notes)
+    blind = plan_without_bound(job, QUICK, clear=False)
+    assert schedule.duration < 1.25 * blind.duration
+
+
+def two_arms_at(job, gap):
+    """The tasks of two robots with their targets so far apart, at one height between them, tools down."""
+    [a, b] = [next(task for task in job.tasks if task.id == name) for name in "ab"]
+    middle = np.array([0.0, 0.1, a.stops[0].target.pose.translation[2]])
+    moved = []
+    for task, side in ((a, -0.5), (b, 0.5)):
+        pose = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0), middle + side * gap * np.eye(3)[0])
+        target = dataclasses.replace(task.stops[0].target, pose=pose)
+        stop = dataclasses.replace(task.stops[0], target=target)
+        moved.append(dataclasses.replace(task, stops=(stop,)))
+    return dataclasses.replace(
+        job, tasks=tuple(moved), returns=False, start="free", tool_speed=None
+    )
+
+
+def test_arms_whose_targets_are_too_near_are_told_by_what_they_touch(tasks_folder):
+    """Targets 8 cm apart, wrists 10 cm wide: the bodies, what is missing, when, and what helps."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    with pytest.raises(InfeasibleError, match="lack") as caught:
+        plan_without_bound(two_arms_at(job, 0.08), QUICK)
+    text = str(caught.value)
+    assert "left_" in text
+    assert "right_" in text
+    assert "mm of clearance" in text
+    assert "take turns" in text
+
+
+@pytest.mark.parametrize("method", ["sequence", "fixed"])
+def test_a_plan_of_no_length_may_be_the_one_that_keeps_clear(tasks_folder, method):
+    """A free start at the one target, without dwell: of its two configurations one touches the other arm."""
+    job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
+    task = next(task for task in job.tasks if task.id == "c")
+    [stop] = task.stops
+    free = [1.5, -0.5, 0.0, -0.5, 0.0, 0.5, 0.0]
+    both = np.array([stop.target.configurations[0], free])
+    still = dataclasses.replace(
+        stop.dwell, **{field.name: 0.0 for field in dataclasses.fields(stop.dwell)}
+    )
+    target = dataclasses.replace(stop.target, configurations=both)
+    task = dataclasses.replace(task, stops=(dataclasses.replace(stop, target=target, dwell=still),))
+    job = dataclasses.replace(job, tasks=(task,), returns=False, start="free")
+    schedule = plan_without_bound(job, dataclasses.replace(QUICK, platform=method))
+    assert schedule.duration == 0.0
+    columns = job.cell.robot.columns(job.cell.robot.arm(task.arm).joints)
+    np.testing.assert_allclose(schedule.trajectory.position[-1, columns], free)
+
+
+def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
+    """A method that dawdles to keep clear, and a simpler one that does not: its plan is taken, mended."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:4])
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    problem = MethodProblem(model, job, "arm_angle")
+
+    def found(with_simpler):
+        def solve(asked):
+            plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
+            if asked.holding is None:
+                return Decided(plans)
+            late = [dataclasses.replace(plan, waits={"left": 2.0}) for plan in plans]
+            return Decided(late, simpler=(lambda: [plans]) if with_simpler else None)
+
+        return quickest_clear(problem, solve, timing, lambda _: None)
+
+    quick, slow = found(True), found(False)
+    assert not quick.cleared.blocked
+    assert quick.cost < slow.cost - 1.0

@@ -1,0 +1,77 @@
+"""Whole motions looked at in one go, against every stage and every instant looked at one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.clearing.clearing import Clearing
+from dualarm_cli.clearing.stage_samples import (
+    KEPT,
+    StageSamples,
+    _kept,
+    stage_samples,
+    which_keep_clear,
+)
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.timing import TIMING_SOLVERS
+
+
+def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
+    """Greedy blind plans of two cells: at full density, no instant of a stage that is called clear lacks anything."""
+    timing = TIMING_SOLVERS["ruckig"]
+    touched = 0
+    for name in ("06_shared_bin", "08_narrow_bin"):
+        job = load_job(tasks_folder / name / "tasks.yaml")
+        model = CellModel.from_cell(job.cell)
+        plans = choose_stages(model, job, "fixed", "arm_angle", refine=False)
+        motion = realise(model, job, plans, timing)
+        holding = Holding.of(job)
+        stages = [stage_samples(motion, k, k, holding) for k in range(len(motion.stages))]
+        together = which_keep_clear(holding.cell, stages)
+        for stage, clear in zip(stages, together, strict=True):
+            assert which_keep_clear(holding.cell, [stage])[0] == clear
+            lacks = holding.cell.margins(stage.position, stage.held).min() < KEPT
+            # Between instants it is looked at more closely: there may be more, never less.
+            assert not (lacks and clear)
+        touched += int((~together).sum())
+        clearing = Clearing(model, job, holding, timing, 0)
+        touching = clearing.touching(plans, motion)
+        assert touching == np.flatnonzero(~together).tolist()
+        assert clearing.touching(plans, motion) == touching
+    assert 0 < touched < 40
+
+
+def test_lines_that_are_timed_already_are_the_same_lines(tasks_folder):
+    """A plan realised twice with one memory is the plan realised without; other postures get lines of their own."""
+    job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+    known = Known()
+    one = choose_stages(model, job, "fixed", "arm_angle", refine=False)
+    other = choose_stages(model, job, "exact", "arm_angle")
+    for plans in (one, other, one):
+        again = realise(model, job, plans, timing, known)
+        anew = realise(model, job, plans, timing)
+        np.testing.assert_array_equal(again.trajectory.position, anew.trajectory.position)
+        np.testing.assert_array_equal(again.trajectory.time, anew.trajectory.time)
+    stops = sum(len(plan.stops) for plan in one)
+    assert 2 * stops < len(known.lines) <= 4 * stops
+
+
+def test_a_part_that_reaches_into_something_for_a_moment_on_its_line_is_seen():
+    """Margins of what lies count only below zero: five instants of a thousand, between those looked at first."""
+    lies = np.zeros((1000, 2), dtype=np.int64)
+    position = np.arange(1000.0)[:, None]
+
+    def margins(position, held):
+        touching = (position[:, 0] > 88.5) & (position[:, 0] < 94.5) & (held[:, 0] == 3)
+        return np.where(touching, -0.005, 0.2)
+
+    assert _kept([StageSamples(position, lies)], margins)[0]
+    on_line = lies.copy()
+    on_line[:, 0] = 3
+    assert not _kept([StageSamples(position, on_line)], margins)[0]

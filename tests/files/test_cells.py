@@ -1,0 +1,187 @@
+# ruff: noqa: E501 (tables of exact messages, one a line)
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.files.cells.cells import load_cell
+
+Change = Callable[..., None]
+Messages = Callable[..., list[str]]
+
+SINGLE = """\
+dualarm: robot/1
+name: Single
+urdf: tiny.urdf
+arms: {left: {joints: [turn, l1, l2], flange: l_tool, kind: general}}
+limits:
+  turn: {acceleration: 5, source: assumed}
+  l1: {acceleration: 6, source: assumed}
+  l2: {acceleration: 7, source: assumed}
+postures: {bent: {l1: 0.5}}
+"""
+
+
+def test_a_cell_file_becomes_a_cell(project: Path) -> None:
+    """Tools, frames and obstacles of the tiny cell, by hand."""
+    cell = load_cell("cell.yaml").cell
+    assert cell.tools["left"].tcp.translation.tolist() == [0, 0, 0.12]
+    assert cell.tools["left"].mass == 0.8
+    assert cell.tools["right"].tcp == pin.SE3.Identity()
+    assert cell.clearance == 0.01
+    # The bin is turned by 90 deg about z, so 0.1 along its x is 0.1 along the world's y.
+    slot = cell.frames["bin.slot"]
+    assert slot.translation == pytest.approx([0.4, 0.2, 0.7])
+    assert slot.rotation == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-15)
+    (table,) = cell.obstacles
+    assert (table.name, table.shape.kind, table.shape.size) == ("table", "box", (1.0, 2.0, 0.04))
+    assert table.shape.pose.translation.tolist() == [0.5, 0.0, 0.6]
+
+
+def test_frames_compose_in_any_order_of_the_file(project: Path, change: Change) -> None:
+    """Three nested frames, the innermost first, against matrices multiplied by hand."""
+    change(
+        "cell.yaml",
+        "  bin.slot: {in: bin, xyz: [0.1, 0, 0]}",
+        "  c: {in: b, xyz: [0, 0, 0.3], rpy: [0.1, 0.2, 0.3]}\n"
+        "  b: {in: a, xyz: [0, 0.2, 0], rpy: [0, 90 deg, 0]}\n"
+        "  a: {in: world, xyz: [0.1, 0, 0], quat: [0, 0, 1, 0]}",
+    )
+    a = np.array([[-1, 0, 0, 0.1], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    b = np.array([[0, 0, 1, 0], [0, 1, 0, 0.2], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
+
+    def turn(axis: int, angle: float) -> np.ndarray:
+        i, j = [(1, 2), (2, 0), (0, 1)][axis]
+        R = np.eye(3)
+        R[i, i] = R[j, j] = math.cos(angle)
+        R[i, j], R[j, i] = -math.sin(angle), math.sin(angle)
+        return R
+
+    c = np.eye(4)
+    c[:3, :3] = turn(2, 0.3) @ turn(1, 0.2) @ turn(0, 0.1)
+    c[2, 3] = 0.3
+    frames = load_cell("cell.yaml").cell.frames
+    assert list(frames) == ["bin", "c", "b", "a"]
+    assert frames["c"].homogeneous == pytest.approx(a @ b @ c, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "size"),
+    [
+        ("sphere: 50 mm", "sphere", (0.05,)),
+        ("sphere: {radius: 50 mm}", "sphere", (0.05,)),
+        ("cylinder: {radius: 0.1, length: 0.2}", "cylinder", (0.1, 0.2)),
+        ("capsule: {radius: 0.1, length: 0.2}", "capsule", (0.1, 0.2)),
+        ("half_space: true", "half_space", ()),
+        ("half_space: {}", "half_space", ()),
+        ("mesh: {file: m.obj, scale: 0.001}", "mesh", ()),
+        ("mesh: m.obj", "mesh", ()),
+    ],
+)
+def test_every_kind_of_solid_is_read(
+    text: str, kind: str, size: tuple[float, ...], project: Path, change: Change
+) -> None:
+    """In a named frame: 0.5 along the bin's x is 0.5 along the world's y."""
+    (project / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+    change("cell.yaml", "box: [1, 2, 40 mm]", f"in: bin, {text}")
+    shape = load_cell("cell.yaml").cell.obstacles[0].shape
+    assert (shape.kind, shape.size) == (kind, size)
+    assert shape.pose.translation == pytest.approx([0.4, 0.6, 1.3])
+    if kind == "mesh":
+        scale = 0.001 if "scale" in text else 1.0
+        assert shape.hull is not None
+        wanted = sorted([(0.0, 0.0, 0.0), (scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, scale)])
+        assert sorted(map(tuple, shape.hull.corners)) == wanted
+
+
+def test_two_robots_become_one(project: Path, change: Change) -> None:
+    """Names are prefixed, bases are mounts on a world link, postures and limits side by side."""
+    (project / "single.yaml").write_text(SINGLE)
+    change(
+        "cell.yaml",
+        "robot: robot.yaml",
+        "robot:\n  left: {robot: single.yaml, base: {xyz: [-0.5, 0, 0]}}\n"
+        "  right: {robot: single.yaml, base: {xyz: [0.5, 0, 0], rpy: [0, 0, 180 deg]}}",
+    )
+    robot = load_cell("cell.yaml").cell.robot
+    assert robot.joints == (
+        "left_turn", "left_l1", "left_l2", "right_turn", "right_l1", "right_l2",
+    )  # fmt: skip
+    assert [(arm.name, arm.flange) for arm in robot.arms] == [
+        ("left", "left_l_tool"),
+        ("right", "right_l_tool"),
+    ]
+    assert robot.limits.acceleration.tolist() == [5, 6, 7, 5, 6, 7]
+    assert robot.postures["bent"].tolist() == [0, 0.5, 0, 0, 0.5, 0]
+    model = pin.buildModelFromXML(robot.urdf)
+    assert model.nq == 6
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    # All joints at 0: four steps of 0.1 along x, mirrored for the right robot turned by 180 deg.
+    left = data.oMf[model.getFrameId("left_l_tool")].translation
+    right = data.oMf[model.getFrameId("right_l_tool")].translation
+    assert left == pytest.approx([-0.1, 0, 0.8])
+    assert right == pytest.approx([0.1, 0, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("bin: {xyz", "bin: {in: bin.slot, xyz", "6:13: E300 frames stand in each other: 'bin' in 'bin.slot' in 'bin'"),
+        ("in: bin,", "in: bon,", "7:18: E300 there is no frame 'bon', did you mean 'bin'? Frames: bin, bin.slot, world"),
+        ("bin.slot: {in", "world: {in", "7:3: E300 'world' is the frame that everything stands in; choose another name"),
+        ("box: [1, 2, 40 mm]", "box: [1, 2, 0]", "9:31: E200 0: length must be positive"),
+        ("box: [1, 2, 40 mm]", "sphere: -0.1", "9:27: E200 -0.1: length must be positive"),
+        ("box: [1, 2, 40 mm]", "capsule: {radius: 1 mm}", "9:28: E202 'length' is missing"),
+        ("box: [1, 2, 40 mm]", "box: [1, 1, 1], sphere: 1", "9:35: E200 more than one shape: box, sphere; keep one"),
+        ("box: [1, 2, 40 mm], ", "", "9:5: E200 no shape; give one of box, sphere, cylinder, capsule, half_space, mesh"),
+        ("box: [1, 2, 40 mm]", "mesh: none.stl", "9:25: E500 there is no file 'none.stl' here"),
+        ("box: [1, 2, 40 mm]", "in: bim, box: [1, 1, 1]", "9:23: E300 the cell has no frame 'bim', did you mean 'bin'? It has: bin, bin.slot, world"),
+        ("  - {name", "  - {name: table, sphere: 1}\n  - {name", "10:12: E102 duplicate obstacle 'table', first at line 9"),
+        ("robot: robot.yaml", "robot: 5", "2:8: E200 must be a robot's name, a path, or {left: …, right: …}, not 5"),
+        ("robot: robot.yaml", "robot: none.yaml", "2:8: E500 there is no file 'none.yaml' here"),
+        ("robot: robot.yaml\n", "", "1:1: E202 'robot' is missing"),
+        ("left: {tcp", "lefft: {tcp", "4:3: E201 unknown key 'lefft', did you mean 'left'? Allowed: left, right"),
+        ("mass: 800 g", "mass: -1", "4:44: E200 -1: mass must be at least 0"),
+        ("clearance: 10 mm", "clearance: 10 s", "10:12: E200 unit 's' in '10 s' is not one of length; allowed: m, mm, cm, um, in"),
+    ],
+)  # fmt: skip
+def test_each_mistake_is_reported_at_its_place(
+    old: str, new: str, expected: str, project: Path, change: Change, messages: Messages
+) -> None:
+    """Exact text, line and column; nothing else is reported."""
+    change("cell.yaml", old, new)
+    assert messages(lambda: load_cell("cell.yaml")) == [f"cell.yaml:{expected}"]
+
+
+def test_a_pair_needs_robots_of_one_arm_without_a_platform(
+    project: Path, change: Change, messages: Messages
+) -> None:
+    """The whole tiny robot has two arms; with the platform kept it has one and a platform."""
+    one_arm = SINGLE.replace(
+        "arms: {left: {joints: [turn,", "platform: [turn]\narms: {left: {joints: ["
+    )
+    (project / "carried.yaml").write_text(one_arm)
+    change(
+        "cell.yaml",
+        "robot: robot.yaml",
+        "robot: {left: {robot: robot.yaml}, right: {robot: carried.yaml}}",
+    )
+    assert messages(lambda: load_cell("cell.yaml")) == [
+        "cell.yaml:2:23: E300 Tiny has 2 arms; one of two robots needs exactly one",
+        "cell.yaml:2:51: E300 Single has a platform; one of two robots must not",
+    ]
+
+
+def test_a_tool_needs_its_arm(project: Path, change: Change, messages: Messages) -> None:
+    """A robot with a left arm only has nowhere to put a right tool."""
+    (project / "single.yaml").write_text(SINGLE)
+    change("cell.yaml", "robot: robot.yaml", "robot: single.yaml", "  left: {tcp", "  right: {tcp")
+    assert messages(lambda: load_cell("cell.yaml")) == [
+        "cell.yaml:4:3: E300 Single has no right arm; it has left"
+    ]

@@ -1,0 +1,164 @@
+# ruff: noqa: E501 (tables of exact messages, one a line)
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.files.robots.robots import load_robot
+
+Change = Callable[..., None]
+Messages = Callable[..., list[str]]
+
+
+def test_a_robot_file_becomes_a_robot(project: Path) -> None:
+    """Joints in document order, limits from URDF and file, postures with zeros filled in."""
+    loaded = load_robot(Path("robot.yaml"))
+    robot = loaded.robot
+    assert robot.joints == ("turn", "l1", "l2", "r1", "r2")
+    assert robot.platform == ("turn",)
+    assert [arm.name for arm in robot.arms] == ["left", "right"]
+    assert robot.limits.lower.tolist() == [-3.0] * 5
+    assert robot.limits.velocity.tolist() == [2.0] * 5
+    assert robot.limits.acceleration.tolist() == [5.0, 10.0, 10.0, 10.0, 10.0]
+    assert robot.limits.jerk.tolist() == [50.0, math.inf, 100.0, math.inf, math.inf]
+    assert robot.limits.source[:3] == ("assumed", "datasheet", "measured")
+    assert robot.postures["bent"] == pytest.approx([0, math.pi / 2, 0, -1.5, 0])
+    assert robot.postures["home"].tolist() == [0.0] * 5
+    assert (set(loaded.inputs), loaded.notes) == ({"robot.yaml", "tiny.urdf"}, ())
+
+
+def test_the_urdf_text_is_complete_and_moves_only_the_robots_joints(
+    project: Path, change: Change
+) -> None:
+    """Axes are units, one position per joint, unnamed joints fixed, endless joints limited, noted."""
+    change("tiny.urdf", 'name="l2" type="revolute"', 'name="l2" type="continuous"')
+    change("tiny.urdf", 'name="lf" type="fixed"', 'name="lf" type="prismatic"')
+    change("tiny.urdf", "</robot>", "<transmission name='t'/><gazebo/></robot>")
+    loaded = load_robot(Path("robot.yaml"))
+    model = pin.buildModelFromXML(loaded.robot.urdf)
+    assert (model.nq, model.nv) == (5, 5)
+    assert "transmission" not in loaded.robot.urdf
+    # The file's axes are (0, 0, 2).
+    assert loaded.robot.urdf.count('<axis xyz="0.0 0.0 1.0"/>') == 5
+    assert loaded.robot.limits.upper[2] == 1000.0
+    assert loaded.notes == (
+        "joint 'l2' turns without end; its position is kept within ±1000 rad",
+        "joints that neither platform nor arms name are fixed at 0: lf",
+    )
+    # Three joints turned by a, b, c about z, each 0.1 along x from the last, then 0.1 to the tool.
+    a, b, c = 0.3, -0.4, 0.8
+    q = pin.neutral(model)
+    for name, value in (("turn", a), ("l1", b), ("l2", c)):
+        q[model.idx_qs[model.getJointId(name)]] = value
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    angles = np.cumsum([0.0, a, b, c])
+    expected = [0.1 * np.cos(angles).sum(), 0.1 * np.sin(angles).sum(), 0.8]
+    assert data.oMf[model.getFrameId("l_tool")].translation == pytest.approx(expected)
+
+
+def test_one_arm_is_enough(project: Path, change: Change) -> None:
+    """The right arm's joints are then fixed."""
+    change("robot.yaml", "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "")
+    change("robot.yaml", "  r1: {acceleration: 10, source: datasheet}\n", "", ", r1: -1.5", "")
+    change("robot.yaml", "  r2: {acceleration: 10, source: datasheet}\n", "")
+    loaded = load_robot(Path("robot.yaml"))
+    assert loaded.robot.joints == ("turn", "l1", "l2")
+    assert loaded.notes == ("joints that neither platform nor arms name are fixed at 0: r1, r2",)
+
+
+def test_a_platform_may_slide(project: Path, change: Change) -> None:
+    """Its positions, accelerations and jerks are lengths; 200 mm along z lift the tool by 0.2."""
+    change("tiny.urdf", 'name="turn" type="revolute"', 'name="turn" type="prismatic"')
+    change("robot.yaml", "acceleration: 5, jerk: 50", "acceleration: 500 mm/s^2, jerk: 5 m/s^3")
+    change("robot.yaml", "bent: {l1: 90 deg", "bent: {turn: 200 mm, l1: 90 deg")
+    robot = load_robot(Path("robot.yaml")).robot
+    assert (robot.limits.acceleration[0], robot.limits.jerk[0]) == (0.5, 5.0)
+    assert robot.postures["bent"][0] == 0.2
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    q = pin.neutral(model)
+    q[model.idx_qs[model.getJointId("turn")]] = 0.2
+    pin.framesForwardKinematics(model, data, q)
+    # Four steps of 0.2 up, one for each joint on the way, and the lift.
+    assert data.oMf[model.getFrameId("l_tool")].translation[2] == pytest.approx(1.0)
+
+
+def test_a_posture_outside_by_rounding_only_is_put_onto_the_limit(
+    project: Path, change: Change
+) -> None:
+    """3.0000000001 rad is within 1e-9 of the limit of 3 rad."""
+    change("robot.yaml", "l1: 90 deg", "l1: 3.0000000001")
+    assert load_robot(Path("robot.yaml")).robot.postures["bent"][1] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("[l1, l2]", "[l2, l1]", "6:19: E300 the URDF moves flange 'l_tool' by [turn, l1, l2], platform and arm say [turn, l2, l1]"),
+        ("[l1, l2]", "[l1, 'l 2']", "6:24: E300 the URDF has no joint 'l 2', did you mean 'l2'?"),
+        ("[l1, l2]", "[l1, r1]", "7:20: E300 joint 'r1' is named twice, first at line 6"),
+        ("flange: l_tool", "flange: l_tol", "6:37: E300 the URDF has no link 'l_tol', did you mean 'l_tool'?"),
+        ("kind: general", "kind: srs", "6:19: E300 kind srs needs 7 joints, found 2"),
+        ("kind: general", "kind: srss", "6:51: E200 'srss' is not allowed, did you mean 'srs'? Allowed: srs, spherical_wrist, general"),
+        ("  l2: {acceleration: 10, jerk: 100, source: measured}\n", "", "8:1: E202 no acceleration limit for l2; give one with its source"),
+        ("acceleration: 5", "acceleration: 0", "9:24: E200 0: angular acceleration must be positive"),
+        ("acceleration: 5", "acceleration: -5 deg/s^2", "9:24: E200 '-5 deg/s^2': angular acceleration must be positive"),
+        ("acceleration: 5", "acceleration: 5 m/s^2", "9:24: E200 unit 'm/s^2' in '5 m/s^2' is not one of angular acceleration; allowed: rad/s^2, deg/s^2"),
+        ("jerk: 50", "jerk: .inf", "9:33: E104 non-finite number '.inf' is not allowed"),
+        ("source: assumed", "source: guess", "9:45: E200 'guess' is not allowed; allowed: datasheet, measured, assumed"),
+        (", source: assumed", "", "9:9: E202 'source' is missing"),
+        ("l1: 90 deg", "l1: 190 deg", "14:23: E300 '190 deg' is outside the limits of 'l1': -3 to 3 rad (-171.887 to 171.887 deg)"),
+        ("l1: 90 deg", "l_1: 90 deg", "14:19: E300 'l_1' is no joint of platform or arms, did you mean 'l1'?"),
+        ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),
+        ("urdf: tiny.urdf", "urdf: tiny.urd", "3:7: E500 there is no file 'tiny.urd' here"),
+        ("platform: [turn]", "platform: turn", "4:11: E200 must be a list, such as [a, b], not 'turn'"),
+        ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 belong here"),
+        ("name: Tiny", "nmae: Tiny", None),
+    ],
+)  # fmt: skip
+def test_each_mistake_is_reported_at_its_place(
+    old: str, new: str, expected: str | None, project: Path, change: Change, messages: Messages
+) -> None:
+    """Exact text, line and column; nothing else is reported."""
+    change("robot.yaml", old, new)
+    found = messages(lambda: load_robot(Path("robot.yaml")))
+    if expected is None:
+        assert found == [
+            "robot.yaml:1:1: E202 'name' is missing",
+            "robot.yaml:2:1: E201 unknown key 'nmae', did you mean 'name'? "
+            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, postures, allowed_contacts",
+        ]
+        return
+    assert found == [f"robot.yaml:{expected}"]
+
+
+def test_home_must_be_given_where_zero_is_outside_the_limits(
+    project: Path, change: Change, messages: Messages
+) -> None:
+    """Both home and bent leave the platform at 0, below its lower limit of 1."""
+    change("tiny.urdf", 'lower="-3"', 'lower="1"')
+    rest = "does not name turn, and 0 is outside their limits; give their positions"
+    assert messages(lambda: load_robot(Path("robot.yaml"))) == [
+        f"robot.yaml:14:1: E300 posture 'home' {rest}",
+        f"robot.yaml:14:12: E300 posture 'bent' {rest}",
+    ]
+
+
+def test_an_unknown_bundled_robot_gets_the_names_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: Messages
+) -> None:
+    """With the closest name, and how a path would look."""
+    for name in ("alpha", "beta"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "robot.yaml").write_text("")
+    monkeypatch.setattr("dualarm_cli.files.source.bundled.robots_folder", lambda: tmp_path)
+    assert messages(lambda: load_robot("alfa")) == [
+        "alfa: E500 no bundled robot 'alfa', did you mean 'alpha'? Bundled: alpha, beta; "
+        "the path of a robot file ends with .yaml"
+    ]

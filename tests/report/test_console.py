@@ -1,0 +1,93 @@
+"""The plan's sentences on bound, search and assumed limits."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.plan.planner import plan
+from dualarm_cli.report.console import summary_lines
+from dualarm_cli.report.report import build_report
+
+
+@pytest.fixture(scope="module")
+def job(tasks_folder):
+    """The smallest job with lines."""
+    return load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
+
+
+@pytest.fixture(scope="module")
+def schedule(job):
+    """Its plan with the platform held."""
+    return plan(job, PlanSettings(platform="fixed"))
+
+
+def test_bound_and_gap_are_said_with_the_effort(job, schedule):
+    """A bound of three quarters of the cycle: a quarter could be saved at most."""
+    bounded = dataclasses.replace(schedule, lower_bound=0.75 * schedule.duration, grid_gap=0.031)
+    report = build_report(bounded, job)
+    assert report["gap"] == pytest.approx(0.25)
+    (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
+    assert f"is faster than {bounded.lower_bound:.3f} s; at most 25.0% could be saved" in line
+    assert "before refinement 3.1% above the bound of the search's own grid" in line
+    assert line.endswith("effort: normal")
+
+
+@pytest.mark.parametrize(
+    ("gap", "words"),
+    [(0.0, "no other order is quicker"), (0.0264, "no other order is more than 2.6% quicker")],
+)
+def test_what_is_proven_of_an_order_is_said_of_the_grid_and_not_of_plans(job, schedule, gap, words):
+    """Nor as a share of nothing, which reads as if no other plan were quicker."""
+    report = build_report(dataclasses.replace(schedule, order_grid_gap=gap), job)
+    assert report["order_grid_gap"] == gap
+    (line,) = [line for line in summary_lines(report) if line.startswith("lower bound")]
+    assert f"; on the grid of the search (not among plans) {words};" in line
+    assert "0.0%" not in line.split("; on the grid")[1]
+
+
+def test_without_a_bound_it_is_said_that_there_is_none(job, schedule):
+    """And nothing of a grid."""
+    without = dataclasses.replace(schedule, lower_bound=None, grid_gap=None)
+    (line,) = [
+        line for line in summary_lines(build_report(without, job)) if line.startswith("lower bound")
+    ]
+    assert line == "lower bound: none computed; effort: normal"
+
+
+def test_the_report_lists_every_assumed_limit_and_the_console_the_most_telling(job, schedule):
+    """All together first, then three; the JSON has all of them."""
+    report = build_report(schedule, job)
+    entries = json.loads(json.dumps(report["sensitivity"], allow_nan=False))
+    assert len(entries) == 2 * len(report["assumed_limits"]) + 3
+    assert set(entries[0]) == {"joint", "limit", "value", "lower", "higher"}
+    lines = summary_lines(report)
+    start = next(k for k, line in enumerate(lines) if line.startswith("sensitivity: "))
+    assert lines[start].startswith(
+        "sensitivity: all assumed acceleration and jerk limits 10 % lower"
+    )
+    assert lines[start].endswith("postures kept: planning anew could do better")
+    for line, entry in zip(lines[start + 1 : start + 4], entries[:3], strict=True):
+        assert line.startswith(
+            f"{entry['joint']} {entry['limit']} 10 % lower: {entry['lower']:.3f} s"
+        )
+
+
+def test_a_plan_of_no_length_has_no_shares(job, schedule):
+    """Nothing is divided by zero."""
+    report = build_report(schedule, job)
+    lines = summary_lines(report | {"cycle_time": 0.0})
+    assert not [line for line in lines if "10 %" in line]
+
+
+def test_limits_from_the_maker_have_no_sensitivity(job, schedule):
+    """No sentence, an empty list."""
+    limits = dataclasses.replace(schedule.robot.limits, source=("datasheet",) * 15)
+    known = dataclasses.replace(schedule, robot=dataclasses.replace(schedule.robot, limits=limits))
+    report = build_report(known, job)
+    assert report["sensitivity"] == []
+    assert not [line for line in summary_lines(report) if "10 %" in line]

@@ -1,0 +1,166 @@
+"""The chart of who does what when: the same bytes, words that fit, rows, and the platform's lane."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dualarm_cli.report.figures.gantt_figure import (
+    FREE,
+    MOST_ROWS,
+    POINTS,
+    SIZES,
+    STOPS_A_ROW,
+    Bar,
+    Wanted,
+    draw_gantt,
+    labels,
+    place_text,
+    platform_moves,
+    platform_words,
+    row_count,
+    task_words,
+    text_width,
+    title,
+)
+
+JOB = SimpleNamespace(returns=True)
+SMALLEST = min(SIZES)
+
+
+@pytest.fixture
+def schedule(by_hand):
+    """Left alone: a for 4 s, a wait, b for 5 s; the platform turns by 30 degrees from 1 s to 3 s."""
+    left = by_hand.row(
+        "left",
+        ("transfer", "a", 2.0),
+        ("approach", "a", 2.0),
+        ("wait", "b", 1.0, "shared_zone"),
+        ("transfer", "b", 1.0),
+        ("dwell", "b", 4.0),
+    )
+    turn = math.radians(30.0)
+    return by_hand.schedule(left, way=[(0.0, 0.0), (1.0, 0.0), (3.0, turn), (10.0, turn)])
+
+
+def test_the_same_schedule_gives_the_same_bytes_with_all_its_lanes_and_names(schedule):
+    """Words are drawn as shapes with the word beside them; reasons that there are stand in the legend, others not."""
+    one = draw_gantt(schedule, JOB, "svg")
+    assert one == draw_gantt(schedule, JOB, "svg")
+    drawn = one.decode()
+    for word in ("left", "right", "platform", "a", "b", "0°", "30°", "waits: shared zone", "dwell"):
+        assert f"<!-- {word} -->" in drawn
+    for word in ("waits: partner", "return", "seam"):
+        assert f"<!-- {word} -->" not in drawn
+    assert draw_gantt(schedule, JOB, "png").startswith(b"\x89PNG")
+
+
+def test_dollars_in_an_id_are_dollars(by_hand):
+    """Two of them would be a formula, and this one none that can be read."""
+    left = by_hand.row("left", ("transfer", r"part $\frac$", 2.0))
+    drawn = draw_gantt(by_hand.schedule(left), JOB, "svg").decode()
+    assert r"<!-- part $\frac$ -->" in drawn
+
+
+def test_the_title_has_time_bound_and_gap_where_there_are_such(schedule):
+    """10 s and a bound of 8 s: a gap of a fifth."""
+    assert title(schedule, JOB) == "by hand: cycle time 10.000 s"
+    bounded = dataclasses.replace(schedule, lower_bound=8.0)
+    assert title(bounded, SimpleNamespace(returns=False)) == (
+        "by hand: time of one pass 10.000 s, bound 8.000 s, gap 20.0%"
+    )
+    # That all takes more than no time is nothing to tell.
+    nothing = dataclasses.replace(schedule, lower_bound=0.0)
+    assert title(nothing, JOB) == "by hand: cycle time 10.000 s"
+
+
+@pytest.mark.parametrize(
+    ("stops", "rows"),
+    [(1, 1), (STOPS_A_ROW, 1), (STOPS_A_ROW + 1, 2), (500, MOST_ROWS)],
+)
+def test_the_axis_is_broken_where_an_arm_has_many_stops(by_hand, stops, rows):
+    """The arm with most of them decides; there are never more than MOST_ROWS."""
+    left = by_hand.row("left", *(("transfer", f"t{k}", 1.0) for k in range(stops)))
+    right = by_hand.row("right", ("transfer", "other", 1.0))
+    schedule = by_hand.schedule([*left, *right])
+    assert row_count(schedule) == rows
+    assert draw_gantt(schedule, JOB, "png").startswith(b"\x89PNG")
+
+
+def test_the_platform_moves_from_its_first_speed_to_its_last(by_hand, schedule):
+    """Braking half way is no stop; two moves that follow one another are two."""
+    assert platform_moves(schedule) == [(1.0, 3.0)]
+    left = by_hand.row("left", ("transfer", "a", 6.0))
+    way = [(0.0, 0.0), (2.0, 1.0), (4.0, -1.0), (6.0, -1.0)]
+    assert platform_moves(by_hand.schedule(left, way=way)) == [(0.0, 2.0), (2.0, 4.0)]
+
+
+def test_where_the_platform_stands_is_written_between_its_moves(schedule):
+    """0 degrees until 1 s, 30 from 3 s on; of a row from 2 s to 5 s only what lies in it, and it is cut."""
+    moves = platform_moves(schedule)
+    words = platform_words(schedule, moves, 2, 0.0, 10.0)
+    found = [(w.text, w.lane, w.bars[0].start, w.bars[0].end, w.whole) for w in words]
+    assert found == [("0°", 2, 0.0, 1.0, True), ("30°", 2, 3.0, 10.0, True)]
+    (cut,) = platform_words(schedule, moves, 2, 2.0, 5.0)
+    assert (cut.text, cut.bars[0].start, cut.bars[0].end, cut.whole) == ("30°", 3.0, 5.0, False)
+
+
+def test_a_platform_that_slides_stands_at_a_way(by_hand):
+    """As its URDF says: 0.25 m are no angle."""
+    left = by_hand.row("left", ("transfer", "a", 4.0))
+    urdf = '<robot><joint name="turn" type="prismatic"/></robot>'
+    schedule = by_hand.schedule(left, way=[(0.0, 0.25), (4.0, 0.25)], urdf=urdf)
+    (word,) = platform_words(schedule, [], 2, 0.0, 4.0)
+    assert word.text == "250 mm"
+
+
+@pytest.mark.parametrize(
+    ("degrees", "text"),
+    [(30.04, "30°"), (29.96, "30°"), (-9.03, "−9°"), (12.34, "12.3°"), (-0.01, "0°")],
+)
+def test_angles_are_whole_degrees_where_they_nearly_are(degrees, text):
+    """Else with one decimal; nothing is minus nought."""
+    assert place_text(math.radians(degrees), False) == text
+
+
+def test_an_id_stands_in_its_transfer_if_that_holds_it_and_else_in_the_longest_bar(schedule):
+    """The transfer of b is 1 s, its dwell 4 s: at a scale at which the word takes 2 s it goes into the dwell."""
+    words = task_words(schedule, ["left", "right"], 0.0, 10.0)
+    assert [word.text for word in words] == ["a", "b"]
+    need = (text_width("b") * SMALLEST + FREE) / POINTS
+    roomy = {label.text: label.time for label in labels(words, 100.0 * need)}
+    assert roomy == {"a": 1.0, "b": 5.5}
+    tight = {label.text: label.time for label in labels(words, need / 2.0)}
+    assert tight["b"] == 8.0
+
+
+@given(
+    ends=st.lists(st.floats(0.01, 3.0), min_size=1, max_size=12),
+    names=st.lists(st.text("abw-1", min_size=1, max_size=12), min_size=12, max_size=12),
+    inch=st.floats(0.05, 3.0),
+)
+def test_words_never_reach_beyond_their_bars_and_are_of_one_size(ends, names, inch):
+    """Bars side by side in one lane: words within their bars cannot lie on one another."""
+    clock, words = 0.0, []
+    for name, length in zip(names, ends, strict=False):
+        words.append(Wanted(name, 0, (Bar(0, clock, clock + length, False),), True))
+        clock += length
+    found = labels(words, inch)
+    assert len({label.size for label in found}) <= 1
+    bars = {(bar.start + bar.end) / 2.0: bar for word in words for bar in word.bars}
+    for label in found:
+        bar = bars[label.time]
+        assert text_width(label.text) * label.size <= (bar.end - bar.start) * inch * POINTS
+
+
+def test_where_only_few_words_fit_there_are_none():
+    """One long bar among nine short ones."""
+    lengths = [1.0, *[0.01] * 9]
+    words = [Wanted("task", 0, (Bar(0, 0.0, length, False),), True) for length in lengths]
+    assert labels(words, 2.0) == []
+    assert len(labels(words[:1], 2.0)) == 1

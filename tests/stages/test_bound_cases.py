@@ -1,0 +1,250 @@
+"""The lower bound where it is easily wrong: idle arms, endless platforms, poles, pruning, motions that turn back."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import linprog
+
+from dualarm_cli.bound import bound as bound_pairs
+from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
+from dualarm_cli.bound.cells import Resolution, pose_cells
+from dualarm_cli.bound.layers import PostureBoxes, line_bounds
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
+from dualarm_cli.postures.platform_reach import AngleCells
+from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.search.search import search
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.search.transfer_table import TransferTable
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+
+Problems = Callable[..., SequenceProblem]
+
+
+def _task(name: str, arm: str, target: PoseTarget | JointTarget) -> Task:
+    return Task(name, arm, (Stop("move", target, 0.0, 0.0, Dwell(), Place("hand", 1, 1)),))
+
+
+def test_an_idle_arm_does_not_turn_the_platform_back_twice(packing: Job) -> None:
+    """The left arm's only stop needs a slow platform turned far; it comes back while the right arm is busy.
+
+    Counting its way back from there with the left arm's return as well gave 7.7 s for a plan of 6.5 s.
+    """
+    robot = packing.cell.robot
+    home = robot.postures["home"][robot.columns(robot.arms[1].joints)]
+    far = home.copy()
+    far[0] -= np.copysign(2.5, home[0])
+    behind = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0), np.array([-0.7, -0.45, 0.9]))
+    tasks = [_task("l", "left", PoseTarget(behind, False, 1))]
+    tasks += [
+        _task(f"r{k}", "right", JointTarget(q[None])) for k, q in enumerate([home, far, home])
+    ]
+    job = replace(packing, tasks=tuple(tasks), start="home", returns=True)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    law = problem.platform_law
+    assert law is not None
+    slow = RestToRest(0.3 * law.velocity, 0.3 * law.acceleration, 0.3 * law.jerk)
+    problem = replace(problem, platform_law=slow)
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    assert abs(found.best.decisions.angle[0]) > 1.0
+    assert 0.5 * found.best.total < lower_bound(problem, "normal").value <= found.best.total
+
+
+@pytest.mark.parametrize("turns", [np.inf, 3.0])
+def test_a_platform_may_go_round_and_round(random_problem: Problems, turns: float) -> None:
+    """Eight targets a third of a turn apart each: one posture, carried round far beyond two turns."""
+    problem = random_problem(3, (1, 0))
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    third = 2.0 * np.pi / 3.0
+    work, stop = problem.arms[0], problem.arms[0].stops[0]
+    assert stop is not None
+    _, p = problem.platform.pose(np.zeros(1))
+    stops = tuple(
+        replace(
+            stop,
+            R_world_tool=turn @ stop.R_world_tool,
+            p_world_tool=p + turn @ (stop.p_world_tool - p),
+        )
+        for turn in rotation_z(third * np.arange(8))
+    )
+    idle = replace(problem.arms[1], stops=(None,) * 8)
+    problem = replace(
+        problem,
+        arms=(replace(work, stops=stops), idle),
+        platform_range=(-turns * 2.0 * np.pi, turns * 2.0 * np.pi),
+    )
+    rows = np.zeros(8, dtype=np.int64)
+    plan = found.best.decisions
+    going = Decisions(
+        plan.angle[0] + third * np.arange(8), tuple(arm.take(rows) for arm in plan.arms)
+    )
+    total = evaluate(problem, tuple(StopTable.of(arm) for arm in problem.arms), going).total
+    assert problem.platform_law is not None
+    assert total == pytest.approx(
+        found.best.total + 7 * problem.platform_law.duration(np.array([third]))
+    )
+    assert np.ptp(platform_edges(problem, 0.3)) == pytest.approx(2.0 * np.pi)
+    assert lower_bound(problem, "normal").value <= total
+
+
+def test_a_hundred_stages_add_up(packing: Job) -> None:
+    """Two configurations in turns: the closed form of one move, a hundred times over, but for the table's steps."""
+    robot = packing.cell.robot
+    tasks, longest = [], 0.0
+    for arm in robot.arms:
+        home = robot.postures["home"][robot.columns(arm.joints)]
+        limits = robot.limits.select(arm.joints)
+        law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+        longest = max(longest, float(law.duration(np.full(7, 0.4))))
+        for k in range(100):
+            tasks.append(
+                _task(f"{arm.name}{k}", arm.name, JointTarget((home + 0.4 * (1 - k % 2))[None]))
+            )
+    job = replace(packing, tasks=tuple(tasks), start="home", returns=False)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    value = lower_bound(problem, "normal").value
+    assert 0.99 * 100 * longest < value <= 100 * longest
+
+
+@pytest.mark.parametrize(
+    "kind", ["wrist in the shoulder", "a joint at its limit", "shoulder singular"]
+)
+@pytest.mark.parametrize("robot", ["bottin_planar", "iiwa7", "sda10f"])
+def test_postures_at_the_edges_lie_in_cells(tmp_path, robot: str, kind: str) -> None:
+    """Postures within 1e-9 to 0.1 of where enclosures are hardest, and others of their poses close by."""
+    (tmp_path / ".git").mkdir()
+    (tmp_path / "cell.yaml").write_text(f"dualarm: cell/1\nrobot: {robot}\n")
+    model = CellModel.from_cell(load_cell(tmp_path / "cell.yaml").cell)
+    arm = next(iter(model.arms.values())).kinematics
+    random = np.random.default_rng(11)
+    low, high = np.maximum(arm.lower, -6.2), np.minimum(arm.upper, 6.2)
+    edges = np.linspace(-1.0, 1.0, 8)
+    for near in 10.0 ** np.arange(-9.0, 0.0):
+        q = random.uniform(low, high)
+        if kind == "wrist in the shoulder":
+            q[3] = high[3] - near  # folded as far as it goes; onto itself where links are equal
+        elif kind == "a joint at its limit":
+            joint = random.integers(7)
+            q[joint] = random.choice([low[joint] + near, high[joint] - near])
+        else:
+            q[1] = np.clip(near - arm.canonical.offset[1], low[1], high[1])
+        R, p = arm.forward(q)
+        cells = pose_cells(
+            arm, R, p, edges, Resolution(0.3, 9, 2), False, lambda x: np.zeros(len(x.index))
+        )
+        phi = np.append(0.0, random.normal(scale=near, size=60)).clip(-1.0, 1.0)
+        psi = float(arm.arm_angle(q)) + np.append(0.0, random.normal(scale=near, size=60))
+        turn = rotation_z(-phi)
+        found = arm.solve(turn @ R, turn @ p, psi)
+        joints = arm.nearest_turns(found.q, random.uniform(low, high))
+        some, branch = np.nonzero(found.reachable[:, None] & arm.within_limits(joints))
+        points = np.vstack([np.append(q, 0.0), np.column_stack([joints[some, branch], phi[some]])])[
+            :, None
+        ]
+        inside = ((points >= cells.low - 1e-9) & (points <= cells.high + 1e-9)).all(axis=2)
+        assert inside.any(axis=1).all()
+
+
+def test_a_line_over_an_interval_takes_no_longer_than_at_any_angle_in_it(
+    random_problem: Problems,
+) -> None:
+    """Wide intervals against single angles, for random lines in all directions, also close by the shoulder."""
+    work = random_problem(0, (1, 1)).arms[0]
+    arm = work.kinematics
+    random = np.random.default_rng(12)
+    told = 0
+    for _ in range(60):
+        R = pin.SE3.Random().rotation
+        wrist = arm.geometry.shoulder + random.normal(scale=0.35, size=3)
+        end = wrist + 0.08 * (lambda v: v / np.linalg.norm(v))(random.normal(size=3))
+        middle, half = random.uniform(-2.0, 2.0), random.choice([0.003, 0.02, 0.1])
+        whole = AngleCells(
+            np.zeros(1, dtype=np.int64), np.array([middle - half]), np.array([middle + half])
+        )
+        phi = np.linspace(middle - half, middle + half, 41)
+        points = AngleCells(np.zeros(41, dtype=np.int64), phi, phi)
+        away = [
+            np.linalg.norm(rotation_z(-phi) @ x - arm.geometry.shoulder, axis=1)
+            for x in (wrist, end)
+        ]
+        inside = np.all([(x > arm.reach[0]) & (x < arm.reach[1]) for x in away], axis=0)
+        if inside.any():
+            bound = line_bounds(work, R, wrist, end, whole)[0]
+            assert bound <= line_bounds(work, R, wrist, end, points)[inside].min() + 1e-3
+            told += bound > 0.1
+    assert told > 10
+
+
+@pytest.mark.parametrize("jerk", [200.0, 30.0, 8.0])
+@pytest.mark.parametrize("duration", [0.4, 1.0])
+def test_turning_back_does_not_add_travel(jerk: float, duration: float) -> None:
+    """Greatest forth plus back of a jerk-limited joint, by linear programming, against the one-way distance."""
+    n, speed, acceleration = 120, 1.0, 4.0
+    step = duration / n
+    law = RestToRest(np.array([speed]), np.array([acceleration]), np.array([jerk]))
+    # Constant jerk in each step; acceleration and speed at its end, way in it: all linear in the jerks.
+    a = step * np.tril(np.ones((n, n)))
+    before = np.vstack([np.zeros(n), a[:-1]])
+    v = np.cumsum(step * before + 0.5 * step**2 * np.eye(n), axis=0)
+    v_before = np.vstack([np.zeros(n), v[:-1]])
+    way = step * v_before + 0.5 * step**2 * before + step**3 / 6.0 * np.eye(n)
+    distance = float(law.reachable_distance(np.array([duration]))[0])
+    for share in (0.5, 0.7, 1.0):
+        turn = int(share * n)
+        sign = np.where(np.arange(n) < turn, 1.0, -1.0)
+        most = linprog(
+            -(sign @ way),
+            A_ub=np.vstack([a, -a, sign[:, None] * v, -sign[:, None] * v]),
+            b_ub=np.concatenate([np.full(2 * n, acceleration), np.full(n, speed), np.zeros(n)]),
+            A_eq=np.vstack([v[-1], a[-1]]),
+            b_eq=np.zeros(2),
+            bounds=[(-jerk, jerk)] * n,
+        )
+        assert most.status == 0
+        assert -most.fun <= distance * (1.0 + 1e-6)
+    assert -most.fun >= 0.97 * distance  # all one way: the program finds the closed form
+
+
+def _random_boxes(
+    random: np.random.Generator, table: TransferTable, cells: int, n: int
+) -> PostureBoxes:
+    """Boxes in order of platform cell and kind, neighbours near each other."""
+    index, kind = np.sort(random.integers(0, cells, n)), random.integers(0, 3, n)
+    order = np.lexsort((kind, index))
+    index, kind = index[order], kind[order]
+    middle = np.cumsum(random.normal(scale=0.1, size=(n, 3)), axis=0).clip(-2.5, 2.5)
+    size = random.uniform(0.0, 0.3, (n, 3))
+    low, high = table.box(middle - size, middle + size)
+    return PostureBoxes(index, kind, low, high, np.zeros(n, dtype=np.float32))
+
+
+def test_pruned_pairs_give_the_minima_of_all_pairs(monkeypatch) -> None:
+    """Random boxes, floors and work: both minima written out in full, bit by bit the same."""
+    random = np.random.default_rng(13)
+    law = RestToRest(np.array([1.0, 2.0, 3.0]), np.array([4.0, 8.0, 3.0]), np.full(3, 60.0))
+    table = TransferTable.of([law], np.full(3, -3.0), np.full(3, 3.0))
+    for trial in range(6):
+        before, after = (_random_boxes(random, table, 5, n) for n in (300, 400))
+        own, beyond = (random.uniform(0.0, 2.0, 400).astype(np.float32) for _ in range(2))
+        own[random.random(400) < 0.1] = np.inf
+        floor = random.uniform(0.0, 1.5, (5, 5)).astype(np.float32)
+        without = (1,) if trial % 2 else ()
+        times = table.gap_times(before.low, before.high, after.low, after.high, without)
+        monkeypatch.setattr(bound_pairs, "FEW", 0 if trial < 4 else 10**6)
+        pairs = Pairs(table, before, after, without)
+        sums = np.maximum(times + own, floor[before.index][:, after.index] + beyond)
+        assert (pairs.least_from(own, floor, beyond) == sums.min(axis=1)).all()
+        by_cells = pairs.by_cells(own, 5)
+        for i in range(5):
+            for k in range(5):
+                some = (times + own)[np.ix_(before.index == i, after.index == k)]
+                assert by_cells[i, k] == some.min(initial=np.inf)

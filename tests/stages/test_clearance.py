@@ -1,0 +1,93 @@
+"""Clearance in the search: what the beam sees of it, what plans are charged for it, and local repair."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages.search.beam import _varied, step_waits
+from dualarm_cli.stages.search.clearance import LIKE, Barred
+from dualarm_cli.stages.search.plan_clearance import TURNS, plan_clearance
+from dualarm_cli.stages.search.search import search_near
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.sequence import decisions_of
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.stages import choose_stages
+
+
+@pytest.fixture(scope="module")
+def shelves(tasks_folder):
+    """A crowded sequence of sixteen stages, with a greedy blind plan that touches."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    model = CellModel.from_cell(job.cell)
+    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    problem = sequence_problem(model, job, Holding.of(job))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    return problem, tables, plans, decisions_of(problem, model, plans)
+
+
+def test_steps_cost_what_the_plan_of_which_they_are_is_charged(shelves):
+    """Stage by stage from the plan's own joints; on lines, which steps do not see, a plan may be charged turns more."""
+    problem, tables, plans, decisions = shelves
+    clear = plan_clearance(problem, evaluate(problem, tables, decisions))
+    touched = 0
+    for k, plan in enumerate(plans[: problem.stages]):
+        target = np.array(plan.arrival)
+        for work in problem.arms:
+            if work.name in plan.stops:
+                columns = problem.clearance.cell.columns[problem.arms.index(work)]
+                target[list(columns)] = plan.stops[work.name].posture.q_target
+        rows = (plan.start, plan.arrival, target, plan.end)
+        [waits] = step_waits(problem.clearance, k, *(row[None] for row in rows))
+        more = clear.waits[k] - waits
+        assert abs(more) < 1e-3 or more == pytest.approx(TURNS, abs=1e-3)
+        touched += waits > 0.0
+    assert 2 < touched < problem.stages
+
+
+def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
+    """A barred stage makes its own move impossible; half a radian away, or in another stage, nothing is known."""
+    problem, _, plans, _ = shelves
+    everything = tuple(range(len(plans[0].start)))
+    bar = Barred(3, everything, plans[3].start, plans[3].arrival, 2.5)
+    test = dataclasses.replace(problem.clearance, barred=(bar,))
+    starts = np.array([plans[3].start, plans[3].start + 1.01 * LIKE])
+    ends = np.array([plans[3].arrival, plans[3].arrival])
+    np.testing.assert_array_equal(test.known_costs(3, starts, ends), [2.5, 0.0])
+    np.testing.assert_array_equal(test.known_costs(4, starts, ends), [0.0, 0.0])
+
+
+def test_local_repair_touches_nothing_else_and_makes_better_what_it_touches(shelves):
+    """All stages but those that do not keep clear and their neighbours stay to the last bit."""
+    problem, tables, _, decisions = shelves
+    before = plan_clearance(problem, evaluate(problem, tables, decisions))
+    found = search_near(problem, decisions, [], "quick", 0, local=True)
+    assert found is not None
+    after = plan_clearance(problem, found)
+    assert after.penalty < before.penalty or not np.isfinite(before.penalty)
+    n = problem.stages
+    moves = before.waits > 0.0
+    touched = ~before.stops | ~before.moves[:n] | moves[:n] | moves[1:]
+    near = touched.copy()
+    near[1:] |= touched[:-1]
+    near[:-1] |= touched[1:]
+    assert not near.all()
+    np.testing.assert_array_equal(found.decisions.angle[~near], decisions.angle[~near])
+    for mine, theirs in zip(found.decisions.arms, decisions.arms, strict=True):
+        for field in dataclasses.fields(mine):
+            np.testing.assert_array_equal(
+                getattr(mine, field.name)[~near], getattr(theirs, field.name)[~near]
+            )
+
+
+def test_few_of_a_kind_come_first_and_then_the_others():
+    """By hand: two of each kind at most, in their order, then what is left in its order."""
+    kinds = np.array([5, 5, 5, 1, 5, 1, 1, 2])
+    np.testing.assert_array_equal(_varied(kinds, 2, 8), [0, 1, 3, 5, 7, 2, 4, 6])
+    np.testing.assert_array_equal(_varied(kinds, 2, 4), [0, 1, 3, 5])

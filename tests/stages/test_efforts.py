@@ -1,0 +1,29 @@
+"""More of everything for short sequences, fewer nodes for long ones, and all of it where no time is spared."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from dualarm_cli.stages.search.search import EFFORTS, LEAST_NODES, evening
+
+
+def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
+    """By hand: luck at single stages evens out with the square root of their number beyond 24, nodes down to 70 %."""
+    assert evening(24) == evening(3) == 1.0
+    assert evening(96) == pytest.approx(0.5)
+    normal, thorough = EFFORTS["normal"], EFFORTS["thorough"]
+    for stages, share in ((24, 1.0), (30, math.sqrt(24 / 30)), (1000, LEAST_NODES)):
+        meshes = normal.for_stages(stages).meshes
+        assert [mesh.most_nodes for mesh in meshes] == [
+            round(share * mesh.most_nodes) for mesh in normal.meshes
+        ]
+        assert thorough.for_stages(stages).meshes == thorough.meshes
+
+
+@pytest.mark.parametrize(("stages", "more"), [(24, 1), (13, 1), (12, 2), (8, 3), (6, 4), (2, 4)])
+def test_short_sequences_get_more_rounds(stages, more):
+    """As many times as they go into 24, four times at most."""
+    for effort in EFFORTS.values():
+        assert effort.for_stages(stages).rounds == more * effort.rounds

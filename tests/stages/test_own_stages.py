@@ -1,0 +1,275 @@
+"""Stages of whose nodes the arms share no platform angle of the grid: one of them never refuses the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.postures.holding import Holding
+from dualarm_cli.stages import sequence
+from dualarm_cli.stages.search import beam
+from dualarm_cli.stages.search.node_plans import Mesh, plans_on_nodes
+from dualarm_cli.stages.search.own_stages import exact_nodes, shared_intervals, spread
+from dualarm_cli.stages.search.plan_clearance import plan_clearance
+from dualarm_cli.stages.search.postures import postures
+from dualarm_cli.stages.search.problem import SequenceProblem
+from dualarm_cli.stages.search.search import FoundSequence, search, search_near
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.verification import verify
+
+WHOLE = (-np.pi, np.pi)
+CROWDED = (9, 12)
+"""Seeds of stages in which the quickest postures touch, and others do not."""
+PLACE = Place("random", 1, 1)
+
+
+def pose(radius: float, azimuth: float, height: float, yaw: float) -> pin.SE3:
+    """Returns a tool pose that points down, about the platform's axis."""
+    place = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
+    return pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, yaw), place)
+
+
+def stage_job(job: Job, stages: list[dict[str, pin.SE3]]) -> Job:
+    """Returns bare moves of both arms, stage by stage."""
+    tasks = []
+    for arm in ("left", "right"):
+        for k, stage in enumerate(stages):
+            stop = Stop("move", PoseTarget(stage[arm]), 0.0, 0.0, Dwell(), PLACE)
+            tasks.append(Task(f"{arm}-{k}", arm, (stop,)))
+    return replace(job, tasks=tuple(tasks), start="home", returns=False)
+
+
+def problem_of(job: Job) -> tuple[SequenceProblem, tuple[StopTable, ...]]:
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    return problem, tuple(StopTable.of(work) for work in problem.arms)
+
+
+def reached(problem: SequenceProblem, a: int, k: int, angle: float) -> bool:
+    """Returns whether some of 1,440 arm angles of some branch is within limits, by plain inverse kinematics."""
+    work = problem.arms[a]
+    stop = work.stops[k]
+    assert stop is not None
+    position = np.array([[angle]])
+    R_world, p_world = problem.platform.pose(position)
+    R = R_world[0].T @ stop.R_world_tool
+    p = R_world[0].T @ (stop.p_world_tool - p_world[0])
+    R_flange, p_flange = R @ work.R_tool_flange, p + R @ work.p_tool_flange
+    if work.kinematics.reach_miss(R_flange, p_flange) > 0.0:
+        return False
+    psi = np.linspace(-np.pi, np.pi, 1440, endpoint=False)
+    q = work.kinematics.solve(R_flange, p_flange, psi).q
+    middle = 0.5 * (work.limits.lower + work.limits.upper)
+    turned = work.kinematics.nearest_turns(q, middle)
+    return bool(work.kinematics.within_limits(turned).any())
+
+
+def narrow(job: Job, width: float) -> tuple[Job, tuple[float, float]]:
+    """Returns three stages, in the second of which the arms share so little of the platform's angles [rad], and where.
+
+    Turning a target about the platform's axis turns the angles from which it is reached by as much. Both arms' own
+    angles are looked for by plain inverse kinematics, with the ends by halving.
+    """
+    left, right = pose(0.78, 0.05, 0.93, -0.92), pose(0.78, -0.06, 0.74, 1.50)
+    easy = {"left": pose(0.6, 0.6, 0.9, 0.3), "right": pose(0.6, -0.6, 0.9, 0.3)}
+    problem, _ = problem_of(stage_job(job, [{"left": left, "right": right}]))
+    angles = np.radians(np.arange(-180.0, 181.0, 3.0))
+    ok = np.array([[reached(problem, a, 0, angle) for angle in angles] for a in (0, 1)])
+    last = int(np.flatnonzero(ok[0]).max())
+    first = int(np.flatnonzero(ok[1]).min())
+    top = halved(lambda angle: reached(problem, 0, 0, angle), angles[last], angles[last + 1])
+    bottom = halved(lambda angle: reached(problem, 1, 0, angle), angles[first], angles[first - 1])
+    turn = pin.SE3(pin.utils.rotate("z", top - width - bottom), np.zeros(3))
+    tight = {"left": left, "right": turn * right}
+    return stage_job(job, [easy, tight, easy]), (top - width, top)
+
+
+def halved(ok: Callable[[float], bool], inner: float, outer: float) -> float:
+    for _ in range(30):
+        middle = 0.5 * (inner + outer)
+        inner, outer = (middle, outer) if ok(middle) else (inner, middle)
+    return inner
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shared_angles_are_those_of_plain_inverse_kinematics(
+    random_problem: Callable[..., SequenceProblem], seed: int
+) -> None:
+    """Every degree: what both arms reach lies in an interval; and both reach the middle of every interval."""
+    problem = random_problem(seed, (2, 2))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    for k in range(2):
+        found = shared_intervals(problem, tables, k, WHOLE)
+        for angle in np.radians(np.arange(-180.0, 180.0, 3.0)):
+            if all(reached(problem, a, k, angle) for a in (0, 1)):
+                assert any(low - 1e-9 <= angle <= high + 1e-9 for low, high in found)
+        for low, high in found:
+            if high - low > 0.02:
+                assert all(reached(problem, a, k, 0.5 * (low + high)) for a in (0, 1))
+
+
+@pytest.mark.parametrize("width_deg", [0.5, 0.02])
+def test_an_overlap_that_is_narrower_than_any_grid_is_found(packing: Job, width_deg: float) -> None:
+    """Half a degree and a fiftieth; the ends by halving on plain inverse kinematics."""
+    job, (low, high) = narrow(packing, np.radians(width_deg))
+    problem, tables = problem_of(job)
+    [(found_low, found_high)] = shared_intervals(problem, tables, 1, WHOLE)
+    assert found_low == pytest.approx(low, abs=1e-4)
+    assert found_high == pytest.approx(high, abs=1e-4)
+
+
+@pytest.mark.parametrize("width_deg", [0.5, 0.02])
+def test_one_narrow_stage_does_not_refuse_the_sequence(packing: Job, width_deg: float) -> None:
+    """No plan of a simpler method to begin with: the grid's angles are 15 degrees apart."""
+    job, (low, high) = narrow(packing, np.radians(width_deg))
+    problem, _ = problem_of(job)
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    assert not found.hopeless
+    assert np.isfinite(found.best.total)
+    assert low - 1e-4 <= found.best.decisions.angle[1] <= high + 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("line", [0.0, 0.08])
+def test_exact_nodes_are_postures_as_plans_have_them(
+    random_problem: Callable[..., SequenceProblem], seed: int, line: float
+) -> None:
+    """Within limits along their lines, their times those of a plan, and at the target as forward kinematics says."""
+    problem = random_problem(seed, (2, 2), line=line, free_yaw=seed == 1)
+    for a, work in enumerate(problem.arms):
+        table = StopTable.of(work)
+        angles = spread(shared_intervals(problem, (table, table), 0, WHOLE), 5)
+        nodes = exact_nodes(problem, a, table, 0, angles, 500)
+        assert len(nodes.work)
+        assert (np.diff(nodes.angle_index) >= 0).all()
+        stages = np.zeros(len(nodes.work), dtype=np.int64)
+        made = postures(problem, a, table, stages, angles[nodes.angle_index], nodes.decisions)
+        assert made.possible.all()
+        assert np.array_equal(made.work, nodes.work)
+        R, p = work.kinematics.forward(nodes.decisions.near)
+        R_world, p_world = problem.platform.pose(angles[nodes.angle_index][:, None])
+        stop = work.stops[0]
+        assert stop is not None
+        tool = (R_world @ (p - R @ work.R_tool_flange.T @ work.p_tool_flange)[..., None])[..., 0]
+        assert np.abs(tool + p_world - stop.p_world_tool).max() < 1e-9
+
+
+def test_angles_are_spread_over_all_intervals() -> None:
+    """By hand: of ten angles the narrow one gets one; with room for two of three, the widest two."""
+    found = spread([(0.0, 9.0), (20.0, 20.0)], 10)
+    assert found.tolist() == [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5, 8.5, 20.0]
+    assert spread([(0.0, 1.0), (2.0, 5.0), (6.0, 8.0)], 2).tolist() == [3.5, 7.0]
+    assert spread([], 4).tolist() == []
+
+
+def touching_job(packing: Job) -> Job:
+    """Returns three stages; in the second one no angle of the grids has a posture of each arm that is clear."""
+    cell = replace(packing.cell, obstacles=())
+    stages = [
+        {
+            arm: pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, np.radians(yaw)), np.array(place))
+            for arm, place, yaw in (("left", left, yaw_left), ("right", right, yaw_right))
+        }
+        for left, yaw_left, right, yaw_right in (
+            ((0.512733, 0.471455, 0.869147), -87.79, (0.411239, -0.619697, 0.812238), 107.99),
+            ((0.468423, 0.056330, 0.894993), -111.20, (0.176096, -0.432861, 0.780746), -142.83),
+            ((0.725046, 0.160784, 0.863022), -37.92, (0.690205, -0.122864, 0.830153), -100.61),
+        )
+    ]
+    return stage_job(replace(packing, cell=cell), stages)
+
+
+def test_a_stage_whose_nodes_touch_at_all_angles_of_the_grid_gets_others(
+    packing: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near the plan that may touch as well: the search is not asked a second time, over everything."""
+    job = touching_job(packing)
+    asked = []
+
+    def counted(*args: object) -> FoundSequence | None:
+        asked.append(args)
+        return search(*args)
+
+    monkeypatch.setattr(sequence, "search", counted)
+    planned = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert len(asked) == 1
+    assert verify(planned, job, clearance=True).passed
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    found = search(problem, [], "quick", 0)
+    assert found is not None
+    assert not found.hopeless
+    assert plan_clearance(problem, found.best).stops.all()
+
+
+def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing: Job) -> None:
+    """It has a plan with 0.3 mm of clearance and none with 2 mm, whichever stages' moves are known to touch."""
+    stages = [
+        {
+            arm: pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, yaw), np.array(place))
+            for arm, place, yaw in (("left", left, yaw_left), ("right", right, yaw_right))
+        }
+        for left, yaw_left, right, yaw_right in (
+            ((0.6586, -0.0115, 0.8148), -0.8312, (0.5117, -0.3621, 0.7791), 0.5146),
+            ((0.0202, 0.4614, 0.8901), 1.1032, (0.4119, 0.1523, 0.8208), 1.8974),
+        )
+    ]
+    bare = stage_job(
+        replace(packing, cell=replace(packing.cell, obstacles=(), clearance=0.0)), stages
+    )
+    tasks = [
+        replace(
+            task, stops=tuple(replace(stop, approach=0.08, retract=0.08) for stop in task.stops)
+        )
+        for task in bare.tasks
+    ]
+    job = replace(bare, tasks=tuple(tasks))
+    planned = plan_without_bound(job, PlanSettings(effort="quick"))
+    assert verify(planned, job, clearance=True).passed
+    model = CellModel.from_cell(job.cell)
+    found = search(sequence_problem(model, job), [], "quick", 0)
+    assert found is not None
+    blind = found.best.decisions
+    problem = sequence_problem(model, job, Holding.of(job, crossing=True))
+    for touching in ([], [0], [1]):
+        near = search_near(problem, blind, touching, "quick", 0, local=False)
+        assert near is not None
+        assert near.decisions.angle[1] == blind.angle[1]
+        for mine, theirs in zip(near.decisions.arms, blind.arms, strict=True):
+            np.testing.assert_array_equal(mine.near[1], theirs.near[1])
+
+
+@pytest.mark.parametrize("seed", CROWDED)
+def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
+    packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Both arms near the front, and but a few steps looked at: pairs of postures that keep clear are found still."""
+    random = np.random.default_rng(seed)
+    stages = [
+        {
+            arm: pose(
+                random.uniform(0.5, 0.7),
+                side * random.uniform(0.05, 0.2),
+                random.uniform(0.8, 1.0),
+                random.uniform(-np.pi, np.pi),
+            )
+            for arm, side in (("left", 1.0), ("right", -1.0))
+        }
+        for _ in range(3)
+    ]
+    job = stage_job(replace(packing, cell=replace(packing.cell, obstacles=())), stages)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    monkeypatch.setattr(beam, "WAYS", 1)
+    monkeypatch.setattr(beam, "MORE", 1)
+    [(path, plan)] = plans_on_nodes(problem, tables, Mesh(0.25, 12, 1500, 1), 1).plans
+    assert path.is_possible
+    assert plan_clearance(problem, plan).stops.all()

@@ -1,0 +1,93 @@
+"""General optimisers on a sequence: they gain where there is something to gain, and never lose."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dualarm_cli.bound.bound import lower_bound
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.stages.peers.grid import FIRST_STEP, SMALLEST_STEP, local_search
+from dualarm_cli.stages.peers.ipopt import nonlinear_program
+from dualarm_cli.stages.peers.repair import repaired
+from dualarm_cli.stages.peers.swarm import particle_swarm
+from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.stages.search.times import evaluate
+from dualarm_cli.stages.search.variables import Variables
+from dualarm_cli.stages.sequence import decisions_of
+from dualarm_cli.stages.sequence_problem import sequence_problem
+from dualarm_cli.stages.stages import choose_stages
+
+
+@pytest.fixture(scope="module")
+def start(tasks_folder):
+    """Three stages of the packing job by `exact` with unrefined postures, as numbers."""
+    job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:3])
+    model = CellModel.from_cell(job.cell)
+    problem = sequence_problem(model, job)
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
+    return problem, tables, evaluate(problem, tables, decisions_of(problem, model, plans))
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_local_search_ends_where_no_step_helps(start, closed):
+    """It gains, and no single variable moved by the last step gains any more; cycles that close anywhere too."""
+    problem, tables, plan = start
+    if closed:
+        problem = dataclasses.replace(problem, free_start=True, returns=True)
+        plan = evaluate(problem, tables, plan.decisions)
+    better = local_search(problem, tables, plan, "quick")
+    assert better.total < plan.total
+    variables = Variables.of(problem)
+    step = FIRST_STEP
+    while step * 0.5 >= SMALLEST_STEP["quick"]:
+        step *= 0.5
+    for one in np.eye(variables.count) * step:
+        for sign in (1.0, -1.0):
+            moved = variables.moved(better.decisions, sign * one)
+            if problem.platform_range[0] <= moved.angle.min() <= moved.angle.max():
+                assert evaluate(problem, tables, moved).total > better.total - 2e-9
+
+
+def test_the_swarm_gains_and_depends_on_its_seed_alone(start):
+    """The same seed gives the same plan."""
+    problem, tables, plan = start
+    one, two = (particle_swarm(problem, tables, plan, "quick", 7) for _ in range(2))
+    assert one.total == two.total < plan.total
+
+
+def test_ipopt_gains_and_gives_the_same_twice(start):
+    """From the same plan, bit for bit, and never below the bound."""
+    problem, tables, plan = start
+    one, two = (nonlinear_program(problem, tables, plan, "quick") for _ in range(2))
+    assert one.total == two.total < plan.total
+    assert lower_bound(problem, "quick").value <= one.total
+
+
+def test_a_start_beyond_a_limit_is_repaired_where_it_is_impossible_only(start):
+    """One arm's lines get a swing that no joint limit allows; the other stages stay as they were."""
+    problem, tables, plan = start
+    left = plan.decisions.arms[0]
+    spoiled = np.array(left.psi_approach)
+    k = int(np.flatnonzero(tables[0].active & (tables[0].approach > 0.0))[0])
+    spoiled[k] += 3.0
+    arms = (dataclasses.replace(left, psi_approach=spoiled), *plan.decisions.arms[1:])
+    decisions = dataclasses.replace(plan.decisions, arms=arms)
+    assert evaluate(problem, tables, decisions).total == np.inf
+    found = repaired(problem, tables, decisions)
+    assert found is not None
+    assert np.isfinite(found.total)
+    others = np.arange(problem.stages) != k
+    for before, after in zip(decisions.arms, found.decisions.arms, strict=True):
+        assert np.array_equal(before.psi_approach[others], after.psi_approach[others])
+
+
+def test_a_possible_start_is_left_alone(start):
+    """Bit for bit."""
+    problem, tables, plan = start
+    found = repaired(problem, tables, plan.decisions)
+    assert found is not None
+    assert found.total == plan.total

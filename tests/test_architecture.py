@@ -1,0 +1,74 @@
+"""The shape of the code: folders, their imports, and the names in them."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
+MOST_MODULES = 20
+"""Modules in one folder, `__init__.py` not counted."""
+
+
+def modules():
+    """Returns the package's modules by their dotted names."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported(path, names):
+    """Returns the package's modules that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE.name):
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield full if full in names else node.module
+
+
+def folder(path):
+    """Returns the folder of a module; a module beside the rooms (errors, registry) counts as one of its own."""
+    room = path if path.parent == PACKAGE else path.parent
+    return room.relative_to(PACKAGE.parent).as_posix()
+
+
+def test_no_folder_has_more_modules_than_a_reader_can_hold():
+    """At most 20; what has more hides rooms that are not there yet."""
+    sizes = defaultdict(int)
+    for path in modules().values():
+        sizes[folder(path)] += path.name != "__init__.py"
+    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}
+
+
+def test_folders_do_not_import_each_other():
+    """Folders can be put in an order in which each imports from earlier ones only; a circle raises CycleError."""
+    names, graph = modules(), defaultdict(set)
+    for path in names.values():
+        for other in imported(path, names):
+            if folder(names[other]) != folder(path):
+                graph[folder(path)].add(folder(names[other]))
+    assert list(TopologicalSorter(graph).static_order())
+
+
+def test_public_class_names_are_unique():
+    """A name that is looked up leads to one place."""
+    places = defaultdict(list)
+    for name, path in modules().items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(name)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_every_room_is_on_the_map():
+    """`docs/architecture.md` names each folder of the package, and each folder says in a sentence what it is for."""
+    text = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    for path in PACKAGE.iterdir():
+        if path.is_dir() and (path / "__init__.py").exists():
+            assert f"`{path.name}`" in text, path.name
+    for init in PACKAGE.rglob("__init__.py"):
+        assert ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))), init
