@@ -139,8 +139,10 @@ JERK_SHARES = np.array([0.5, 0.3, 0.15])
 """Shares of a ramp in which the acceleration rises, and falls again, that are tried."""
 FINER_SHARES = np.array([0.5, 0.44, 0.38, 0.32, 0.26, 0.2, 0.15, 0.1])
 """Those that are tried where a ramp is known that is nearly the shortest."""
-PER_PHASE = 9
-"""Instants of each phase of a ramp that are looked at."""
+PER_PHASE, CLOSE = 9, 49
+"""Instants of each phase of a ramp that are looked at first, and of those that keep all limits there."""
+AT_ONCE = 4
+"""So many ramps are looked at closely at once."""
 SPEEDS, NEAR_BEST = 40, 16
 """Speeds that are tried where any will do, and then about the best of them."""
 LEAST_SPEED = 1e-3
@@ -246,7 +248,9 @@ def profile_of_duration(
         for shape in shapes:
             time, part = np.array([ramp]), np.array([shape])
             ends = (rates, rates.backwards())
-            if all(_keeps(end, limits, speed, time, part, acceleration).all() for end in ends):
+            if all(
+                _keeps(end, limits, speed, time, part, acceleration, CLOSE).all() for end in ends
+            ):
                 one = Ramp(ramp, ramp * shape)
                 return SteadyProfile(speed, one, one)
     fastest = fastest_profile(rates, limits, np.inf, acceleration, trapezoid=trapezoid)
@@ -329,7 +333,13 @@ def _first(
     """Returns the first ramp that keeps every limit, of times (g,) [s] and for each of shapes (h,), or None."""
     time, shape = (grid.ravel() for grid in np.meshgrid(times, shapes, indexing="ij"))
     good = np.flatnonzero(_keeps(rates, limits, speed, time, shape, acceleration))
-    return Ramp(float(time[good[0]]), float((time * shape)[good[0]])) if len(good) else None
+    # On a wavy path rates have peaks between the few instants by which most ramps are refused.
+    for k in range(0, len(good), AT_ONCE):
+        some = good[k : k + AT_ONCE]
+        kept = some[_keeps(rates, limits, speed, time[some], shape[some], acceleration, CLOSE)]
+        if len(kept):
+            return Ramp(float(time[kept[0]]), float((time * shape)[kept[0]]))
+    return None
 
 
 def _keeps(
@@ -339,6 +349,7 @@ def _keeps(
     time: FloatArray,
     shape: FloatArray,
     acceleration: float | None,
+    instants: int = PER_PHASE,
 ) -> BoolArray:
     """Returns which ramps to a speed keep every limit, shape (g,).
 
@@ -349,11 +360,12 @@ def _keeps(
         time: of the ramps [s], shape (g,).
         shape: share of each in which the acceleration rises, shape (g,).
         acceleration: largest acceleration of the share [1/s²], or None.
+        instants: of each phase that are looked at.
     """
     x = shape * time
     steep = speed / (time - x)
     edges = np.stack([np.zeros_like(time), x, time - x, time], axis=-1)
-    inner = np.linspace(0.0, 1.0, PER_PHASE)
+    inner = np.linspace(0.0, 1.0, instants)
     t = edges[:, :-1, None] + np.diff(edges, axis=1)[:, :, None] * inner
     ramp = Ramp(time[:, None, None], x[:, None, None])  # type: ignore[arg-type]
     s, sd, sdd = ramp_at(t, speed, ramp)

@@ -167,6 +167,29 @@ def test_every_limit_is_kept_on_any_path(size, phase, straight, limit, jerk, sha
     assert (measured[2] <= limits.jerk * (1.0 + 1e-3)).all()
 
 
+def test_limits_are_kept_on_short_waves_in_ramps_too():
+    """Forty waves, of which each phase of a ramp covers several: limits by differences of positions."""
+    phase = np.array([0.3, 1.1])
+    k, size = 2.0 * np.pi * 40.0, np.array([2e-4, 1e-4])
+
+    def q(s):
+        s = np.asarray(s)[:, None]
+        return s * [1.0, -0.5] + size * np.sin(k * s + phase)
+
+    s = np.linspace(0.0, 1.0, 16 * 40 + 1)[:, None]
+    rates = PathRates(
+        [1.0, -0.5] + k * size * np.cos(k * s + phase),
+        -(k**2) * size * np.sin(k * s + phase),
+        -(k**3) * size * np.cos(k * s + phase),
+    )
+    limits = limits_of([2.0, 2.0], [6.0, 6.0], [120.0, 120.0])
+    found = fastest_profile(rates, limits, np.inf)
+    velocity, acceleration, jerk = dense_rates(q, found)
+    assert (velocity <= limits.velocity).all()
+    assert (acceleration <= limits.acceleration).all()
+    assert (jerk <= limits.jerk).all()
+
+
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.7])
 def test_a_speed_that_can_be_kept_is_kept_exactly(share):
     """Not by a rounding less, however slow."""

@@ -175,21 +175,32 @@ def _from(begin: FloatArray, share: FloatArray, position: FloatArray) -> FloatAr
 
 
 def _evened_out(position: FloatArray, width: float) -> FloatArray:
-    """Returns means of joints (k, n) over some nodes' distance, fading to nothing at both ends.
+    """Returns joints (k, n) with what is shorter than about some nodes' distance taken away: a Whittaker smoother.
 
-    A solver's accelerations have corners where a limit decides, and the chain's closing between nodes adds more: a
-    mean over W takes away what is shorter than W.
+    A solver's accelerations have corners where a limit decides, and the chain's closing between nodes adds more. What
+    is least is the square of the change plus that of fourth differences: cubics stay as they are, up to both ends,
+    where means would bend the motion straight and so cost jerk.
     """
-    half = round(width * PER_NODE)
-    if half == 0:
+    if width == 0.0:
         return position
-    window = np.hanning(2 * half + 3)[1:-1]
-    # Turned about the end points, so that straight ways stay straight.
-    padded = np.pad(position, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
-    means = np.stack(
-        [np.convolve(column, window / window.sum(), mode="valid") for column in padded.T], axis=1
-    )
-    return np.asarray(means)
+    # Slow to import, and needed for seams alone.
+    from scipy.linalg import solveh_banded
+
+    count = len(position)
+    rough = np.zeros((5, count))
+    difference = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    for low in range(5):
+        # The upper band of the matrix DᵀD of fourth differences D, row 4 its diagonal.
+        for high in range(low, 5):
+            band = rough[4 - (high - low)]
+            band[high : count - 4 + high] += difference[low] * difference[high]
+    weight = (width * PER_NODE / np.pi) ** 8
+    uneven = np.zeros((count + 4, position.shape[1]))
+    uneven[4:-4] = np.diff(position, 4, axis=0)
+    rough *= weight
+    rough[4] += 1.0
+    # The change is solved for, not the joints: it is small, and so is what rounding leaves of it.
+    return np.asarray(position - solveh_banded(rough, weight * np.diff(uneven, 4, axis=0)))
 
 
 def _stands(problem: SeamProblem, motion: SeamMotion) -> BoolArray:
