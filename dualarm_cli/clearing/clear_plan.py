@@ -31,7 +31,7 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
     job, cell = problem.job, holding.cell
     if job.start == "free":
         return
-    position = np.array(job.cell.robot.postures[job.start])
+    position = np.array(job.start_joints)
     held = holding.before[0]
     one, other, margin = cell.nearest(position, held)
     if margin < 0.0:
@@ -155,7 +155,7 @@ def _standing(job: Job, found: Cleared) -> str:
     for arm in job.cell.robot.arms:
         first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
         if found.blocked and min(found.blocked) < first:
-            where = "home" if job.start == "free" else job.start
+            where = job.start_posture
             words += (
                 f"; the {arm.name} arm stands in posture '{where}' before stage {first + 1}, its first: a bare `move` "
                 "before its other tasks takes it out of the way"

@@ -281,6 +281,19 @@ class Job:
     """Places for parts between tasks, by name."""
     budget: Budget | None = None
     """What its plans must keep besides, or None."""
+    begin: FloatArray | None = field(default=None, compare=False)
+    """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
+    job, whose start is then only a name."""
+
+    @property
+    def start_posture(self) -> str:
+        """Name of the posture in which the motion starts; where it may start anywhere, that from which turns count."""
+        return "home" if self.start == "free" else self.start
+
+    @property
+    def start_joints(self) -> FloatArray:
+        """All joints there [rad or m], shape (n,)."""
+        return self.cell.robot.postures[self.start_posture] if self.begin is None else self.begin
 
     @property
     def is_decided(self) -> bool:

@@ -146,7 +146,7 @@ def _travel(model: CellModel, job: Job, sections: Sequence[tuple[Task, ...]]) ->
     """
     home = {}
     if job.start != "free":
-        q = np.array(job.cell.robot.postures[job.start])
+        q = np.array(job.start_joints)
         home = {name: model.tool_position(name, q)[None] for name in model.arms}
     ways = [(home, home)] if home else []
     ways += [_ends(list(model.arms), section) for section in sections]

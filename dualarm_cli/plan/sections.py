@@ -101,7 +101,7 @@ class SectionPlanner:
         robot = job.cell.robot
         if job.is_decided:
             check_stage_levels(job)
-        here = None if job.start == "free" else np.array(robot.postures[job.start])
+        here = None if job.start == "free" else np.array(job.start_joints)
         if self.clear and here is not None:
             # What no plan can mend is told before one is looked for.
             check_start(self.problem, Holding.of(self._problem((), here).job))
@@ -296,14 +296,9 @@ class SectionPlanner:
     def _problem(self, tasks: tuple[Task, ...], here: FloatArray | None) -> MethodProblem:
         """Returns the problem of some of the tasks, starting where the robot is."""
         job = self.problem.job
-        cell, start = job.cell, "free"
-        if here is not None:
-            start = HERE
-            postures = {**cell.robot.postures, HERE: here}
-            cell = replace(cell, robot=replace(cell.robot, postures=postures))
-        job = replace(job, cell=cell, tasks=tasks, start=start, returns=False)
-        model = replace(self.problem.model, cell=cell)
-        return replace(self.problem, job=job, model=model)
+        start = "free" if here is None else HERE
+        job = replace(job, tasks=tasks, start=start, begin=here, returns=False)
+        return replace(self.problem, job=job)
 
 
 def _always_there(refusals: list[Refused]) -> bool:

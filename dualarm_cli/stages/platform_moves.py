@@ -63,7 +63,7 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
     before_it = replace(job, returns=False)
     count = stage - 1 or (1 if job.start == "free" else 0)
     plans = choose_stages(model, before_it, "exact", "arm_angle", count=count)
-    position = job.cell.robot.postures["home" if job.start == "free" else job.start]
+    position = job.start_joints
     if plans:
         position = plans[-1].end if stage > 1 else plans[0].start
     stops = stop_problems(model, job, position, work[stage - 1])

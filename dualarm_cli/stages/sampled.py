@@ -113,7 +113,7 @@ def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
 def _stages(problem: MethodProblem) -> list[SampledStage]:
     model, job = problem.model, problem.job
     clock = Clock.of(model, job)
-    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    home = np.array(job.start_joints)
     found = []
     for k, work in enumerate(job.stages()):
         keep = None if problem.holding is None else KeepClear(model, problem.holding, k)
@@ -124,7 +124,7 @@ def _stages(problem: MethodProblem) -> list[SampledStage]:
 def _angles(problem: MethodProblem, effort: SampledEffort) -> FloatArray:
     """Returns the platform angles that are sampled, where it starts first, shape (m, k)."""
     model, job = problem.model, problem.job
-    home = job.cell.robot.postures["home" if job.start == "free" else job.start]
+    home = job.start_joints
     here: FloatArray = home[model.platform_columns][None]
     if not model.platform.is_turntable:
         return here

@@ -108,8 +108,7 @@ def stage_plans(
 
 def _start(model: CellModel, job: Job, problem: SequenceProblem, found: Evaluated) -> FloatArray:
     """Returns all joints before the first stage [rad], shape (n,)."""
-    robot = job.cell.robot
-    position = np.array(robot.postures["home" if job.start == "free" else job.start])
+    position = np.array(job.start_joints)
     if problem.turns:
         position[model.platform_columns] = start_angle(problem, found.decisions.angle)
     for work, postures in zip(problem.arms, found.arms, strict=True):

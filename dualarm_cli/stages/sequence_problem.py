@@ -45,7 +45,7 @@ def sequence_problem(
     found = replace(_problem(model, job, stops), handing=handing)
     if holding is None:
         return found
-    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    start = np.array(job.start_joints)
     return replace(found, clearance=_clearance(model, start, holding, barred))
 
 
@@ -71,7 +71,7 @@ def _problem(
 ) -> SequenceProblem:
     robot = job.cell.robot
     limits = robot.limits.scaled(job.speed)
-    start = np.array(robot.postures["home" if job.start == "free" else job.start])
+    start = np.array(job.start_joints)
     arms = tuple(
         _arm_work(arm, limits.select(arm.arm.joints), tuple(stops[name]), start[arm.columns])
         for name, arm in model.arms.items()

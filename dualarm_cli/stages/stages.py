@@ -83,7 +83,7 @@ def choose_stages_with(
         holding: what has to keep clear; None where nothing has to.
     """
     clock = Clock.of(model, job)
-    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    home = np.array(job.start_joints)
     plans: dict[str, list[StagePlan]] = {name: [] for name in platforms}
     failures: dict[str, InfeasibleError] = {}
     for k, work in enumerate(job.stages()[:count]):

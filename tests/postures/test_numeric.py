@@ -21,7 +21,7 @@ AHEAD = np.array([1.0, 0.0, 0.0])
 def problems_of(job, numeric):
     """All stops of a job, as seen from its start."""
     model = CellModel.from_cell(job.cell, numeric=numeric)
-    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    home = np.array(job.start_joints)
     return [one for work in job.stages() for one in stop_problems(model, job, home, work).values()]
 
 

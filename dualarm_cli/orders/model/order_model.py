@@ -63,7 +63,7 @@ def hub(
 
     From the start; given configurations have no choice that could gather about it.
     """
-    start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    start = np.array(job.start_joints)
     hub: FloatArray = start[model.arms[name].columns]
     own = [one for (arm, _, _), one in nodes.items() if arm == name and len(one.work)]
     for _ in range(HUB_ROUNDS if own else 0):
@@ -183,8 +183,7 @@ class OrderModel:
     @property
     def start(self) -> FloatArray:
         """All joints before the motion [rad], shape (n,)."""
-        postures = self.job.cell.robot.postures
-        return np.array(postures["home" if self.job.start == "free" else self.job.start])
+        return np.array(self.job.start_joints)
 
     def problem(self, f: int) -> SequencingProblem:
         """Returns the tasks with the platform standing at one of the angles."""

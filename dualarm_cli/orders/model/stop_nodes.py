@@ -51,7 +51,7 @@ def platform_angles(model: CellModel, job: Job) -> FloatArray:
     One where it cannot be turned. A platform without limits is turned by half a turn each way at most.
     """
     robot = job.cell.robot
-    start = robot.postures["home" if job.start == "free" else job.start]
+    start = job.start_joints
     here: FloatArray = np.array(start[model.platform_columns])[None]
     if not model.platform.is_turntable:
         return here
@@ -115,7 +115,7 @@ def _sampled(
 ) -> dict[tuple[str, int, int], StopNodes]:
     """Returns nodes of any arms."""
     clock = Clock.of(model, job)
-    home = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+    home = np.array(job.start_joints)
     found = {}
     for t, task in enumerate(job.tasks):
         for s, stop in enumerate(task.stops):

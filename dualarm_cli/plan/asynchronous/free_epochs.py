@@ -114,8 +114,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
         own = begun(replace(own, cell=cell), done)
         done += tasks
         if here is not None:
-            robot = replace(cell.robot, postures={**cell.robot.postures, HERE: here})
-            own = replace(own, cell=replace(cell, robot=robot), start=HERE)
+            own = replace(own, begin=here, start=HERE)
         end = None
         if job.returns and k == len(found.epochs) - 1 and record.pieces:
             end = record.pieces[0].position[0]

@@ -61,7 +61,7 @@ class FreePlanner:
             InfeasibleError: an arm has no way of its own, or no way was found for both together.
         """
         job = self.problem.job
-        start = np.array(job.cell.robot.postures["home" if job.start == "free" else job.start])
+        start = np.array(job.start_joints)
         work = start.copy()
         work[self.problem.model.platform_columns] = angle
         model = replace(
@@ -105,12 +105,9 @@ class FreePlanner:
         if not tasks and self.end is None:
             still = hold(arm.arm.joints, work[arm.columns], 0.0)
             return OwnClock(name, still, (), (), ())
-        key = "home" if job.start == "free" else job.start
-        postures = {**job.cell.robot.postures, key: work}
-        cell = replace(job.cell, robot=replace(job.cell.robot, postures=postures))
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
-        alone = replace(job, cell=cell, tasks=free, pairing=None, mode="paired")
-        problem = replace(self.problem, model=replace(model, cell=cell), job=alone)
+        alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired")
+        problem = replace(self.problem, model=model, job=alone)
         motion = self._still(model, work)
         if tasks:
             motion = quickest_clear(
@@ -133,10 +130,8 @@ class FreePlanner:
         there[columns] = self.end[columns]
         if np.array_equal(here, there):
             return motion
-        postures = {**problem.job.cell.robot.postures, problem.job.start: here}
         cell = cell_after(problem.job.cell, problem.job.tasks)
-        cell = replace(cell, robot=replace(cell.robot, postures=postures))
-        alone = replace(problem.job, cell=cell, tasks=(), returns=False)
+        alone = replace(problem.job, cell=cell, begin=here, tasks=(), returns=False)
         limits = cell.robot.limits.scaled(alone.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
         back = StagePlan(here, there, there, {}, "return", float(law.duration(there - here)))
