@@ -23,7 +23,6 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.branch_paths import follow
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
@@ -141,8 +140,6 @@ def _wrist(name: str, third: FloatArray | None, repeat: int) -> float:
     closed = _best(lambda: arm.solve(R, p), repeat) / WRIST_POSES
     what = f"wrist, axes 2, 3 {name}: closed, {WRIST_POSES} poses"
     _report(what, len(pose) / WRIST_POSES / closed, closed)
-    along = _best(lambda: follow(arm, R, p), repeat) / WRIST_POSES
-    _report(f"wrist, axes 2, 3 {name}: paths of 8 branches", 8 / along, along)
     general = GeneralArm(*(getattr(arm, field.name) for field in fields(GeneralArm)))
     R, p = R[:NUMERIC_POSES], p[:NUMERIC_POSES]
     theirs = solve_poses(general, R, p)
