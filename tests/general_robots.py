@@ -87,7 +87,6 @@ class GeneralRobot:
 
     name: str
     urdf: str
-    axes: int
     kind: str
     platform: bool
     home: dict[str, list[float]]
@@ -96,7 +95,8 @@ class GeneralRobot:
         """Writes robot.urdf and robot.yaml; every joint gets its top speed in 0.3 s."""
         (folder / "robot.urdf").write_text(self.urdf)
         arms = {
-            side: [f"{side}_j{k}" for k in range(1, self.axes + 1)] for side in ("left", "right")
+            side: [f"{side}_j{k}" for k in range(1, len(home) + 1)]
+            for side, home in self.home.items()
         }
         joints = [*(["waist"] if self.platform else []), *arms["left"], *arms["right"]]
         lines = ["dualarm: robot/1", f"name: {self.name}", "urdf: robot.urdf", "arms:"]
@@ -125,7 +125,6 @@ YUMI = GeneralRobot(
     _robot(
         chain("left", yumi_arm(1), "base", TOOL_Z), chain("right", yumi_arm(-1), "base", TOOL_Z)
     ),
-    7,
     "general",
     False,
     {
@@ -146,7 +145,6 @@ NEXTAGE = GeneralRobot(
         chain("right", nextage_arm(-1), "chest", DOWN),
         WAIST,
     ),
-    6,
     "general",
     True,
     {"left": [0, 0.3, -1.7, 0, 1.4, 0.2618], "right": [0, 0.3, -1.7, 0, 1.4, -0.2618]},
@@ -158,12 +156,22 @@ SPHERICAL = GeneralRobot(
         chain("left", spherical_wrist_arm(1), "base", FORWARD),
         chain("right", spherical_wrist_arm(-1), "base", FORWARD),
     ),
-    6,
     "spherical_wrist",
     False,
     {"left": [0, -0.9, 1.8, 0, 0.67, 0], "right": [0, -0.9, 1.8, 0, 0.67, 0]},
 )
-ROBOTS = {"yumi": YUMI, "nextage": NEXTAGE, "spherical": SPHERICAL}
+MIXED = GeneralRobot(
+    "Six and seven axes on a waist",
+    _robot(
+        chain("left", nextage_arm(1), "chest", DOWN),
+        chain("right", yumi_arm(-1), "chest", TOOL_Z),
+        WAIST,
+    ),
+    "general",
+    True,
+    {"left": NEXTAGE.home["left"], "right": YUMI.home["right"]},
+)
+ROBOTS = {"yumi": YUMI, "nextage": NEXTAGE, "spherical": SPHERICAL, "mixed": MIXED}
 TARGETS = {
     "yumi": (0.1, [(0.35, 0.15, 0.3, 0.35), (0.4, 0.2, 0.25, 0.3), (0.3, 0.12, 0.2, 0.4)]),
     "nextage": (0.8, [(0.25, 0.15, 0.2, 0.25), (0.28, 0.1, 0.15, 0.28), (0.27, 0.18, 0.2, 0.26)]),

@@ -24,9 +24,17 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.bound.cells import Resolution
-from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, StopWork, Times, stop_boxes, stop_work
+from dualarm_cli.bound.layers import (
+    LAST_JOINT,
+    PostureBoxes,
+    StopBoxes,
+    StopWork,
+    Times,
+    stop_boxes,
+    stop_work,
+)
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.potentials import LAST_JOINT, platform_columns, transfer_table
+from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import TransferChain
@@ -350,7 +358,7 @@ def _untold(problem: SequenceProblem, free_last: bool, adjacent: bool) -> tuple[
     told = adjacent and _turns_tell(problem)
     return (
         *((LAST_JOINT,) if free_last else ()),
-        *(() if told else platform_columns(problem)),
+        *(() if told else platform_columns(problem, 0)),
     )
 
 

@@ -16,12 +16,12 @@ from dualarm_cli.bound.cells import (
 )
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.postures.platform_reach import AngleCells, ShapeRates, shape_rates, turned
-from dualarm_cli.stages.search.nodes import yaw_turns_last_joint
-from dualarm_cli.stages.search.potentials import LAST_JOINT
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
 
+LAST_JOINT = 6
+"""Column of the joint that free yaw turns; only arms of seven joints have bounds."""
 BISECTIONS = 16
 """Halvings of the time; the lower end is taken."""
 WIDEST = 0.004
@@ -69,7 +69,7 @@ def line_bounds(
 def _line_bounds(
     work: ArmWork, R: FloatArray, wrist: FloatArray, end: FloatArray, cells: AngleCells
 ) -> FloatArray:
-    arm = work.kinematics
+    arm = work.closed_form
     geometry = arm.geometry
     one, other = (shape_rates(arm, x, cells) for x in (wrist, end))
     v, w = (turned(x, cells.middle) - geometry.shoulder for x in (wrist, end))
@@ -256,12 +256,12 @@ def stop_boxes(
     assert stop is not None  # callers ask for active stages only
     columns = 8 if problem.turns else 7
     still = stop.approach == 0.0 and stop.retract == 0.0
-    straight = yaw_turns_last_joint(work)
+    straight = work.yaw_turns_last_joint
     free_last = straight and (stop.free_yaw or len(stop.yaw) > 1) and stop.configurations is None
     if stop.configurations is not None and still:
         ends = [point_cells(stop.configurations, edges)] * 2
     elif stop.configurations is not None or (stop.free_yaw and not straight):
-        ends = [free_cells(work.kinematics, edges)] * 2
+        ends = [free_cells(work.closed_form, edges)] * 2
     else:
         yaws = np.zeros(1) if free_last else stop.yaw
         parts = [
@@ -285,7 +285,7 @@ def _pose(
     free_last: bool,
 ) -> list[Cells]:
     """Returns the cells at both outer ends of a pose's lines."""
-    arm = work.kinematics
+    arm = work.closed_form
     row = stops.first[[stage]]
     zero = platform_positions(problem, np.zeros(1))
     R, p, z = (

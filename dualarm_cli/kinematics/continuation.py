@@ -57,6 +57,7 @@ def follow_lines(
     shift: FloatArray,
     drift: FloatArray,
     samples: int,
+    skeleton: int = SKELETON,
 ) -> Course:
     """Returns the joints of b flanges that are shifted along straight lines without turning.
 
@@ -78,14 +79,15 @@ def follow_lines(
         shift: from the lines' beginnings to their ends [m], shape (b, 3).
         drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
         samples: how many samples, at equidistant shares.
+        skeleton: so many of them at most are found one after the other, the others from between these.
     """
     W = spare_directions(arm, start)
     ahead = np.zeros((len(start), arm.spare))
     ahead[:, :1] = drift[:, None]
     line = _Line(arm, start, R, p, shift, W, ahead)
-    if samples <= SKELETON:
+    if samples <= skeleton:
         return line.followed(samples)
-    return line.filled(line.followed(SKELETON), samples)
+    return line.filled(line.followed(skeleton), samples)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.search.clearance import Barred
@@ -68,9 +69,18 @@ class MethodProblem:
         return self.model.platform.is_turntable and len(self.model.arms) == 2
 
     @property
+    def closed_forms(self) -> bool:
+        """Whether all arms have closed forms over the arm angle."""
+        return not any(isinstance(arm.kinematics, GeneralArm) for arm in self.model.arms.values())
+
+    @property
     def simpler(self) -> list[str]:
-        """Names of the greedy methods that differ on this robot."""
-        return ["fixed", "exact", "linearised"] if self.turns_for_both else ["fixed"]
+        """Names of the greedy methods that serve this robot and differ on it."""
+        return (
+            ["fixed", "exact", "linearised"]
+            if self.turns_for_both and self.closed_forms
+            else ["fixed"]
+        )
 
 
 @dataclass(frozen=True)

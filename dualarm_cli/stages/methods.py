@@ -14,13 +14,12 @@ from dualarm_cli.stages.peers.grid import local_search
 from dualarm_cli.stages.peers.ipopt import nonlinear_program
 from dualarm_cli.stages.peers.repair import repaired
 from dualarm_cli.stages.peers.swarm import particle_swarm
-from dualarm_cli.stages.sampled import solve_sampled
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated
 from dualarm_cli.stages.sequence import decisions_of, solve_sequence, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.serving import FIXED, SAMPLED, why_unserved
+from dualarm_cli.stages.serving import FIXED, SEQUENCE, why_unserved
 from dualarm_cli.stages.stages import choose_stages
 
 Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluated]
@@ -130,11 +129,11 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
     "--platform (compare: --method)",
     [
         Solver(
-            name="sequence",
+            name=SEQUENCE,
             solve=solve_sequence,
             summary="Platform angles and both arms' postures together over the whole cycle, by least time.",
             reference="ours: node grid, coupled dynamic programming, beam, linear steps",
-            why_unsupported=_served("sequence"),
+            why_unsupported=_served(SEQUENCE),
         ),
         Solver(
             name=MINIMUM_TIME,
@@ -161,13 +160,6 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 else _served(solver.name, _needs_turntable),
             )
             for solver in PLATFORM_SOLVERS
-        ),
-        Solver(
-            name=SAMPLED,
-            solve=solve_sampled,
-            summary="Any arms: platform angles and sampled postures of all stages by beam search, then refined.",
-            reference="ours: dynamic programming per arm as the beam's bound, coordinate descent",
-            why_unsupported=_served(SAMPLED),
         ),
         Solver(
             name="grid",

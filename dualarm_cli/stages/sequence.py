@@ -26,7 +26,8 @@ from dualarm_cli.stages.search.times import (
     start_joints,
 )
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import ArmStop, choose_stages_with, stop_problems
+from dualarm_cli.stages.serving import FIXED
+from dualarm_cli.stages.stages import ArmStop, choose_stages, choose_stages_with, stop_problems
 
 
 def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
@@ -182,7 +183,9 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
         if nearby and problem.effort != "thorough":
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
-    starts, failure = ({}, None) if given else _starts(problem)
+    # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
+    general = not problem.closed_forms
+    starts, failure = ({}, None) if given or general else _starts(problem)
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if problem.start is not None:
         decided.append(problem.start)
@@ -191,6 +194,10 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     found = search(numbers, decided, problem.effort, problem.seed)
     if found is None and nearby:
         return Decided(nearby[0])
+    if found is None and general:
+        return Decided(
+            choose_stages(model, job, FIXED, problem.redundancy, holding=problem.holding)
+        )
     if found is None:
         raise failure or InfeasibleError("no plan was found on the grid of nodes")
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
@@ -199,13 +206,14 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     alternatives = _rivals(problem, starts, found)
     # With clearance the plan on the grid counts what that costs, which the grid's bound does not know.
     gap = _grid_gap(found) if problem.holding is None else None
-    return Decided(stages, gap, (*nearby, *alternatives))
+    simpler = (lambda: _simpler(problem)) if general else None
+    return Decided(stages, gap, (*nearby, *alternatives), simpler=simpler)
 
 
 def _simpler(problem: MethodProblem) -> list[list[StagePlan]]:
     """Returns the simpler methods' plans."""
     few = len(problem.job.stages()) <= FEW_STAGES
-    names = [*problem.simpler, *([MINIMUM_TIME] if few else [])]
+    names = [*problem.simpler, *([MINIMUM_TIME] if few and problem.closed_forms else [])]
     plans = choose_stages_with(
         problem.model, problem.job, names, problem.redundancy, holding=problem.holding
     )

@@ -118,7 +118,7 @@ def _arm_work(
     T_tool_flange = arm.T_flange_tcp.inverse()
     return ArmWork(
         name=arm.arm.name,
-        kinematics=arm.closed_form,
+        kinematics=arm.kinematics,
         limits=limits,
         law=_law(limits),
         R_tool_flange=T_tool_flange.rotation,

@@ -12,9 +12,9 @@ from dualarm_cli.model.settings import PlanSettings
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
 """Redundancy solvers: of arms with closed forms, and of any arms."""
-SAMPLED, FIXED = "sampled", "fixed"
-"""Methods that serve arms without closed forms."""
-TOGETHER: Mapping[str, tuple[str, ...]] = {SAMPLED: (NUMERIC,), FIXED: (CLOSED_FORMS, NUMERIC)}
+SEQUENCE, FIXED = "sequence", "fixed"
+"""Methods that serve any arms."""
+TOGETHER: Mapping[str, tuple[str, ...]] = dict.fromkeys((SEQUENCE, FIXED), (CLOSED_FORMS, NUMERIC))
 """Redundancy solvers that go together with a method; with all others it is CLOSED_FORMS."""
 
 
@@ -46,20 +46,14 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
 
     Args:
         settings: as they were asked for.
-        robot: the noun.
+        robot: the robot.
     """
-    default, found, words = PlanSettings(), settings, ""
-    general = bool(robot.without_closed_form)
-    if general and "platform" not in settings.named and settings.platform == default.platform:
-        found, words = replace(found, platform=SAMPLED), f" --platform {SAMPLED}"
-    own = own_redundancy(found.platform, robot)
+    default, own = PlanSettings(), own_redundancy(settings.platform, robot)
     free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
-    if free and own != found.redundancy:
-        found, words = replace(found, redundancy=own), f"{words} --redundancy {own}"
-    if not words or not general:
-        return found, []
-    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with{words}"
-    return found, [note]
+    if not free or own == settings.redundancy:
+        return settings, []
+    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}"
+    return replace(settings, redundancy=own), [note]
 
 
 def why_no_closed_form(robot: Robot) -> str | None:
@@ -67,7 +61,7 @@ def why_no_closed_form(robot: Robot) -> str | None:
     if not robot.without_closed_form:
         return None
     return (
-        f"{_which(robot)} not spherical-revolute-spherical; --platform {SAMPLED} and --platform {FIXED} "
+        f"{_which(robot)} not spherical-revolute-spherical; --platform {SEQUENCE} and --platform {FIXED} "
         f"serve any arms, with --redundancy {NUMERIC}"
     )
 
@@ -83,14 +77,12 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
     Args:
         method: its name.
         redundancy: the solver's name.
-        robot: the noun.
+        robot: the robot.
     """
     if reason := why_redundancy_unserved(redundancy, robot):
         return reason
     if goes_together(method, redundancy):
         return None
-    if method == SAMPLED:
-        return f"it samples numeric inverse kinematics: leave out --redundancy {redundancy}"
     if reason := why_no_closed_form(robot):
         return reason
     return f"it chooses the arm angles itself: leave out --redundancy {redundancy}"

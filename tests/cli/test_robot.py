@@ -83,7 +83,7 @@ def test_solvers_lists_every_family_with_references(capsys):
         ("platform", "exact"),
         ("redundancy", "arm_angle"),
         ("redundancy", "numeric"),
-        ("method", "sampled"),
+        ("method", "sequence"),
         ("timing", "ruckig"),
         ("timing", "toppra"),
         ("timing", "trapezoid"),
@@ -146,14 +146,14 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     out = ["--out", str(tmp_path / "plan"), "--force", "--effort", "quick"]
     assert run(["plan", str(file), *out]) == 0
     text = capsys.readouterr().out
-    assert "planned with --platform sampled --redundancy numeric" in text.replace("\n", " ")
+    assert "planned with --redundancy numeric" in text.replace("\n", " ")
     settings = json.loads((tmp_path / "plan" / "schedule.json").read_text())["provenance"][
         "settings"
     ]
-    assert (settings["platform"], settings["redundancy"]) == ("sampled", "numeric")
+    assert (settings["platform"], settings["redundancy"]) == ("sequence", "numeric")
     assert "named" not in settings
-    assert run(["plan", str(file), *out, "--platform", "sequence"]) == 2
-    assert "--platform sequence does not serve Two six-axis arms" in capsys.readouterr().err
+    assert run(["plan", str(file), *out, "--platform", "exact"]) == 2
+    assert "--platform exact does not serve Two six-axis arms" in capsys.readouterr().err
     file.write_text(file.read_text().replace("[0.45, 0.2, 0.1]", "[1.2, 0.3, 0.4]"))
     assert run(["plan", str(file), *out]) == 3
     error = capsys.readouterr().err.replace("\n", " ")
@@ -179,7 +179,7 @@ def test_an_arm_of_five_axes_is_described_and_refused(general_robots, tmp_path, 
     ]
     home = {side: values[:5] for side, values in robot.home.items()}
     urdf = f'<robot name="r"><link name="base"/>{chains[0]}{chains[1]}</robot>'
-    five = general_robots.GeneralRobot("Five", urdf, 5, "general", False, home)
+    five = general_robots.GeneralRobot("Five", urdf, "general", False, home)
     file = general_robots.write_cell(tmp_path, "spherical", tasks=1)
     five.write(tmp_path)
     assert run(["robot", "show", str(tmp_path / "robot.yaml")]) == 0

@@ -19,9 +19,9 @@ from dualarm_cli.stages.search import beam
 from dualarm_cli.stages.search.node_plans import Mesh, plans_on_nodes
 from dualarm_cli.stages.search.own_stages import exact_nodes, shared_intervals, spread
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
-from dualarm_cli.stages.search.postures import postures
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import FoundSequence, search, search_near
+from dualarm_cli.stages.search.source import postures
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.verification import verify

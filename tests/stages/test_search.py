@@ -12,14 +12,15 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.stages.search.beam import beam_search
+from dualarm_cli.stages.search.candidates import Grid, Nodes
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.linear_steps import _windows
 from dualarm_cli.stages.search.node_plans import Mesh, grid_angles, plans_on_nodes
-from dualarm_cli.stages.search.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import search
+from dualarm_cli.stages.search.source import grid_nodes
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import FIELDS, Variables, slopes
@@ -352,9 +353,9 @@ def test_slopes_equal_central_differences(random_problem: Problems) -> None:
 def test_a_straight_tool_turns_the_last_joint_alone(random_problem: Problems, packing: Job) -> None:
     """The preset's tool lies on the last axis; leaning or shifted beside it, it does not."""
     work = random_problem(0, (1, 1)).arms[0]
-    assert yaw_turns_last_joint(work)
+    assert work.yaw_turns_last_joint
     c, s = np.cos(0.1), np.sin(0.1)
     lean = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    assert not yaw_turns_last_joint(replace(work, R_tool_flange=lean @ work.R_tool_flange))
+    assert not replace(work, R_tool_flange=lean @ work.R_tool_flange).yaw_turns_last_joint
     beside = work.p_tool_flange + np.array([0.02, 0.0, 0.0])
-    assert not yaw_turns_last_joint(replace(work, p_tool_flange=beside))
+    assert not replace(work, p_tool_flange=beside).yaw_turns_last_joint

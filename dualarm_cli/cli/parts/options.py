@@ -31,7 +31,7 @@ PlatformOption = Annotated[
     typer.Option(
         "--platform",
         help="Method that chooses the platform angles.",
-        show_default="sequence; sampled where an arm is not SRS",
+        show_default="sequence",
     ),
 ]
 RedundancyOption = Annotated[

@@ -8,12 +8,10 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.model.job import Job, Stop, Task
-from dualarm_cli.postures.sampled_stops import SampledStage
-from dualarm_cli.postures.stage_problems import Clock
-from dualarm_cli.stages.search.nodes import Grid, grid_nodes
+from dualarm_cli.model.job import Job
+from dualarm_cli.stages.search.candidates import Grid
 from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.stages.search.source import grid_nodes, has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
 
@@ -21,8 +19,8 @@ ARM_ANGLES = 12
 """Arm angles around the circle."""
 MOST_NODES = 6000
 """Nodes of one stop over all platform angles at most."""
-SAMPLED_NODES = 12
-"""Sampled postures at one platform angle, of arms without closed forms."""
+FEW_NODES = 24
+"""Of arms without closed forms, for each platform angle."""
 ANGLE_STEP = np.radians(15.0)
 """Spacing of the platform angles [rad]."""
 
@@ -73,15 +71,6 @@ def stop_nodes(
         job: what is to be done.
         angles: platform angles, shape (f, k).
     """
-    if all(not isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values()):
-        return _closed(model, job, angles)
-    return _sampled(model, job, angles)
-
-
-def _closed(
-    model: CellModel, job: Job, angles: FloatArray
-) -> dict[tuple[str, int, int], StopNodes]:
-    """Returns nodes of arms with closed forms over the arm angle."""
     every = [(t, s, stop) for t, task in enumerate(job.tasks) for s, stop in enumerate(task.stops)]
     problem: SequenceProblem = stops_problem(
         model,
@@ -91,50 +80,21 @@ def _closed(
             for name in model.arms
         },
     )
-    grid = Grid(angles[:, 0] if problem.turns else np.zeros(1), ARM_ANGLES, MOST_NODES)
+    turned = angles[:, 0] if problem.turns else np.zeros(1)
     found = {}
     for a, work in enumerate(problem.arms):
-        table = StopTable.of(work)
+        table, closed = StopTable.of(work), has_closed_form(work)
+        most = MOST_NODES if closed else FEW_NODES * len(turned)
         for k, (t, s, _) in enumerate(every):
             if work.stops[k] is None:
                 continue
-            nodes = grid_nodes(problem, a, table, k, grid)
+            nodes = grid_nodes(problem, a, table, k, Grid(turned, ARM_ANGLES, most))
             found[work.name, t, s] = StopNodes(
                 nodes.angle_index,
                 nodes.q_approach,
                 nodes.decisions.near,
                 nodes.q_retract,
                 nodes.work,
-                nodes.decisions,
+                nodes.decisions if closed else None,
             )
     return found
-
-
-def _sampled(
-    model: CellModel, job: Job, angles: FloatArray
-) -> dict[tuple[str, int, int], StopNodes]:
-    """Returns nodes of any arms."""
-    clock = Clock.of(model, job)
-    home = np.array(job.start_joints)
-    found = {}
-    for t, task in enumerate(job.tasks):
-        for s, stop in enumerate(task.stops):
-            for name in model.arms:
-                if task.allows(name):
-                    found[name, t, s] = _samples(model, clock, home, angles, name, task, stop)
-    return found
-
-
-def _samples(
-    model: CellModel,
-    clock: Clock,
-    home: FloatArray,
-    angles: FloatArray,
-    arm: str,
-    task: Task,
-    stop: Stop,
-) -> StopNodes:
-    stage = SampledStage(model, clock, {arm: (task, stop)}, home, None)
-    samples = stage.samples(angles, arm, SAMPLED_NODES)
-    ways = samples.ways
-    return StopNodes(ways.row, samples.first, ways.q, samples.last, samples.work)

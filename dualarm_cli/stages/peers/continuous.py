@@ -144,7 +144,7 @@ class _AngleProgram(NonlinearProgram):
                 # Where there is no line the arm angle has nothing to vary along.
                 arm_angle = psi_end + self.step(a, k, 0) + self.step(a, k, column)
             R_here, p_here = turned_pose(work, R, p - depth * z, turn, self.step(a, k, 3))
-            q = inverse(work.kinematics, R_here, p_here, arm_angle, int(row.branch[0]), near)
+            q = inverse(work.closed_form, R_here, p_here, arm_angle, int(row.branch[0]), near)
             joints.append(q)
             self._within_limits(work, q)
         return joints[0], joints[1], joints[2]

@@ -124,7 +124,7 @@ class _JointProgram(NonlinearProgram):
 
         R_target, p_target = turned_pose(work, R, p, turn, yaw)
         if work.name not in self.chains:
-            self.chains[work.name] = chain_function(work.kinematics)
+            self.chains[work.name] = chain_function(work.closed_form)
         R_here, p_here = self.chains[work.name](q)
         missing = ca.mtimes(R_target.T, R_here)
         self.zero += [p_here - p_target]
@@ -171,13 +171,13 @@ class _JointProgram(NonlinearProgram):
 
 def _read(work: ArmWork, row: ArmDecisions, yaw: float, q: FloatArray) -> ArmDecisions:
     """Returns one stop's decisions from its joints (3, 7); arm angles at lines' ends next to the target's."""
-    approach, target, retract = work.kinematics.arm_angle(q)
+    approach, target, retract = work.closed_form.arm_angle(q)
     outer = np.array([approach, retract])
     beside = target + np.remainder(outer - target + np.pi, 2.0 * np.pi) - np.pi
     return replace(
         row,
         yaw=row.yaw + yaw,
-        branch=work.kinematics.branch(q[1:2]),
+        branch=work.closed_form.branch(q[1:2]),
         psi_target=np.array([target]),
         psi_approach=beside[:1],
         psi_retract=beside[1:],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.corridor import candidates_of
-from dualarm_cli.stages.search.postures import CandidatePostures
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, evaluate, stage_times

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from dualarm_cli.stages.search.potentials import (
     start_coordinates,
 )
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import given_postures
 from dualarm_cli.stages.search.transfer_table import Coordinates, rows_of
 
 
@@ -74,7 +75,7 @@ def closing_times(
         assert end is not None  # the arm is active there
         begin = arm.layers[0] if problem.free_start else None
         origin = rows_of(end.retract, nodes[k, a])
-        without = (*free_columns(end, begin), *platform_columns(problem))
+        without = (*free_columns(problem, a, end, begin), *platform_columns(problem, a))
         if begin is None:
             home = start_coordinates(problem, a, arm.table)
             times = arm.table.times(origin, home, without)[:, 0]
@@ -141,10 +142,8 @@ def _arm(problem: SequenceProblem, a: int, arm: ArmLayers, chosen: IntArray) -> 
         if stop is not None and stop.configurations is not None:
             # Layers are in single precision; a given configuration is given.
             q = stop.configurations[rows.target[[k]]]
-            psi = problem.arms[a].kinematics.arm_angle(q)
-            rows = rows.put(
-                np.array([k]), replace(rows.take(np.array([k])), psi_target=psi, near=q)
-            )
+            own = given_postures(problem.arms[a], rows.take(np.array([k])), q)
+            rows = rows.put(np.array([k]), own)
     return rows
 
 
@@ -388,9 +387,9 @@ def _waits(
             targets.append(layer.decisions.near[node].astype(np.float64))
             ends.append(arm.table.joints(rows_of(layer.retract, node)))
     turned = angles[step.angle_index]
-    here = starts[0][:, 7] if problem.turns else turned
+    here = starts[0][:, -1] if problem.turns else turned
     at = [
-        test.positions(angle, [q[:, :7] for q in joints])
+        test.positions(angle, [q[:, : w.joints] for q, w in zip(joints, problem.arms, strict=True)])
         for angle, joints in ((here, starts), (turned, arrivals), (turned, targets), (turned, ends))
     ]
     if k == 0 and problem.free_start:
@@ -415,7 +414,7 @@ def _options(
         cost = np.zeros((1, len(potential)), dtype=np.float32)
     else:
         came = int(arm.chain.previous[k])
-        without = free_columns(layer, arm.layers[came] if came >= 0 else None)
+        without = free_columns(problem, a, layer, arm.layers[came] if came >= 0 else None)
         cost = arm.table.times(states.joints[a], layer.approach, without)
     cost = cost + layer.work
     at = _by_angle(layer.angle_index, f)
@@ -461,11 +460,11 @@ def _moved(
             continue
         joints.append(rows_of(layer.retract, step.node[a]))
         left[a] = potential[step.node[a]]
-        platform = joints[-1][list(platform_columns(problem))]
-        scale = arm.table.scale
+        platform = joints[-1][list(platform_columns(problem, a))]
+        scale = arm.table.scale[-1]
     for a, arm in enumerate(arms):
         if arm.layers[k] is None and problem.turns and platform is not None:
             # The platform carries an idle arm along; each arm's table has its own scale.
-            ratio = arm.table.scale[7] / scale[7]
-            joints[a][7] = np.round(platform[0] * ratio).astype(np.int16)
+            ratio = arm.table.scale[-1] / scale
+            joints[a][-1] = np.round(platform[0] * ratio).astype(np.int16)
     return _States(spent, node, tuple(joints), step.angle_index, left)

@@ -2,25 +2,73 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.plan_clearance import PlanClearance, plan_clearance
-from dualarm_cli.stages.search.postures import CandidatePostures, postures
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import has_closed_form, postures
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import (
     Evaluated,
     TransferChain,
     evaluate,
+    held,
+    in_seconds,
     platform_times,
     start_joints,
 )
 
 TRIES = 24
 """Paths that are looked at for clearance, at most."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Several plans in joints and seconds, stage by stage."""
+
+    problem: SequenceProblem
+    tables: tuple[StopTable, ...]
+    """The arms' stops."""
+    plans: list[Decisions]
+    """What they decide, m of them."""
+    angle: FloatArray
+    """Platform angles [rad], shape (n, m)."""
+    arms: list[CandidatePostures]
+    """Postures of each arm, arrays of shape (n, m, ...)."""
+
+    @classmethod
+    def of(
+        cls,
+        problem: SequenceProblem,
+        tables: tuple[StopTable, ...],
+        best: Evaluated,
+        others: list[Decisions],
+    ) -> Pool:
+        """Returns a plan, the first, and others."""
+        plans = [best.decisions, *others]
+        angle = np.stack([plan.angle for plan in plans], axis=1)
+        arms = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
+        return cls(problem, tables, plans, angle, arms)
+
+    def plan(self, picked: IntArray) -> Evaluated:
+        """Returns the plan that takes each stage from the plan of a number, shape (n,)."""
+        decisions = self.plans[int(picked[0])]
+        for m in np.unique(picked):
+            decisions = decisions.put(np.nonzero(picked == m)[0], self.plans[m])
+        if all(has_closed_form(work) for work in self.problem.arms):
+            # That is quick, and the last bits do not depend on how many plans there are.
+            return evaluate(self.problem, self.tables, decisions)
+        stage = np.arange(len(picked))
+        arms = tuple(
+            CandidatePostures(*(getattr(arm, f.name)[stage, picked] for f in fields(arm)))
+            for arm in self.arms
+        )
+        return in_seconds(self.problem, decisions, arms)
 
 
 def best_combination(
@@ -32,8 +80,8 @@ def best_combination(
     """Returns the fastest plan that takes each stage from one of several plans; never slower than `best`.
 
     Exact over all combinations, but for what is not between neighbouring stages: an arm that was idle before a
-    stage, or before the return, comes from where `best` has it. So the result is evaluated anew, and taken only if
-    faster.
+    stage, or before the return, comes from where `best` has it. So the result is judged as a whole, and taken only if
+    faster and if its lines hold.
 
     Args:
         problem: the sequence.
@@ -41,11 +89,28 @@ def best_combination(
         best: a possible plan.
         others: plans to combine it with.
     """
-    plans = [best.decisions, *others]
-    angle = np.stack([plan.angle for plan in plans], axis=1)
-    found = [candidates_of(problem, tables, plans, angle, a) for a in range(len(tables))]
-    cost = stage_costs(problem, best, found, angle)
-    closing = closing_costs(problem, best, found, angle)
+    if not others:
+        return best
+    pool = Pool.of(problem, tables, best, others)
+    return combined(problem, pool, best, lambda plan: held(problem, tables, plan))
+
+
+def combined(
+    problem: SequenceProblem,
+    pool: Pool,
+    best: Evaluated,
+    judged: Callable[[Evaluated], Evaluated] = lambda plan: plan,
+) -> Evaluated:
+    """Returns the fastest plan out of a pool's, as `best_combination` does.
+
+    Args:
+        problem: the sequence.
+        pool: plans, `best` first.
+        best: a possible plan.
+        judged: makes stages impossible that turn out to be.
+    """
+    cost = stage_costs(problem, best, pool.arms, pool.angle)
+    closing = closing_costs(problem, best, pool.arms, pool.angle)
     worth = best.total
     barred: set[tuple[int, int, int]] = set()
     if problem.clearance is not None:
@@ -56,7 +121,13 @@ def best_combination(
         picked = _shortest(cost, closing)
         if not picked.any() or not _length(cost, closing, picked) < worth:
             break
-        result = evaluate(problem, tables, _picked(plans, picked))
+        result = pool.plan(picked)
+        if result.total < worth:
+            result = judged(result)
+            lacking = np.flatnonzero(np.isinf(result.stages))
+            cost[lacking, :, picked[lacking]] = np.inf
+            if len(lacking):
+                continue
         if problem.clearance is None:
             return result if result.total < worth else best
         clear = plan_clearance(problem, result)
@@ -110,14 +181,6 @@ def _bar(
     return news
 
 
-def _picked(plans: list[Decisions], picked: IntArray) -> Decisions:
-    """Returns the decisions that take each stage from the plan it names."""
-    result = plans[0]
-    for m in np.unique(picked):
-        result = result.put(np.nonzero(picked == m)[0], plans[m])
-    return result
-
-
 def candidates_of(
     problem: SequenceProblem,
     tables: tuple[StopTable, ...],
@@ -160,7 +223,7 @@ def stage_costs(
         if not len(k):
             continue
         came = chain.previous[k]
-        q_from = np.empty((len(k), m, 7))
+        q_from = np.empty((len(k), m, work.joints))
         q_from[:] = start_joints(problem, work, chain, now)
         later = came >= 0
         q_from[later] = now.q_retract[came[later], None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.postures import CandidatePostures
+from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, TransferChain, start_angle, start_joints
@@ -183,7 +183,7 @@ def _transfer_rows(
     # A free start moves with the first stop: its transfer takes no time, and only its work counts.
     if problem.free_start and len(k) and k[0] == 0:
         here[0] = 0.0
-    for joint in range(7):
+    for joint in range(work.joints):
         _add(
             rows,
             variables,
@@ -212,13 +212,14 @@ def _line_rows(
     a: int,
 ) -> None:
     """Appends, per line and slow joint: what the joint asks for <= time of the line."""
-    k = TransferChain.of(problem.arms[a]).active
+    work = problem.arms[a]
+    k = TransferChain.of(work).active
     columns, lines = _columns(variables, a, k), _line_columns(problem, variables, a, k)
     found = best.arms[a]
     pairs = ((found.approach, rates.approach), (found.retract, rates.retract))
     for end, (time, rate) in enumerate(pairs):
         watched = (time[k] >= NEAR_CRITICAL * time[k].max(axis=1, keepdims=True)) & (time[k] > 0)
-        for joint in range(7):
+        for joint in range(work.joints):
             used = watched[:, joint]
             rows.add(
                 np.column_stack([columns, lines[:, end]])[used],
@@ -270,7 +271,7 @@ def _return_rows(
         start = start_joints(problem, work, chain, found)
         time, slope = _rate(work.law, start - found.q_retract[k])
         moves = problem.free_start and chain.active[0] == 0
-        for joint in range(7):
+        for joint in range(work.joints):
             columns = _columns(variables, a, np.array([k]))
             values = (-slope[joint] * rates[a].q_retract[k, joint])[None]
             if moves:
@@ -295,7 +296,7 @@ def _limit_rows(
     columns = _columns(variables, a, k)
     for q, rate in _ends(found, rates):
         swing = np.abs(rate[k]).sum(axis=2) * radius[k, None]
-        for joint in range(7):
+        for joint in range(work.joints):
             for sign, limit in ((1.0, work.limits.upper), (-1.0, work.limits.lower)):
                 room = sign * (limit[joint] - q[k, joint]) - LIMIT_MARGIN
                 near = room < swing[:, joint]

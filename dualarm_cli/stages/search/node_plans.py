@@ -9,25 +9,23 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.beam import NodePath, beam_search
-from dualarm_cli.stages.search.nodes import Grid, Nodes, grid_nodes, yaw_turns_last_joint
+from dualarm_cli.stages.search.candidates import CandidatePostures, Grid, Nodes
 from dualarm_cli.stages.search.own_stages import (
     free_nodes,
     stages_without_angle,
     taking_turns,
     with_own_angles,
 )
-from dualarm_cli.stages.search.postures import CandidatePostures, postures
 from dualarm_cli.stages.search.potentials import ArmLayers, arm_layers, with_potentials
 from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import grid_nodes, postures
 from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate
+from dualarm_cli.stages.search.times import Evaluated, TransferChain, evaluate, held
 
 TRIED = 48
 """Yaws around the circle that are tried where the shared-out one cannot be."""
 MARGIN = 0.02
 """What is kept free of the last joint's limits for what it does along the lines [rad]."""
-LAST = 6
-"""Column of the last joint."""
 
 
 def with_yaws(
@@ -44,7 +42,7 @@ def with_yaws(
             [s is not None and s.free_yaw and s.configurations is None for s in work.stops]
         )
         rows = decisions.arms[a]
-        if free.any() and yaw_turns_last_joint(work):
+        if free.any() and work.yaw_turns_last_joint:
             rows = _shared_out(problem, a, tables[a], decisions.angle, rows, free)
             rows = _mended(problem, a, tables[a], decisions.angle, rows, free)
         arms.append(rows)
@@ -53,8 +51,8 @@ def with_yaws(
 
 def _sense(work: ArmWork) -> float:
     """Returns +1 if a positive yaw is a positive turn of the last joint, else -1."""
-    geometry = work.kinematics.geometry
-    axis = geometry.R_flange.T @ geometry.axes[LAST]
+    geometry = work.closed_form.geometry
+    axis = geometry.R_flange.T @ geometry.axes[-1]
     return float(np.sign(axis @ work.R_tool_flange.T[:, 2]))
 
 
@@ -80,12 +78,14 @@ def _shared_out(
     work = problem.arms[a]
     stages = TransferChain.of(work).active
     found = _evaluate(problem, a, table, angle, rows.take(stages), stages)
-    q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(-1, 3, 7)
-    last = q[:, :, LAST]
+    q = np.column_stack([found.q_approach, found.q_target, found.q_retract]).reshape(
+        -1, 3, work.joints
+    )
+    last = q[:, :, -1]
     loose = free[stages]
-    low, high = work.limits.lower[LAST] + MARGIN, work.limits.upper[LAST] - MARGIN
+    low, high = work.limits.lower[-1] + MARGIN, work.limits.upper[-1] - MARGIN
     turn = np.zeros(len(stages))
-    begin = None if problem.free_start else float(work.start[LAST])
+    begin = None if problem.free_start else float(work.start[-1])
     for k in range(len(stages)):
         if loose[k]:
             here = last[k, 0] if begin is None else begin + _share(k, last, loose, begin)
@@ -95,7 +95,7 @@ def _shared_out(
     yaw = rows.yaw.copy()
     near = rows.near.copy()
     yaw[stages] += _sense(work) * turn
-    near[stages, LAST] = last[:, 1] + turn
+    near[stages, -1] = last[:, 1] + turn
     return replace(rows, yaw=yaw, near=near)
 
 
@@ -194,11 +194,23 @@ def plans_on_nodes(
     else:
         angles = np.tile(grid_angles(problem, mesh.angle_step), (problem.stages, 1))
 
+    handed: dict[tuple[int, int], Nodes] = {}
+
     def nodes(a: int, k: int) -> Nodes:
+        if k not in problem.together:
+            return made(a, k)
+        # In a hand-over they are asked for twice.
+        if (a, k) not in handed:
+            handed[a, k] = made(a, k)
+        return handed[a, k]
+
+    def made(a: int, k: int) -> Nodes:
         if near is not None and loose is not None and not loose[k]:
             return _own_node(problem, a, k, angles[k], near)
         grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
-        return free_nodes(problem, a, k, angles[k], grid_nodes(problem, a, tables[a], k, grid))
+        own = None if near is None else near.decisions.arms[a]
+        found = grid_nodes(problem, a, tables[a], k, grid, own)
+        return free_nodes(problem, a, k, angles[k], found)
 
     def of_stages(a: int) -> Iterator[Nodes | None]:
         for k, stop in enumerate(problem.arms[a].stops):
@@ -222,8 +234,10 @@ def plans_on_nodes(
         paths = beam_search(problem, arms, angles, mesh.width, mesh.per_angle, plans)
         found = []
         for path in paths:
-            yawed = replace(path, decisions=with_yaws(problem, tables, path.decisions))
-            found.append((yawed, evaluate(problem, tables, yawed.decisions)))
+            spread = replace(path, decisions=with_yaws(problem, tables, path.decisions))
+            found.append(
+                (spread, held(problem, tables, evaluate(problem, tables, spread.decisions)))
+            )
         possible = [(path, plan) for path, plan in found if np.isfinite(plan.total)]
         if possible or not found:
             return NodePlans(possible, bound)
@@ -244,7 +258,7 @@ def _own_node(
         found.q_approach[row],
         found.q_retract[row],
         found.work[row],
-        stop.free_yaw and yaw_turns_last_joint(work),
+        stop.free_yaw and work.yaw_turns_last_joint,
     )
 
 

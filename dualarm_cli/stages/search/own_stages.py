@@ -11,17 +11,10 @@ from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
 from dualarm_cli.postures.platform_reach import reachable_cells
-from dualarm_cli.stages.search.nodes import (
-    Grid,
-    Nodes,
-    grid_nodes,
-    middle_of_ranges,
-    thinned,
-    yaw_turns_last_joint,
-)
-from dualarm_cli.stages.search.postures import postures
+from dualarm_cli.stages.search.candidates import Grid, Nodes, thinned
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
 from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.stages.search.source import grid_nodes, has_closed_form, postures
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 
 SCAN_STEP = np.radians(1.0)
@@ -30,6 +23,8 @@ WITHIN_REACH = 65
 """Platform angles that are looked at along each arc from which a stop is within reach."""
 HALVINGS = 40
 """How often the bracket about an end of an interval is halved: to 1e-12 of it."""
+COARSE_STEP, FEW_HALVINGS = np.radians(3.0), 6
+"""The same for arms without closed forms, of which it takes long to know."""
 FREE_YAWS = 8
 """Yaws that are looked at where any will do."""
 SHARES = np.array([0.1, 0.5, 0.9])
@@ -106,7 +101,7 @@ def exact_nodes(
     work = problem.arms[a]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
-    if stop.configurations is not None:
+    if stop.configurations is not None or not has_closed_form(work):
         return grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, most))
     yaws = _yaws(problem, a, stage)
     f = np.repeat(np.arange(len(angles)), len(yaws))
@@ -128,7 +123,7 @@ def exact_nodes(
         psi[rows],
         psi_approach[rows],
         psi_retract[rows],
-        np.tile(middle_of_ranges(work), (n, 1)),
+        np.tile(work.middle_of_ranges, (n, 1)),
     )
     index = f[m[rows]]
     made = postures(problem, a, table, np.full(n, stage), angles[index], candidates)
@@ -139,7 +134,7 @@ def exact_nodes(
         made.q_approach[possible],
         made.q_retract[possible],
         made.work[possible],
-        stop.free_yaw and yaw_turns_last_joint(work),
+        stop.free_yaw and work.yaw_turns_last_joint,
     )
     return thinned(nodes, most)
 
@@ -180,7 +175,7 @@ def _intervals_of_arm_angles(
 ) -> ArmAngleIntervals:
     """Returns arm angles within limits at target, approach and retract, arrays (m, 3, 8, k), of rows (m,)."""
     R, points = _poses(problem, a, table, stage, angles, yaw)
-    return feasible_arm_angles(problem.arms[a].kinematics, R, points)
+    return feasible_arm_angles(problem.arms[a].closed_form, R, points)
 
 
 def _intervals(
@@ -191,6 +186,14 @@ def _intervals(
     if stop is None or stop.configurations is not None:
         # Given configurations turn with the platform: what holds at one angle holds at all.
         return [around]
+
+    def has_nodes(angles: FloatArray) -> BoolArray:
+        nodes = grid_nodes(problem, a, table, stage, Grid(angles, ARM_ANGLES, CANDIDATES))
+        return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
+
+    if not has_closed_form(problem.arms[a]):
+        angles = np.append(np.arange(*around, COARSE_STEP), around[1])
+        return _runs(angles, has_nodes, FEW_HALVINGS)
     yaws = _yaws(problem, a, stage)
 
     def feasible(angles: FloatArray) -> BoolArray:
@@ -217,7 +220,7 @@ def _arcs(
 ) -> list[FloatArray]:
     """Returns platform angles along the arcs from which all points of a stop are within an arm's reach [rad]."""
     R, points = _poses(problem, a, table, stage, np.zeros(len(yaws)), yaws)
-    arm = problem.arms[a].kinematics
+    arm = problem.arms[a].closed_form
     found = []
     for wrists in arm.wrist_center(R, points):
         arcs = [around]
@@ -229,7 +232,9 @@ def _arcs(
     return found
 
 
-def _runs(angles: FloatArray, feasible: Callable[[FloatArray], BoolArray]) -> list[Interval]:
+def _runs(
+    angles: FloatArray, feasible: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS
+) -> list[Interval]:
     """Returns the intervals in which something is feasible, from where it is among ascending angles (n,)."""
     ok = feasible(angles)
     if not ok.any():
@@ -241,7 +246,7 @@ def _runs(angles: FloatArray, feasible: Callable[[FloatArray], BoolArray]) -> li
     outer = np.concatenate(
         [angles[np.maximum(begins - 1, 0)], angles[np.minimum(ends + 1, len(angles) - 1)]]
     )
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         middle = 0.5 * (inner + outer)
         within = feasible(middle)
         inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
-from dualarm_cli.stages.search.corridor import best_combination
+from dualarm_cli.stages.search.corridor import Pool, best_combination, combined
 from dualarm_cli.stages.search.linear_steps import linear_step
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
-from dualarm_cli.stages.search.times import Evaluated, evaluate
+from dualarm_cli.stages.search.times import Evaluated, held
 from dualarm_cli.stages.search.variables import Variables
 
 SCALES = np.array([0.25, 0.5, 1.0, 1.7])
@@ -59,17 +59,21 @@ def polish(
             [SCALES[:, None] * step, _random_steps(random, variables, radius, random_steps)]
         )
         moved = [_within(problem, variables.moved(best.decisions, one)) for one in steps]
-        found = best_combination(problem, tables, best, moved)
+        pool = Pool.of(problem, tables, best, moved)
+        found = combined(problem, pool, best)
         if problem.returns:
             # The return of an arm that is idle at the end is no matter of neighbours: whole steps see it.
-            whole = [evaluate(problem, tables, plan) for plan in moved[: len(SCALES)]]
+            whole = [pool.plan(np.full(problem.stages, m + 1)) for m in range(len(SCALES))]
             found = _best(problem, [found, *whole])
         if best.total - found.total < LITTLE * best.total:
             radius *= SHRINK
         best = found
         if radius < SMALLEST_RADIUS:
             break
-    return best
+    sure = held(problem, tables, best)
+    if np.isfinite(sure.total):
+        return sure
+    return best_combination(problem, tables, start, [best.decisions])
 
 
 def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:

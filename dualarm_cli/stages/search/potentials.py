@@ -9,15 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.nodes import Nodes
+from dualarm_cli.stages.search.candidates import Nodes
 from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem
 from dualarm_cli.stages.search.times import TransferChain
 from dualarm_cli.stages.search.transfer_table import ROWS, Coordinates, TransferTable
-
-LAST_JOINT = 6
-"""Column of the joint that free yaw turns."""
-PLATFORM = 7
-"""Column of the platform among an arm's coordinates."""
 
 Times = NDArray[np.float32]
 
@@ -45,7 +40,7 @@ class ArmLayers:
     """One arm over the whole sequence."""
 
     table: TransferTable
-    """Times of its seven joints and of the platform."""
+    """Times of its joints and of the platform."""
     chain: TransferChain
     """Its stops."""
     layers: Sequence[Layer | None]
@@ -94,7 +89,7 @@ def arm_layers(
 
 
 def transfer_table(problem: SequenceProblem, work: ArmWork) -> TransferTable:
-    """Returns the times of an arm's seven joints and of the platform, between any two postures."""
+    """Returns the times of an arm's joints and of the platform, between any two postures."""
     laws, lower, upper = [work.law], work.limits.lower, work.limits.upper
     if problem.platform_law is not None:
         laws.append(problem.platform_law)
@@ -155,9 +150,9 @@ def with_potentials(
     )
 
 
-def platform_columns(problem: SequenceProblem) -> tuple[int, ...]:
-    """Returns the coordinate of the platform, if it is one."""
-    return (PLATFORM,) if problem.turns else ()
+def platform_columns(problem: SequenceProblem, a: int) -> tuple[int, ...]:
+    """Returns the coordinate of the platform among those of an arm, if it is one."""
+    return (problem.arms[a].joints,) if problem.turns else ()
 
 
 def start_coordinates(problem: SequenceProblem, arm: int, table: TransferTable) -> Coordinates:
@@ -168,10 +163,10 @@ def start_coordinates(problem: SequenceProblem, arm: int, table: TransferTable) 
     return table.coordinates(q)
 
 
-def free_columns(*layers: Layer | None) -> tuple[int, ...]:
+def free_columns(problem: SequenceProblem, a: int, *layers: Layer | None) -> tuple[int, ...]:
     """Returns the coordinates that do not count between layers: the last joint where yaw is free."""
     free = any(layer is not None and layer.free_last for layer in layers)
-    return (LAST_JOINT,) if free else ()
+    return (problem.arms[a].joints - 1,) if free else ()
 
 
 def layer_of(
@@ -212,7 +207,10 @@ def _edges(problem: SequenceProblem, a: int, arm: ArmLayers, k: int, angles: int
             layer.work[None], None, angle, _by_angles(layer.work[None], None, angle, angles)
         )
     adjacent = came == k - 1
-    without = (*free_columns(layer, before), *(() if adjacent else platform_columns(problem)))
+    without = (
+        *free_columns(problem, a, layer, before),
+        *(() if adjacent else platform_columns(problem, a)),
+    )
     start = start_coordinates(problem, a, arm.table) if before is None else before.retract
     times = arm.table.times(start, layer.approach, without)
     times += layer.work
@@ -260,7 +258,7 @@ def _return_times(problem: SequenceProblem, a: int, arm: ArmLayers, layer: Layer
     if not problem.returns or problem.free_start:
         return np.zeros(len(layer.work), dtype=np.float32)
     goal = start_coordinates(problem, a, arm.table)
-    without = free_columns(layer)
+    without = free_columns(problem, a, layer)
     if k < problem.stages - 1:
-        without = (*without, *platform_columns(problem))
+        without = (*without, *platform_columns(problem, a))
     return arm.table.times(layer.retract, goal, without)[:, 0]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
-from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.stages.search.clearance import SequenceClearance
 from dualarm_cli.timing.rest_to_rest import RestToRest
@@ -23,7 +24,7 @@ class StopTarget:
     p_world_tool: FloatArray
     """Position of the tool centre point in the world [m], shape (3,); ignored for configurations."""
     configurations: FloatArray | None
-    """Joint configurations that are the targets instead [rad], shape (m, 7), or None."""
+    """Joint configurations that are the targets instead [rad], shape (m, joints), or None."""
     yaw: FloatArray
     """Turns about the tool's z axis that are allowed [rad], shape (y,); samples of all where free."""
     free_yaw: bool
@@ -47,12 +48,12 @@ class ArmWork:
 
     name: str
     """Name of the arm."""
-    kinematics: SrsArm
-    """Closed-form kinematics in the frame that carries the arms."""
+    kinematics: SrsArm | GeneralArm
+    """In the frame that carries the arms."""
     limits: JointLimits
-    """Of its seven joints."""
+    """Of its joints."""
     law: RestToRest
-    """Rest-to-rest times of its seven joints."""
+    """Rest-to-rest times of its joints."""
     R_tool_flange: FloatArray
     """Rotation of the flange in the tool frame, shape (3, 3)."""
     p_tool_flange: FloatArray
@@ -60,7 +61,53 @@ class ArmWork:
     stops: tuple[StopTarget | None, ...]
     """Its target in each stage; None where it has nothing to do and stands still."""
     start: FloatArray
-    """Joints before the first stage [rad], shape (7,); not used where the start is free."""
+    """Joints before the first stage [rad], shape (joints,); not used where the start is free."""
+
+    @property
+    def joints(self) -> int:
+        """Number of its joints; the last one has the column before."""
+        return len(self.start)
+
+    @property
+    def spare(self) -> int:
+        """Number of its joints beyond the six that a pose asks for."""
+        return self.joints - 6
+
+    @property
+    def closed_form(self) -> SrsArm:
+        """Its closed-form kinematics.
+
+        Raises:
+            UnsupportedError: it has none.
+        """
+        return closed_form(self.kinematics)
+
+    @property
+    def yaw_turns_last_joint(self) -> bool:
+        """Whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not.
+
+        Arms without closed forms are not asked: their nodes have several yaws.
+        """
+        if isinstance(self.kinematics, GeneralArm):
+            return False
+        geometry = self.kinematics.geometry
+        axis = geometry.R_flange.T @ geometry.axes[6]
+        z_tool = self.R_tool_flange.T[:, 2]
+        if np.linalg.norm(np.cross(axis, z_tool)) > 1e-9:
+            return False
+        # The wrist centre and the tool centre point, seen from the flange, on one line along the axis.
+        tcp = -self.R_tool_flange.T @ self.p_tool_flange
+        between = tcp - geometry.p_flange_wrist
+        return bool(np.linalg.norm(np.cross(between, axis)) < 1e-9)
+
+    @property
+    def middle_of_ranges(self) -> FloatArray:
+        """Middle of every joint's range [rad], 0 where it has none, shape (joints,)."""
+        low, high = self.limits.lower, self.limits.upper
+        bounded = np.isfinite(low) & np.isfinite(high)
+        return np.where(
+            bounded, 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0)), 0.0
+        )
 
 
 @dataclass(frozen=True)
@@ -111,7 +158,9 @@ class SequenceProblem:
 class ArmDecisions:
     """What is decided for one arm; every array has a row per stage (n), idle stages' rows mean nothing.
 
-    The same noun carries many candidates of one stage: rows are then candidates.
+    The same type carries many candidates of one stage: rows are then candidates. An arm without closed forms has no
+    arm angle: `near` is then what its posture is found from, `psi_target` a way along the self-motion from there, and
+    the other two less that one are the ways along the self-motion that come with the lines (`follow_lines`).
     """
 
     target: IntArray
@@ -127,14 +176,14 @@ class ArmDecisions:
     psi_retract: FloatArray
     """Arm angle where the retract ends [rad]; linear along the line, shape (n,)."""
     near: FloatArray
-    """Joints whose whole turns those at the target are nearest to [rad], shape (n, 7)."""
+    """Joints whose whole turns those at the target are nearest to [rad], shape (n, joints)."""
 
     @classmethod
     def idle(cls, start: FloatArray, stages: int) -> ArmDecisions:
         """Returns rows that mean nothing yet.
 
         Args:
-            start: the arm's joints before the first stage [rad], shape (7,).
+            start: the arm's joints before the first stage [rad], shape (joints,).
             stages: how many rows.
         """
         number, angle = np.zeros(stages, dtype=np.int64), np.zeros(stages)
@@ -145,7 +194,7 @@ class ArmDecisions:
         return ArmDecisions(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def at(self, q_target: FloatArray) -> ArmDecisions:
-        """Returns the same with whole turns of the joints as at given targets, shape (n, 7) [rad]."""
+        """Returns the same with whole turns of the joints as at given targets, shape (n, joints) [rad]."""
         return replace(self, near=q_target)
 
     def compact(self) -> ArmDecisions:

@@ -15,8 +15,10 @@ from dualarm_cli.stages.search.node_plans import Mesh, plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, evaluate
+from dualarm_cli.stages.search.variables import Variables
 
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
 """The grid around a plan that does not keep clear, but for thorough effort."""
@@ -72,6 +74,19 @@ class SearchEffort:
             random_steps=self.random_steps * more,
             local_rounds=self.local_rounds * more,
             plans=self.plans * more,
+        )
+
+    def for_general_arms(self, stages: int) -> SearchEffort:
+        """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
+
+        One grid, the finer one for short sequences, and little polishing.
+        """
+        few = MOST * stages <= WHOLE and self.for_few
+        return replace(
+            self,
+            meshes=(self.for_few if few else self.meshes)[:1],
+            trial_rounds=max(1, self.trial_rounds // 2),
+            plans=max(2, self.plans),
         )
 
 
@@ -164,7 +179,7 @@ def search(
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
     """
-    how = EFFORTS[effort].for_stages(problem.stages)
+    how = _how(problem, effort)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     pool = [evaluate(problem, tables, start) for start in starts]
     with ThreadPoolExecutor(AT_ONCE) as threads:
@@ -217,7 +232,7 @@ def search_near(
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
     """
-    how = EFFORTS[effort].for_stages(problem.stages)
+    how = _how(problem, effort)
     tables = tuple(StopTable.of(work) for work in problem.arms)
     start = evaluate(problem, tables, near)
     loose = _loose(problem, start, touching)
@@ -247,6 +262,15 @@ def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem
     test = problem.clearance
     assert test is not None  # callers ask where something has to keep clear
     return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
+
+
+def _how(problem: SequenceProblem, effort: str) -> SearchEffort:
+    how = EFFORTS[effort]
+    if all(has_closed_form(work) for work in problem.arms):
+        return how.for_stages(problem.stages)
+    how = how.for_general_arms(problem.stages)
+    # Where every configuration is given there is nothing around a plan.
+    return how if Variables.of(problem).count else replace(how, local_rounds=0)
 
 
 def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -> BoolArray:

@@ -26,7 +26,7 @@ class StopTable:
     carried: BoolArray
     """Which rows are configurations, and so move with the platform, shape (m,)."""
     configuration: FloatArray
-    """Their joints [rad], shape (m, 7); zeros elsewhere."""
+    """Their joints [rad], shape (m, joints); zeros elsewhere."""
     approach: FloatArray
     """Length of each stage's approach [m], shape (n,)."""
     retract: FloatArray
@@ -55,7 +55,7 @@ class StopTable:
                 R.append(stop.R_world_tool)
                 p.append(stop.p_world_tool)
                 carried.append(False)
-                configuration.append(np.zeros(7))
+                configuration.append(np.zeros(arm.joints))
                 continue
             R_flange, p_flange = arm.kinematics.forward(stop.configurations)
             R_tool = R_flange @ arm.R_tool_flange.T
@@ -65,14 +65,19 @@ class StopTable:
             configuration.extend(stop.configurations)
         if not R:
             # An arm without any stop: one row of no meaning, so that idle stages have some.
-            R, p, carried, configuration = [np.eye(3)], [np.zeros(3)], [False], [np.zeros(7)]
+            R, p, carried, configuration = (
+                [np.eye(3)],
+                [np.zeros(3)],
+                [False],
+                [np.zeros(arm.joints)],
+            )
         return cls(
             np.minimum(np.array(first, dtype=np.int64), len(R) - 1),
             np.array([stop is not None for stop in arm.stops]),
             np.array(R).reshape(-1, 3, 3),
             np.array(p).reshape(-1, 3),
             np.array(carried, dtype=np.bool_),
-            np.array(configuration).reshape(-1, 7),
+            np.array(configuration).reshape(-1, arm.joints),
             *(
                 np.array([0.0 if stop is None else getattr(stop, name) for stop in arm.stops])
                 for name in ("approach", "retract", "dwell")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import anchored, has_closed_form, lines_hold, postures
 from dualarm_cli.stages.search.stops import StopTable
 
 
@@ -58,8 +59,40 @@ def evaluate(
         postures(problem, a, tables[a], rows, decisions.angle, decisions.arms[a])
         for a in range(len(problem.arms))
     )
+    return in_seconds(problem, decisions, arms)
+
+
+def in_seconds(
+    problem: SequenceProblem, decisions: Decisions, arms: tuple[CandidatePostures, ...]
+) -> Evaluated:
+    """Returns a plan's closed-form times.
+
+    Args:
+        problem: the sequence.
+        decisions: the plan.
+        arms: what it means at every stage, by arm.
+    """
     stages, closing = stage_times(problem, decisions.angle, arms)
-    return Evaluated(decisions, arms, stages, closing)
+    rows_of = zip(problem.arms, decisions.arms, arms, strict=True)
+    same = Decisions(decisions.angle, tuple(anchored(*one) for one in rows_of))
+    return Evaluated(same, arms, stages, closing)
+
+
+def held(problem: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated) -> Evaluated:
+    """Returns a plan in which stages whose lines do not hold between their samples are impossible."""
+    if all(has_closed_form(work) for work in problem.arms):
+        return plan
+    angle = plan.decisions.angle
+    arms = tuple(
+        replace(
+            found, work=np.where(lines_hold(problem, a, table, angle, rows), found.work, np.inf)
+        )
+        for a, (table, rows, found) in enumerate(
+            zip(tables, plan.decisions.arms, plan.arms, strict=True)
+        )
+    )
+    stages, closing = stage_times(problem, angle, arms)
+    return replace(plan, arms=arms, stages=stages, closing=closing)
 
 
 def stage_times(
@@ -108,7 +141,7 @@ def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
 def start_joints(
     problem: SequenceProblem, work: ArmWork, chain: TransferChain, found: CandidatePostures
 ) -> FloatArray:
-    """Returns one arm's joints before the first stage [rad], shape (7,).
+    """Returns one arm's joints before the first stage [rad], shape (joints,).
 
     A free start is where the first stage's transfer ends; an arm that is idle then starts in its start posture.
     """

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.stages.search.postures import CandidatePostures, postures
+from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
+from dualarm_cli.stages.search.source import postures
 from dualarm_cli.stages.search.stops import StopTable
 
 DIFFERENCE = 1e-6
@@ -47,9 +48,9 @@ class Variables:
                 if stop is None:
                     continue
                 free = (
-                    stop.configurations is None,
-                    stop.approach > 0,
-                    stop.retract > 0,
+                    work.spare > 0 and stop.configurations is None,
+                    work.spare > 0 and stop.approach > 0,
+                    work.spare > 0 and stop.retract > 0,
                     stop.free_yaw and stop.configurations is None,
                 )
                 for column in np.flatnonzero(np.array(free)).tolist():
@@ -81,15 +82,15 @@ class Slopes:
     """First derivatives of one arm's stops by (platform angle, *FIELDS); every stage, v = 5 columns."""
 
     q_approach: FloatArray
-    """Of the joints where the approach starts, shape (n, 7, v)."""
+    """Of the joints where the approach starts, shape (n, joints, v)."""
     q_target: FloatArray
-    """Of the joints at the target, shape (n, 7, v)."""
+    """Of the joints at the target, shape (n, joints, v)."""
     q_retract: FloatArray
-    """Of the joints where the retract ends, shape (n, 7, v)."""
+    """Of the joints where the retract ends, shape (n, joints, v)."""
     approach: FloatArray
-    """Of what each joint asks for on the approach [s/rad], shape (n, 7, v); 0 where a step leads out of reach."""
+    """Of what each joint asks for on the approach [s/rad], shape (n, joints, v); 0 where a step leads out of reach."""
     retract: FloatArray
-    """Of what each joint asks for on the retract [s/rad], shape (n, 7, v)."""
+    """Of what each joint asks for on the retract [s/rad], shape (n, joints, v)."""
 
 
 def slopes(
@@ -99,17 +100,25 @@ def slopes(
     decisions: Decisions,
     base: CandidatePostures,
 ) -> Slopes:
-    """Returns derivatives by forward differences, all stages and variables in one batch."""
+    """Returns derivatives by forward differences, all stages and variables in one batch.
+
+    Without a spare joint what is varied along the self-motion changes nothing.
+    """
     n, v = problem.stages, 1 + len(FIELDS)
-    stage = np.repeat(np.arange(n), v)
-    step = np.tile(DIFFERENCE * np.eye(v), (n, 1))
+    free = np.array([True, *(problem.arms[arm].spare > 0 or name == "yaw" for name in FIELDS)])
+    stage = np.repeat(np.arange(n), free.sum())
+    step = np.tile(DIFFERENCE * np.eye(v)[free], (n, 1))
     candidates = shifted(decisions.arms[arm].take(stage), step[:, 1:])
     found = postures(problem, arm, table, stage, decisions.angle[stage] + step[:, 0], candidates)
 
     def rate(ahead: FloatArray, here: FloatArray) -> FloatArray:
-        return np.moveaxis(ahead.reshape(n, v, -1) - here[:, None], 1, 2) / DIFFERENCE
+        rates = np.zeros((n, here.shape[1], v))
+        change = ahead.reshape(n, free.sum(), -1) - here[:, None]
+        rates[:, :, free] = np.moveaxis(change, 1, 2) / DIFFERENCE
+        return rates
 
-    usable = (found.possible.reshape(n, v) & base.possible[:, None])[:, None, :]
+    usable = np.zeros((n, 1, v), dtype=np.bool_)
+    usable[:, 0, free] = found.possible.reshape(n, -1) & base.possible[:, None]
     return Slopes(
         rate(found.q_approach, base.q_approach),
         rate(found.q_target, base.q_target),

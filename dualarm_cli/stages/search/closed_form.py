@@ -1,79 +1,151 @@
-"""Node sets: every stop on a grid of platform angles, arm angles, branches and yaws."""
+"""Candidates of arms with closed forms: nodes on a grid of arm angles and branches, and what candidates mean."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import fields
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.stages.search.postures import postures
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.candidates import (
+    FREE_YAWS,
+    LINE_FACTOR,
+    LINE_SAMPLES,
+    MIDDLE,
+    CandidatePostures,
+    Grid,
+    Nodes,
+    bulges,
+    thinned,
+    timed_postures,
+)
 from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 
+LARGEST_STEP = np.pi / 2
+"""A joint that turns more than this between two samples of a line has jumped [rad]."""
+SAME_POSTURE = 1e-9
+"""Difference of a given configuration from the solution for its pose up to which they are one [rad]."""
+_BLOCK = 4096
+"""Candidates that are followed at a time: their joints stay in the cache."""
 SWING_STEPS = 3
 """How many half steps of the arm angle a line may swing to either side."""
-LINE_FACTOR = 1.08
-"""Time of a line over the rest-to-rest time of its joints' displacements, roughly: joints on a line start and
-stop together along a curve."""
 LARGEST_TURN = 0.5 * np.pi
 """A joint that turns more than this along a line has no line that can be followed [rad]."""
-FREE_YAWS = 6
-"""Yaws of a node set where any will do and it changes more than the last joint."""
 
 
-@dataclass(frozen=True)
-class Grid:
-    """How finely nodes are set."""
+def postures(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: IntArray,
+    angle: FloatArray,
+    candidates: ArmDecisions,
+) -> CandidatePostures:
+    """Returns joints and line times of many candidates.
 
-    angles: FloatArray
-    """Platform angles [rad], shape (f,); one where it cannot be turned."""
-    arm_angles: int
-    """Number of arm angles around the circle."""
-    most: int
-    """Most nodes of one stop; more are thinned out."""
+    Exact inverse kinematics at LINE_SAMPLES samples of each line, the branch fixed and the angles unwrapped from the
+    target outward; lines timed by the closed-form estimate.
 
-
-@dataclass(frozen=True)
-class Nodes:
-    """The nodes of one arm at one stop; n of them."""
-
-    angle_index: IntArray
-    """Index of the platform angle within the grid's, shape (n,)."""
-    decisions: ArmDecisions
-    """What each node means."""
-    q_approach: FloatArray
-    """Joints where the approach starts [rad], shape (n, 7)."""
-    q_retract: FloatArray
-    """Joints where the retract ends [rad], shape (n, 7)."""
-    work: FloatArray
-    """About how long approach, dwell and retract take [s], shape (n,)."""
-    free_last: bool
-    """Whether the last joint is free: any yaw will do, and it turns that joint alone."""
-
-    def take(self, rows: IntArray) -> Nodes:
-        """Returns some of the nodes."""
-        return Nodes(
-            self.angle_index[rows],
-            self.decisions.take(rows),
-            self.q_approach[rows],
-            self.q_retract[rows],
-            self.work[rows],
-            self.free_last,
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        table: its stops.
+        stage: stage of each candidate, shape (n,).
+        angle: platform angle of each candidate [rad], shape (n,).
+        candidates: n of them.
+    """
+    n = len(stage)
+    if n <= _BLOCK:
+        return _postures(problem, arm, table, stage, angle, candidates)
+    blocks = [slice(k, k + _BLOCK) for k in range(0, n, _BLOCK)]
+    parts = [_postures(problem, arm, table, stage[b], angle[b], candidates.take(b)) for b in blocks]
+    return CandidatePostures(
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(CandidatePostures)
         )
+    )
 
 
-def yaw_turns_last_joint(arm: ArmWork) -> bool:
-    """Returns whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not."""
-    geometry = arm.kinematics.geometry
-    axis = geometry.R_flange.T @ geometry.axes[6]
-    z_tool = arm.R_tool_flange.T[:, 2]
-    if np.linalg.norm(np.cross(axis, z_tool)) > 1e-9:
-        return False
-    # The wrist centre and the tool centre point, seen from the flange, on one line along the axis.
-    tcp = -arm.R_tool_flange.T @ arm.p_tool_flange
-    between = tcp - geometry.p_flange_wrist
-    return bool(np.linalg.norm(np.cross(between, axis)) < 1e-9)
+def _postures(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: IntArray,
+    angle: FloatArray,
+    candidates: ArmDecisions,
+) -> CandidatePostures:
+    work, n = problem.arms[arm], len(stage)
+    row = table.first[stage] + candidates.target
+    position = platform_positions(problem, angle)
+    R, p, z = flange_poses(problem.platform, work, table, row, candidates.yaw, position)
+    share = np.linspace(1.0, 0.0, LINE_SAMPLES)
+    # Approach start, ..., target, ..., retract end: both lines in one sweep.
+    depth = np.concatenate(
+        [table.approach[stage, None] * share, table.retract[stage, None] * share[-2::-1]], axis=1
+    )
+    swing = np.concatenate(
+        [
+            _swing(candidates.psi_approach, candidates, table.approach[stage]) * share,
+            _swing(candidates.psi_retract, candidates, table.retract[stage]) * share[-2::-1],
+        ],
+        axis=1,
+    )
+    lines = bool(depth.any())
+    if not lines:
+        depth, swing = depth[:, :1], swing[:, :1]
+    points = p[:, None, :] - z[:, None, :] * depth[:, :, None]
+    psi = candidates.psi_target[:, None] + swing
+    q, reachable = work.closed_form.solve_branch(
+        R[:, None], points, psi, candidates.branch[:, None]
+    )
+    middle = MIDDLE if lines else 0
+    first = work.closed_form.nearest_turns(q[:, middle], candidates.near)
+    ok = np.asarray(reachable.all(axis=1))
+    bulge = np.zeros((n, 1, 7))
+    if lines:
+        steps = np.diff(q, axis=1)
+        steps -= 2.0 * np.pi * np.round(steps / (2.0 * np.pi))
+        ok &= np.abs(steps).max(axis=(1, 2)) <= LARGEST_STEP
+        q = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+        q += (first - q[:, middle])[:, None]
+        bulge = bulges(steps)
+    else:
+        q = first[:, None]
+    carried = table.carried[row]
+    if carried.any():
+        q, ok = _at_configurations(table, row, carried, depth, q, ok, middle)
+    return timed_postures(work, q, ok, bulge, table.dwell[stage])
+
+
+def _swing(psi_end: FloatArray, candidates: ArmDecisions, length: FloatArray) -> FloatArray:
+    """Returns the change of the arm angle to a line's outer end [rad], shape (n, 1); 0 without a line."""
+    return np.where(length > 0, psi_end - candidates.psi_target, 0.0)[:, None]
+
+
+def _at_configurations(
+    table: StopTable,
+    row: IntArray,
+    carried: BoolArray,
+    depth: FloatArray,
+    q: FloatArray,
+    ok: BoolArray,
+    middle: int,
+) -> tuple[FloatArray, BoolArray]:
+    """Returns paths and feasibility with given configurations taken as they are.
+
+    The configuration itself counts, also where a singular wrist has others for the same pose; a line must start in it.
+    """
+    given = np.where(carried[:, None], table.configuration[row], q[:, middle])
+    turn = 2.0 * np.pi * np.round((given - q[:, middle]) / (2.0 * np.pi))
+    q = q + turn[:, None]
+    still = depth.max(axis=1) == 0.0
+    same = np.abs(q[:, middle] - given).max(axis=1) < SAME_POSTURE
+    ok = np.where(carried, (ok & same) | still, ok)
+    q[still] = given[still, None]
+    q[:, middle] = given
+    return q, ok
 
 
 def grid_nodes(
@@ -89,7 +161,7 @@ def grid_nodes(
     assert stop is not None  # callers ask for active stages only
     if stop.configurations is not None:
         return _configuration_nodes(problem, arm, table, stage, stop, grid)
-    free_last = stop.free_yaw and yaw_turns_last_joint(work)
+    free_last = stop.free_yaw and work.yaw_turns_last_joint
     yaws = _yaws(stop, free_last)
     f = np.repeat(np.arange(len(grid.angles)), len(yaws))
     y = np.tile(yaws, len(grid.angles))
@@ -99,15 +171,15 @@ def grid_nodes(
     )
     depths = np.array([0.0, stop.approach, stop.retract])
     points = p[:, None, :] - z[:, None, :] * depths[:, None]
-    reachable = (work.kinematics.reach_miss(R[:, None], points) == 0.0).all(axis=1)
+    reachable = (work.closed_form.reach_miss(R[:, None], points) == 0.0).all(axis=1)
     f, y, R, points = f[reachable], y[reachable], R[reachable], points[reachable]
     same = stop.approach == stop.retract
     if same:
         points = points[:, :2]
     psi = np.linspace(-np.pi, np.pi, 2 * grid.arm_angles, endpoint=False)
-    q = work.kinematics.solve(R[:, None, None], points[:, :, None], psi).q
-    q_target = work.kinematics.nearest_turns(q[:, 0, ::2], middle_of_ranges(work))
-    inside = work.kinematics.within_limits(q_target)
+    q = work.closed_form.solve(R[:, None, None], points[:, :, None], psi).q
+    q_target = work.closed_form.nearest_turns(q[:, 0, ::2], work.middle_of_ranges)
+    inside = work.closed_form.within_limits(q_target)
     if free_last:
         low, high = work.limits.lower.copy(), work.limits.upper.copy()
         low[6], high[6] = -np.inf, np.inf
@@ -145,15 +217,6 @@ def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
     if stop.free_yaw:
         return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
     return stop.yaw
-
-
-def middle_of_ranges(work: ArmWork) -> FloatArray:
-    """Returns the middle of every joint's range [rad], 0 where it has none."""
-    low, high = work.limits.lower, work.limits.upper
-    bounded = np.isfinite(low) & np.isfinite(high)
-    return np.where(
-        bounded, 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0)), 0.0
-    )
 
 
 def _least_swing(
@@ -199,11 +262,11 @@ def _configuration_nodes(
         x.ravel() for x in np.meshgrid(np.arange(m), *(np.arange(len(swings)),) * 2, indexing="ij")
     )
     q = stop.configurations[alternative]
-    psi = work.kinematics.arm_angle(q)
+    psi = work.closed_form.arm_angle(q)
     every = ArmDecisions(
         alternative,
         np.zeros(len(q)),
-        work.kinematics.branch(q),
+        work.closed_form.branch(q),
         psi,
         psi + swings[k_a],
         psi + swings[k_r],
@@ -223,12 +286,3 @@ def _configuration_nodes(
         f, every.take(rows), found.q_approach[rows], found.q_retract[rows], found.work[rows], False
     )
     return thinned(nodes, grid.most)
-
-
-def thinned(nodes: Nodes, most: int) -> Nodes:
-    """Returns at most so many nodes, spread evenly over platform angles and line times."""
-    n = len(nodes.work)
-    if n <= most:
-        return nodes
-    order = np.lexsort((nodes.work, nodes.angle_index))
-    return nodes.take(np.sort(order[np.linspace(0, n - 1, most).astype(np.int64)]))

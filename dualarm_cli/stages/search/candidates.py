@@ -1,0 +1,159 @@
+"""Candidates of one arm at its stops, in joints and seconds, wherever they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork
+from dualarm_cli.timing.line_profile import joint_line_durations
+
+LINE_SAMPLES = 7
+"""Samples of a line."""
+MIDDLE = LINE_SAMPLES - 1
+"""The target among the samples of both lines, which are the approach from outside and the retract."""
+BETWEEN = (2, 4, LINE_SAMPLES + 1, LINE_SAMPLES + 3)
+"""Samples of both lines, approach first, that are kept for clearance; the target is between the middle ones."""
+LINE_FACTOR = 1.08
+"""Time of a line over the rest-to-rest time of its joints' displacements, roughly: joints on a line start and
+stop together along a curve."""
+FREE_YAWS = 6
+"""Yaws of a node set where any will do and it changes more than the last joint."""
+
+
+@dataclass(frozen=True)
+class CandidatePostures:
+    """Many candidates of one arm, in joints and seconds."""
+
+    q_approach: FloatArray
+    """Joints where the approach starts [rad], shape (n, joints)."""
+    q_target: FloatArray
+    """Joints at the target [rad], shape (n, joints)."""
+    q_retract: FloatArray
+    """Joints where the retract ends [rad], shape (n, joints)."""
+    work: FloatArray
+    """Time of approach, dwell and retract [s]; infinite where the candidate cannot be, shape (n,)."""
+    approach: FloatArray
+    """What each joint asks for on the approach [s], shape (n, joints); the largest is its time."""
+    retract: FloatArray
+    """What each joint asks for on the retract [s], shape (n, joints)."""
+    q_between: FloatArray
+    """Joints at two places on the approach and at two on the retract [rad], shape (n, 4, joints)."""
+
+    @property
+    def possible(self) -> BoolArray:
+        """Which candidates are within reach and limits all along, shape (n,)."""
+        return np.isfinite(self.work)
+
+    def of_plan(self, m: int) -> CandidatePostures:
+        """Returns one of several plans' postures, where arrays are of shape (stages, plans, ...)."""
+        return CandidatePostures(*(getattr(self, field.name)[:, m] for field in fields(self)))
+
+    def where(self, mask: BoolArray, other: CandidatePostures) -> CandidatePostures:
+        """Returns these where the mask (stages, plans) says so, else the other ones, which have one plan only."""
+        parts = {}
+        for field in fields(self):
+            mine, theirs = getattr(self, field.name), getattr(other, field.name)[:, None]
+            wide = mask.reshape(*mask.shape, *(1,) * (mine.ndim - 2))
+            parts[field.name] = np.where(wide, mine, theirs)
+        return CandidatePostures(**parts)
+
+    def take(self, rows: IntArray) -> CandidatePostures:
+        """Returns some rows."""
+        return CandidatePostures(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How finely nodes are set."""
+
+    angles: FloatArray
+    """Platform angles [rad], shape (f,); one where it cannot be turned."""
+    arm_angles: int
+    """Number of arm angles around the circle."""
+    most: int
+    """Most nodes of one stop; more are thinned out."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes of one arm at one stop; n of them."""
+
+    angle_index: IntArray
+    """Index of the platform angle within the grid's, shape (n,)."""
+    decisions: ArmDecisions
+    """What each node means."""
+    q_approach: FloatArray
+    """Joints where the approach starts [rad], shape (n, joints)."""
+    q_retract: FloatArray
+    """Joints where the retract ends [rad], shape (n, joints)."""
+    work: FloatArray
+    """About how long approach, dwell and retract take [s], shape (n,)."""
+    free_last: bool
+    """Whether the last joint is free: any yaw will do, and it turns that joint alone."""
+
+    def take(self, rows: IntArray) -> Nodes:
+        """Returns some of the nodes."""
+        return Nodes(
+            self.angle_index[rows],
+            self.decisions.take(rows),
+            self.q_approach[rows],
+            self.q_retract[rows],
+            self.work[rows],
+            self.free_last,
+        )
+
+
+def thinned(nodes: Nodes, most: int) -> Nodes:
+    """Returns at most so many nodes, spread evenly over platform angles and line times."""
+    n = len(nodes.work)
+    if n <= most:
+        return nodes
+    order = np.lexsort((nodes.work, nodes.angle_index))
+    return nodes.take(np.sort(order[np.linspace(0, n - 1, most).astype(np.int64)]))
+
+
+def timed_postures(
+    work: ArmWork, q: FloatArray, ok: BoolArray, bulge: FloatArray, dwell: FloatArray
+) -> CandidatePostures:
+    """Returns candidates whose lines are followed, judged by the joints' limits and timed by the closed-form estimate.
+
+    Args:
+        work: their arm.
+        q: joints at the samples of both lines [rad], shape (n, 2 LINE_SAMPLES - 1, joints); at the target alone, shape
+            (n, 1, joints), where there are no lines.
+        ok: which of them are within reach, shape (n,).
+        bulge: how far joints may be beyond the samples [rad], broadcast against q.
+        dwell: at the targets [s], shape (n,).
+    """
+    n, samples, joints = q.shape
+    lines = samples > 1
+    middle = MIDDLE if lines else 0
+    ok = ok & work.kinematics.within_limits((q - bulge).min(axis=1))
+    ok &= work.kinematics.within_limits((q + bulge).max(axis=1))
+    spent = np.zeros((2, n, joints))
+    if lines and ok.any():
+        possible = q[ok]
+        both = np.concatenate([possible[:, : middle + 1], possible[:, middle:]])
+        spent[:, ok] = joint_line_durations(both, work.limits).reshape(2, -1, joints)
+    time = np.where(ok, dwell + spent.max(axis=2).sum(axis=0), np.inf)
+    between = q[:, np.array(BETWEEN) if lines else [0, 0, 0, 0]]
+    return CandidatePostures(q[:, 0], q[:, middle], q[:, -1], time, spent[0], spent[1], between)
+
+
+def bulges(steps: FloatArray) -> FloatArray:
+    """Returns how far joints may be beyond each sample next to it [rad], shape (n, samples, joints).
+
+    A parabola through three samples is beyond the chord by an eighth of the second difference at most; a little more is
+    kept. The two lines meet at the middle sample with a bend that means nothing.
+
+    Args:
+        steps: from sample to sample of both lines [rad], shape (n, samples - 1, joints).
+    """
+    second = np.abs(np.diff(steps, axis=1))
+    second[:, MIDDLE - 1] = 0.0
+    around = np.pad(second, ((0, 0), (2, 2), (0, 0)))
+    widest: FloatArray = np.maximum(np.maximum(around[:, :-2], around[:, 1:-1]), around[:, 2:])
+    return 0.14 * widest

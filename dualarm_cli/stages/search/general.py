@@ -1,0 +1,390 @@
+"""Candidates of arms without closed forms: inverse kinematics from many starts, lines followed by continuation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.continuation import SKELETON, follow_lines, moved_along
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import solve_poses
+from dualarm_cli.kinematics.self_motion import self_motions
+from dualarm_cli.postures.numeric import DENSE_SAMPLES
+from dualarm_cli.stages.search.candidates import (
+    FREE_YAWS,
+    LINE_FACTOR,
+    LINE_SAMPLES,
+    CandidatePostures,
+    Grid,
+    Nodes,
+    bulges,
+    thinned,
+    timed_postures,
+)
+from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
+
+END_SAMPLES = 3
+"""Samples of a line of which only the end is wanted."""
+SHARE = 0.5
+"""Share of a grid's nodes that is looked for: they take longer than in closed form."""
+SIDEWAYS = np.array([0.5, -0.5, 1.0, -1.0])
+"""Further nodes along the self-motion of those that are found, as many as are wanted [rad]."""
+AROUND = np.array([0.0, -0.3, -0.1, 0.1, 0.3])
+"""Where on the self-motion nodes around a plan are set [rad]."""
+DRIFTS = np.array([[0.0, 0.0], [-0.2, 0.0], [0.2, 0.0], [0.0, -0.2], [0.0, 0.2]])
+"""How the ways along the self-motion that come with both lines are varied there [rad]."""
+TURN = 2.0 * np.pi
+HALF_RANGES = 12
+"""Joints whose halves of their ranges tell branches apart at most."""
+
+
+def postures(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: IntArray,
+    angle: FloatArray,
+    candidates: ArmDecisions,
+) -> CandidatePostures:
+    """Returns joints and line times of many candidates, as the closed forms' function of this name does.
+
+    Newton's method from each candidate's own posture, then continuation along its lines; given configurations are
+    taken as they are. In stages in which the arm is idle nothing is looked for.
+    """
+    work, idle = problem.arms[arm], ~table.active[stage]
+    if not idle.any():
+        return _postures(problem, work, table, stage, angle, candidates)
+    q, k = candidates.near.astype(np.float64), np.flatnonzero(~idle)
+    found = timed_postures(work, q[:, None], idle, np.zeros(1), np.zeros(len(stage)))
+    if not len(k):
+        return found
+    active = _postures(problem, work, table, stage[k], angle[k], candidates.take(k))
+    parts = {name: np.array(values) for name, values in vars(found).items()}
+    for name, values in parts.items():
+        values[k] = getattr(active, name)
+    return CandidatePostures(**parts)
+
+
+def _postures(
+    problem: SequenceProblem,
+    work: ArmWork,
+    table: StopTable,
+    stage: IntArray,
+    angle: FloatArray,
+    candidates: ArmDecisions,
+) -> CandidatePostures:
+    row = table.first[stage] + candidates.target
+    R, p, z = _poses(problem, work, table, stage, angle, candidates)
+    carried = table.carried[row]
+    # What is beyond a limit is followed as well, and judged with what may be between the samples.
+    near = candidates.near.astype(np.float64)
+    q, ok = moved_along(_loose(work), near, R, p, candidates.psi_target)
+    q = np.where(carried[:, None], table.configuration[row], q)
+    ok |= carried
+    path, followed = _followed(_loose(work), table, stage, candidates, (R, p, z), q, LINE_SAMPLES)
+    if path is None:
+        return timed_postures(work, q[:, None], ok, np.zeros(1), table.dwell[stage])
+    both = np.moveaxis(np.concatenate([path[:0:-1, 0], path[:, 1]]), 0, 1)
+    bulge = bulges(np.diff(both, axis=1))
+    return timed_postures(work, both, ok & followed, bulge, table.dwell[stage])
+
+
+def anchored(candidates: ArmDecisions, found: CandidatePostures) -> ArmDecisions:
+    """Returns the same candidates, where they are possible counted from their own postures at the targets."""
+    ok = found.possible
+    swing = np.where(ok, candidates.psi_target, 0.0)
+    return replace(
+        candidates,
+        psi_target=candidates.psi_target - swing,
+        psi_approach=candidates.psi_approach - swing,
+        psi_retract=candidates.psi_retract - swing,
+        near=np.where(ok[:, None], found.q_target, candidates.near),
+    )
+
+
+def lines_hold(
+    problem: SequenceProblem, arm: int, table: StopTable, angle: FloatArray, rows: ArmDecisions
+) -> BoolArray:
+    """Returns in which stages lines from postures at the targets can be followed at DENSE_SAMPLES samples, shape (n,).
+
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        table: its stops.
+        angle: platform angle of each stage [rad], shape (n,).
+        rows: what the arm does in each stage, `anchored`.
+    """
+    work, holds = problem.arms[arm], np.ones(problem.stages, dtype=np.bool_)
+    k = np.flatnonzero(table.active)
+    rows = rows.take(k)
+    poses = _poses(problem, work, table, k, angle[k], rows)
+    _, holds[k] = _followed(_general(work), table, k, rows, poses, rows.near, DENSE_SAMPLES)
+    return holds
+
+
+def grid_nodes(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: int,
+    grid: Grid,
+    *,
+    thorough: bool,
+) -> Nodes:
+    """Returns the nodes of one arm at one stop, none where it cannot be reached.
+
+    At every platform angle and yaw the postures that inverse kinematics finds, with a spare joint others along their
+    self-motion, all with the whole turns that limits allow; lines count LINE_FACTOR times the rest-to-rest time of
+    what their joints move.
+
+    Args:
+        problem: the sequence.
+        arm: index of the arm.
+        table: its stops.
+        stage: number of the stage, in which the arm works.
+        grid: how finely they are set.
+        thorough: whether all branches are looked for, and sampled along all of their self-motion.
+    """
+    work = problem.arms[arm]
+    stop = work.stops[stage]
+    assert stop is not None  # callers ask for active stages only
+    general = _general(work)
+    index, rows = _targets(problem, work, table, stage, grid, thorough)
+    count = len(index)
+    stages, angle = np.full(count, stage), grid.angles[index]
+    R, p, z = _poses(problem, work, table, stages, angle, rows)
+    path, ok = _followed(general, table, stages, rows, (R, p, z), rows.near, END_SAMPLES)
+    ends = np.stack([rows.near, rows.near]) if path is None else path[-1]
+    out, back = (work.law.duration(end - rows.near) for end in ends)
+    time = LINE_FACTOR * (out + back) + stop.dwell
+    nodes = Nodes(index, rows, ends[0], ends[1], time, False)
+    nodes = nodes.take(np.flatnonzero(ok))
+    if stop.configurations is None:
+        nodes = _with_turns(work, nodes)
+    return thinned(_by_angle(nodes), grid.most)
+
+
+def nodes_around(
+    problem: SequenceProblem,
+    arm: int,
+    table: StopTable,
+    stage: int,
+    angles: FloatArray,
+    plan: ArmDecisions,
+) -> Nodes:
+    """Returns nodes around what a plan does at a stop: platform angles (f,) [rad], self-motion and drifts varied."""
+    work = problem.arms[arm]
+    stop = work.stops[stage]
+    assert stop is not None  # callers ask for active stages only
+    varied = work.spare > 0 and stop.configurations is None
+    along, drifts = (AROUND, DRIFTS) if varied else (AROUND[:1], DRIFTS[:1])
+    f, s, d = (
+        x.ravel()
+        for x in np.meshgrid(*(np.arange(len(x)) for x in (angles, along, drifts)), indexing="ij")
+    )
+    rows = plan.take(np.full(len(f), stage))
+    rows = replace(
+        rows,
+        psi_target=rows.psi_target + along[s],
+        psi_approach=rows.psi_approach + along[s] + drifts[d, 0],
+        psi_retract=rows.psi_retract + along[s] + drifts[d, 1],
+    )
+    found = postures(problem, arm, table, np.full(len(f), stage), angles[f], rows)
+    nodes = Nodes(
+        f,
+        anchored(rows, found),
+        found.q_approach,
+        found.q_retract,
+        found.work,
+        False,
+    )
+    return nodes.take(np.flatnonzero(found.possible))
+
+
+def together(some: Nodes, others: Nodes) -> Nodes:
+    """Returns the nodes of both, in order of their platform angles."""
+    decisions = ArmDecisions(
+        *(
+            np.concatenate([x, y])
+            for x, y in zip(
+                vars(some.decisions).values(), vars(others.decisions).values(), strict=True
+            )
+        )
+    )
+    return _by_angle(
+        Nodes(
+            np.concatenate([some.angle_index, others.angle_index]),
+            decisions,
+            np.concatenate([some.q_approach, others.q_approach]),
+            np.concatenate([some.q_retract, others.q_retract]),
+            np.concatenate([some.work, others.work]),
+            some.free_last,
+        )
+    )
+
+
+def _by_angle(nodes: Nodes) -> Nodes:
+    return nodes.take(np.argsort(nodes.angle_index, kind="stable"))
+
+
+def _general(work: ArmWork) -> GeneralArm:
+    assert isinstance(work.kinematics, GeneralArm)  # callers have looked
+    return work.kinematics
+
+
+def _loose(work: ArmWork) -> GeneralArm:
+    return _general(work).without_limits
+
+
+def _poses(
+    problem: SequenceProblem,
+    work: ArmWork,
+    table: StopTable,
+    stage: IntArray,
+    angle: FloatArray,
+    rows: ArmDecisions,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns flange rotations, positions and tool directions of candidates at their targets."""
+    row = table.first[stage] + rows.target
+    position = platform_positions(problem, angle)
+    return flange_poses(problem.platform, work, table, row, rows.yaw, position)
+
+
+def _followed(
+    general: GeneralArm,
+    table: StopTable,
+    stage: IntArray,
+    rows: ArmDecisions,
+    poses: tuple[FloatArray, FloatArray, FloatArray],
+    q: FloatArray,
+    samples: int,
+) -> tuple[FloatArray | None, BoolArray]:
+    """Returns the joints along both lines from the targets outward, and which candidates' lines can be followed.
+
+    Args:
+        general: the arm, with the limits that count.
+        table: its stops.
+        stage: of each candidate, shape (n,).
+        rows: the candidates.
+        poses: theirs.
+        q: joints at the targets [rad], shape (n, joints).
+        samples: of each line.
+
+    Returns:
+        Joints (samples, 2, n, joints), None where no candidate has a line, and which are followed, shape (n,).
+    """
+    R, p, z = poses
+    length = np.stack([table.approach[stage], table.retract[stage]])
+    ok = np.asarray(general.within_limits(q))
+    if not length.any():
+        return None, ok
+    drift = np.stack([rows.psi_approach, rows.psi_retract]) - rows.psi_target
+    path = np.broadcast_to(q, (samples, 2, *q.shape)).copy()
+    which, k = np.nonzero(length > 0.0)
+    shift = -z[k] * length[which, k, None]
+    skeleton = END_SAMPLES if samples == LINE_SAMPLES else SKELETON
+    course = follow_lines(general, q[k], R[k], p[k], shift, drift[which, k], samples, skeleton)
+    path[:, which, k] = course.q
+    followed = np.ones(length.shape, dtype=np.bool_)
+    followed[which, k] = course.ok
+    return path, ok & followed.all(axis=0)
+
+
+def _targets(
+    problem: SequenceProblem,
+    work: ArmWork,
+    table: StopTable,
+    stage: int,
+    grid: Grid,
+    thorough: bool,
+) -> tuple[IntArray, ArmDecisions]:
+    """Returns the platform angles' indices (n,) and n postures at the targets, their lines still to be followed."""
+    f, stop = len(grid.angles), work.stops[stage]
+    assert stop is not None  # callers ask for active stages only
+    if stop.configurations is not None:
+        m = len(stop.configurations)
+        target = np.tile(np.arange(m), f)
+        rows = _rows(work, target, np.zeros(m * f), stop.configurations[target])
+        return np.repeat(np.arange(f), m), rows
+    yaws, general = _yaws(stop), _general(work)
+    index, yaw = np.repeat(np.arange(f), len(yaws)), np.tile(yaws, f)
+    start = np.tile(work.middle_of_ranges, (len(yaw), 1))
+    asked = _rows(work, np.zeros(len(yaw), dtype=np.int64), yaw, start)
+    R, p, _ = _poses(problem, work, table, np.full(len(yaw), stage), grid.angles[index], asked)
+    found = solve_poses(general, R, p, thorough=thorough)
+    pose, q = found.pose, found.q
+    if work.spare == 1 and thorough:
+        traced = self_motions(general, q, R[pose], p[pose])
+        good = ~np.isnan(traced[..., 0])
+        pose, q = np.broadcast_to(pose, good.shape)[good], traced[good]
+    elif work.spare:
+        wanted = round(SHARE * grid.most) // max(1, len(pose)) - 1
+        pose, q = _beside(general, R, p, pose, q, SIDEWAYS[: max(0, wanted)])
+    q = general.nearest_turns(q, work.middle_of_ranges)
+    order = np.argsort(pose, kind="stable")
+    most = round(SHARE * grid.most)
+    if len(order) > most:
+        order = order[np.linspace(0, len(order) - 1, most).astype(np.int64)]
+    pose, q = pose[order], q[order]
+    return index[pose], _rows(work, np.zeros(len(pose), dtype=np.int64), yaw[pose], q)
+
+
+def _beside(
+    general: GeneralArm,
+    R: FloatArray,
+    p: FloatArray,
+    pose: IntArray,
+    q: FloatArray,
+    along: FloatArray,
+) -> tuple[IntArray, FloatArray]:
+    """Returns postures (k, joints) at poses (k,) together with others at ways (s,) [rad] along their self-motion."""
+    each = np.repeat(np.arange(len(pose)), len(along))
+    of = pose[each]
+    beside, met = moved_along(general, q[each], R[of], p[of], np.tile(along, len(pose)))
+    return np.concatenate([pose, of[met]]), np.concatenate([q, beside[met]])
+
+
+def _yaws(stop: StopTarget) -> FloatArray:
+    if stop.free_yaw:
+        return np.linspace(-np.pi, np.pi, FREE_YAWS, endpoint=False)
+    return stop.yaw
+
+
+def _rows(work: ArmWork, target: IntArray, yaw: FloatArray, q: FloatArray) -> ArmDecisions:
+    """Returns candidates that are at joints (n, joints) [rad] at their targets, without drifts along their lines."""
+    zero = np.zeros(len(q))
+    return ArmDecisions(target, yaw, _branch(work, q), zero, zero, zero, q)
+
+
+def _branch(work: ArmWork, q: FloatArray) -> IntArray:
+    """Returns a number that tells in which half of its range every joint is, shape (n,)."""
+    upper = q[:, :HALF_RANGES] > work.middle_of_ranges[:HALF_RANGES]
+    return np.asarray(upper @ (1 << np.arange(upper.shape[1])), dtype=np.int64)
+
+
+def _with_turns(work: ArmWork, nodes: Nodes) -> Nodes:
+    """Returns nodes together with the same ones whole turns away, as far as limits allow."""
+    for joint in range(work.joints):
+        # Of joints without limits one turn each way will do.
+        low = max(work.limits.lower[joint], -1.5 * TURN)
+        high = min(work.limits.upper[joint], 1.5 * TURN)
+        if high - low < TURN:
+            continue
+        found = nodes
+        for turn in (-2.0 * TURN, -TURN, TURN, 2.0 * TURN):
+            shift = np.where(np.arange(work.joints) == joint, turn, 0.0)
+            moved = replace(
+                nodes,
+                decisions=nodes.decisions.at(nodes.decisions.near + shift),
+                q_approach=nodes.q_approach + shift,
+                q_retract=nodes.q_retract + shift,
+            )
+            places = (moved.decisions.near, moved.q_approach, moved.q_retract)
+            at = np.stack([q[:, joint] for q in places])
+            inside = ((at >= low) & (at <= high)).all(axis=0)
+            found = together(found, moved.take(np.flatnonzero(inside)))
+        nodes = found
+    return nodes
