@@ -10,7 +10,6 @@ stage of a baseline's order, so that it has no plan, the stops of that stage are
 from __future__ import annotations
 
 import argparse
-import re
 import statistics
 import time
 from collections.abc import Sequence
@@ -60,7 +59,7 @@ def mended_plan(job: Job, settings: PlanSettings) -> tuple[Schedule, int]:
 
 def named_stages(job: Job, error: InfeasibleError) -> tuple[int, ...]:
     """Returns the stages of the tasks that an error names."""
-    names = set(re.findall(r"task '([^']+)'", str(error)))
+    names = {refusal.task for refusal in error.refusals}
     return tuple(
         k
         for k, work in enumerate(job.stages())

@@ -8,17 +8,13 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from dualarm_cli.refusals import Refusal, told
+
 
 def did_you_mean(word: str, known: list[str]) -> str:
     """Returns ", did you mean 'x'?" for the closest known word, or an empty string."""
     match = get_close_matches(word, known, n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
-
-
-def millimetres(length: float) -> str:
-    """Returns a length [m] in millimetres with one decimal; what would be 0.0 is less than 0.1."""
-    shown = f"{abs(length) * 1e3:.1f}"
-    return "less than 0.1 mm" if shown == "0.0" else f"{shown} mm"
 
 
 @dataclass(frozen=True)
@@ -106,28 +102,36 @@ class InfeasibleError(DualArmError):
 
     exit_code = 3
 
+    def __init__(self, *refusals: Refusal) -> None:
+        """Stores what cannot be done, at least one thing; several are of one kind."""
+        self.refusals = refusals
+        super().__init__(*refusals)
+
+    def __str__(self) -> str:
+        """Returns what is wrong in sentences, with places."""
+        return told(self.refusals)
+
 
 class BlockedError(InfeasibleError):
     """Stages that do not keep clear, whatever is done about them."""
 
     def __init__(
         self,
-        message: str,
+        *refusals: Refusal,
         stages: tuple[int, ...],
-        *,
         alone: bool = False,
         never: tuple[tuple[str, str], ...] = (),
     ) -> None:
         """Stores the numbers of the stages, from 0; that of the return is the number of all others.
 
         Args:
-            message: what is wrong.
+            refusals: what is wrong.
             stages: the numbers.
             alone: whether in one of them an arm does not keep clear even by itself, whatever the other one does.
             never: arms and ids of tasks that no posture of the arm does clear of the cell, in whatever order.
         """
         self.stages, self.alone, self.never = stages, alone, never
-        super().__init__(message)
+        super().__init__(*refusals)
 
 
 _OUT_OF_MEMORY = (

@@ -7,6 +7,8 @@ from collections import defaultdict
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+from dualarm_cli.refusals import HEADS, HELPS, REMEDIES, SENTENCES
+
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
 MOST_MODULES = 20
 """Modules in one folder, `__init__.py` not counted."""
@@ -72,3 +74,40 @@ def test_every_room_is_on_the_map():
             assert f"`{path.name}`" in text, path.name
     for init in PACKAGE.rglob("__init__.py"):
         assert ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))), init
+
+
+TEXT_METHODS = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
+
+
+def test_no_message_of_an_error_is_matched_by_a_pattern():
+    """What an error says is for people; `InfeasibleError.refusals` has the data."""
+    found = []
+    for name, path in modules().items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        caught = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler)}
+        for call in ast.walk(tree):
+            if isinstance(call, ast.Call) and getattr(call.func, "attr", "") in TEXT_METHODS:
+                names = {
+                    node.id
+                    for part in call.args
+                    for node in ast.walk(part)
+                    if isinstance(node, ast.Name)
+                }
+                found += [f"{name}: {one}" for one in sorted(names & (caught - {None}))]
+    assert found == []
+
+
+def test_every_refusal_has_a_sentence_that_is_used():
+    """A key without a sentence would fail where a message is due; a sentence that nobody asks for goes."""
+    texts = set()
+    for name, path in modules().items():
+        if name == "dualarm_cli.refusals":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.add(node.value)
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Refusal":
+                key = node.args[0]
+                assert not isinstance(key, ast.Constant) or key.value in SENTENCES, (name, key)
+    assert texts >= {*SENTENCES, *REMEDIES}
+    assert {*HEADS, *HELPS} <= set(SENTENCES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,6 +32,7 @@ from dualarm_cli.errors import InfeasibleError, UsageError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.geometry.rotations import skew
 from dualarm_cli.model.touches import Touches, TouchSide
+from dualarm_cli.refusals import Refusal
 
 ITERATIONS = 100
 """Steps at most; from a tool that is right to some centimetres four are enough."""
@@ -98,7 +100,7 @@ def fit_tools_and_pose(sides: dict[str, Side], noise: float | None) -> JointFit:
     # Of a direction that is not seen, the origin's shift by its turn must not be forgotten.
     pose_seen = sight.seen[:6] & ~((np.abs(G) > 0.0) @ ~sight.seen)[:6]
     if not pose_seen.all():
-        raise InfeasibleError(_unseen_message(sight, names, len(rest) // 3))
+        raise InfeasibleError(_unseen(sight, names, len(rest) // 3))
     covariance, degrees = _noise(sight, rest, noise)
     fits = {
         side: _tool_fit(sight, names, 6 + 3 * k, tools[side], covariance, degrees, rest)
@@ -169,17 +171,17 @@ def _tool_fit(
     return ToolFit(TOOL, readonly(tool), seen, own, degrees, rms, tuple(words))
 
 
-def _unseen_message(sight: Sight, names: list[str], points: int) -> str:
+def _unmatched(causes: Sequence[Refusal | str]) -> InfeasibleError:
+    return InfeasibleError(Refusal("points_do_not_match", more={"causes": causes}))
+
+
+def _unseen(sight: Sight, names: list[str], points: int) -> Refusal:
     count = len(names)
-    lines = "; ".join(sight.in_words(names))
-    few = f"{points} points give {3 * points} equations for {count} unknowns; " * (
-        3 * points < count
-    )
-    return (
-        f"tools and transform are not determined together: {few}not seen: {lines}. Touch at least "
-        f"{-(-count // 3) + 1} points, each "
-        "with the tool turned another way about all three axes, or measure the tools and fit none"
-    )
+    counts = {"points": points, "equations": 3 * points, "unknowns": count}
+    few = [Refusal("few_equations", more=counts)] if 3 * points < count else []
+    least = -(-count // 3) + 1
+    more = {"few": few, "unseen": sight.in_words(names), "least": least}
+    return Refusal("tools_unseen", measured=points, allowed=least, more=more)
 
 
 UNSEEN_HEIGHT = (
@@ -232,12 +234,12 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
     )
     readings = _readings_disagree(touches, tools)
     if wrong := mirrored(problem):
-        raise InfeasibleError("; ".join([*wrong, *readings]))
+        raise _unmatched([*wrong, *readings])
     try:
         solution = CALIBRATION_SOLVERS[method].solve(problem)
     except InfeasibleError as error:
         # Readings that contradict each other are the likeliest reason.
-        raise InfeasibleError("; ".join([str(error), *readings])) from None
+        raise _unmatched([*error.refusals, *readings]) from None
     if joint_fit is not None and method == "least_squares":
         # The same transform; its uncertainty now has that of the tools in it.
         solution = joint_fit.solution

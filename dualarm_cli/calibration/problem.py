@@ -8,6 +8,7 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, readonly
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,7 @@ def refuse_few(count: int) -> None:
         InfeasibleError: fewer than three.
     """
     if count < LEAST_POINTS:
+        more = {"points": range(count)}
         raise InfeasibleError(
-            f"{count} point{'s do' if count != 1 else ' does'} not determine where one robot "
-            "stands from another; touch at least "
-            f"{LEAST_POINTS} that are not on a line, better 4 to 8 that are well spread"
+            Refusal("few_points", measured=count, allowed=LEAST_POINTS, more=more)
         )

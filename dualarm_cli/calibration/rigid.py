@@ -9,6 +9,7 @@ from dualarm_cli.calibration.spread import interval_factor, refuse_lines
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation, skew
+from dualarm_cli.refusals import Refusal
 
 STEP = 1e-6
 """Step of the finite differences, relative to the size of the triangle."""
@@ -120,13 +121,8 @@ def refuse_loose_turn(covariance: FloatArray, degrees: int | None, noise: float)
     deviation = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
     width = interval_factor(degrees) * deviation
     if width >= LOOSEST:
-        raise InfeasibleError(
-            "the points do not determine how the robots are turned: about one axis the 95 % "
-            f"interval is ±{np.degrees(width):.0f} deg, as "
-            "the points are nearly on one line or do not match (a coordinate of a residual is "
-            f"{noise * 1000:.3g} mm on average); "
-            "touch more points, well spread in all directions, and look at tools and robot files"
-        )
+        more = {"degrees": np.degrees(width), "mm": noise * 1000}
+        raise InfeasibleError(Refusal("loose_turn", measured=width, allowed=LOOSEST, more=more))
 
 
 def fit_rigid(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.calibration.problem import CalibrationProblem
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.refusals import Refusal
 
 LEVEL = 0.95
 """How sure intervals and regions are."""
@@ -176,23 +177,17 @@ def refuse_lines(problem: CalibrationProblem) -> None:
     lengths = [spread.length for spread in spreads.values()]
     for side, spread in spreads.items():
         if spread.length <= 1e-9:
-            raise InfeasibleError(
-                f"all points of the {side} robot are one; touch points well apart"
-            )
+            raise InfeasibleError(Refusal("points_are_one", arm=side))
     if max(lengths) > SCALE_LIMIT * min(lengths):
         raise InfeasibleError(
-            f"the points span {lengths[0]:.6g} m for the left robot and {lengths[1]:.6g} m for "
-            "the right one: they cannot be "
-            "the same points; look at the units (a plain number is m), at the tools and at the order of the points"
+            Refusal("sizes_differ", more={"left": lengths[0], "right": lengths[1]})
         )
     noise = (problem.noise or 0.0) * NOISE_FACTOR
     for side, spread in spreads.items():
         if spread.height <= max(ON_A_LINE * spread.length, noise):
-            ends = " and ".join(problem.names[k] for k in spread.ends)
-            near = f" to within {NOISE_FACTOR:g} times the noise" if noise > 0.0 else ""
+            ends = [problem.names[k] for k in spread.ends]
+            near = [Refusal("near_line", more={"factor": NOISE_FACTOR})] if noise > 0.0 else []
+            more = {"ends": ends, "near": near, "mm": spread.height * 1000}
             raise InfeasibleError(
-                f"the points of the {side} robot are on one line{near}: none is more than "
-                f"{spread.height * 1000:.3g} mm off the "
-                f"line through {ends}, so nothing says how the robots are turned about it; touch "
-                "a point far beside that line"
+                Refusal("points_on_line", arm=side, measured=spread.height, more=more)
             )

@@ -10,13 +10,14 @@ import numpy as np
 from dualarm_cli.clearing.clearing import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.collision.lying import too_near
-from dualarm_cli.errors import BlockedError, InfeasibleError, millimetres
+from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.motion.motion import Motion, realise
 from dualarm_cli.motion.stop_motion import Known
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.search.clearance import Barred
 from dualarm_cli.timing import TimingSolver
@@ -35,11 +36,8 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
     held = holding.before[0]
     one, other, margin = cell.nearest(position, held)
     if margin < 0.0:
-        raise InfeasibleError(
-            f"start: in posture '{job.start}' {one} and {other} lack {millimetres(margin)} of "
-            f"clearance; start in another posture (`start: free` leaves it open), move what is in the way, or allow "
-            "the pair less"
-        )
+        more = {"posture": job.start, "one": one, "other": other}
+        raise InfeasibleError(Refusal("start_touches", measured=-margin, more=more))
 
 
 def check_parts(problem: MethodProblem, holding: Holding) -> None:
@@ -48,24 +46,18 @@ def check_parts(problem: MethodProblem, holding: Holding) -> None:
     Raises:
         InfeasibleError: with task, part or tool, obstacle and depth, of all of them.
     """
-    lines = []
+    found = []
     stages = problem.job.stages()
     for (k, arm), (depth, into) in holding.misfits.items():
         task, stop = stages[k][arm]
         if isinstance(stop.target, PoseTarget) and stop.target.free_yaw:
             continue  # between the turns that were tried there are others
-        what = f"tool '{task.tool}'" if task.is_change else f"part '{task.part}'"
-        lines.append(
-            f"{stop.place}: task '{task.id}': where {arm} has to {stop.action.split('_')[0]} it or on the line there, "
-            f"{what} reaches {millimetres(depth)} into '{into}', at best"
-        )
-    if lines:
-        raise InfeasibleError(
-            "no posture helps where a part or a tool reaches into something:\n  "
-            + "\n  ".join(lines)
-            + "\nwhat helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
-            "`allowed_contacts` for the two"
-        )
+        what = "tool_reaches_into" if task.is_change else "part_reaches_into"
+        held = task.tool if task.is_change else task.part
+        more = {"action": stop.action.split("_")[0], "held": held, "into": into}
+        found.append(Refusal(what, stop.place, task.id, arm, depth, more=more))
+    if found:
+        raise InfeasibleError(*found)
 
 
 def check_grips(problem: MethodProblem) -> None:
@@ -76,31 +68,19 @@ def check_grips(problem: MethodProblem) -> None:
     """
     tasks = problem.job.tasks
     takes = {task.id: task.stops[0] for task in tasks if task.stops[0].action == "take"}
-    lines = []
+    found = []
     for task in tasks:
         work, give = task.handover, task.stops[-1]
         if work is None or give.action != "give":
             continue
         lengths = takes[task.id].approach, give.retract
         for one in too_near(problem.job.cell, work, task.id, task.part, *lengths):
-            lines.append(
-                f"{work.place}: task '{task.id}': {one.where} {' and '.join(one.bodies)} lack "
-                f"{millimetres(one.margin)} of clearance"
+            more = {"where": one.where, "one": one.bodies[0], "other": one.bodies[1]}
+            found.append(
+                Refusal("grip_touches", work.place, task.id, task.arm, -one.margin, more=more)
             )
-    if lines:
-        raise InfeasibleError(
-            "no posture helps where tools and part are too near to each other in a hand-over:\n  "
-            + "\n  ".join(lines)
-            + "\nwhat helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
-            "(`clearances`) for the two"
-        )
-
-
-ADVICE = (
-    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in which "
-    "they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the pair"
-)
-"""What a person can do about it."""
+    if found:
+        raise InfeasibleError(*found)
 
 
 MANY = 0.02
@@ -120,48 +100,54 @@ def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Mo
     """
     apart = tuple(clearing.side_by_side(plans, clearing.touching(plans, motion)))
     if len(apart) > max(1.0, MANY * len(plans)):
-        raise BlockedError(why_blocked(clearing, Cleared(plans, motion, apart)), apart)
+        raise BlockedError(*why_blocked(clearing, Cleared(plans, motion, apart)), stages=apart)
 
 
-def why_blocked(clearing: Clearing, found: Cleared | None) -> str:
+def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
     """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
-    head = (
-        "no plan was found that keeps clear by other postures, platform angles, waits, detours or "
-        "paths of the whole robot"
-    )
     if found is None:
-        return head
-    lines, cell = [], clearing.holding.cell
+        return [Refusal("not_clear")]
+    refusals, cell = [], clearing.holding.cell
+    standing = _standing(clearing.job, found)
     for k in found.blocked:
         samples = stage_samples(found.motion, k, k, clearing.holding)
         margins = cell.margins(samples.position, samples.held)
         worst = int(np.argmin(margins))
         one, other, margin = cell.nearest(samples.position[worst], samples.held[worst])
         stage = found.motion.stages[k]
-        when = (stage.end - stage.start) * worst / (len(margins) - 1)
-        places = ", ".join(
-            f"{stop.stop.place}: task '{stop.task.id}'" for stop in found.plans[k].stops.values()
-        )
-        lines.append(
-            f"{places or 'return'}: {one} and {other} lack {millimetres(min(0.0, margin))} of clearance "
-            f"{when:.2f} s into stage {k + 1}"
-        )
-    return f"{head}:\n  " + "\n  ".join(lines) + f"\n{ADVICE}{_standing(clearing.job, found)}"
+        stops = list(found.plans[k].stops.values())
+        more = {
+            "one": one,
+            "other": other,
+            "when": (stage.end - stage.start) * worst / (len(margins) - 1),
+            "stage": k + 1,
+            "beside": [
+                Refusal("beside", None, stop.task.id, stop.arm, more={"there": stop.stop.place})
+                for stop in stops[1:]
+            ],
+            "standing": standing,
+        }
+        refused = Refusal("return_touches", measured=max(0.0, -margin), more=more)
+        for stop in stops[:1]:
+            whose = stop.stop.place, stop.task.id, stop.arm
+            refused = Refusal("stage_touches", *whose, refused.measured, more=more)
+        refusals.append(refused)
+    return refusals
 
 
-def _standing(job: Job, found: Cleared) -> str:
+def _standing(job: Job, found: Cleared) -> list[Refusal]:
     """Returns which arms stand where they started in stages that do not keep clear, as their work begins later."""
-    words = ""
+    standing = []
     for arm in job.cell.robot.arms:
         first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
         if found.blocked and min(found.blocked) < first:
-            where = job.start_posture
-            words += (
-                f"; the {arm.name} arm stands in posture '{where}' before stage {first + 1}, its first: a bare `move` "
-                "before its other tasks takes it out of the way"
-                + (" (in stage 1 it starts there: `start: free`)" if job.start == "free" else "")
-            )
-    return words
+            more = {
+                "posture": job.start_posture,
+                "stage": first + 1,
+                "start": [Refusal("starts_there")] if job.start == "free" else [],
+            }
+            standing.append(Refusal("stands_in_the_way", arm=arm.name, more=more))
+    return standing
 
 
 COSTLY = 1.5
@@ -343,9 +329,9 @@ def quickest_clear(
     if found is not None and not found.cleared.blocked:
         return found
     blocked = () if found is None else found.cleared.blocked
-    words = why_blocked(clearing, None if found is None else found.cleared)
+    reasons = why_blocked(clearing, None if found is None else found.cleared)
     alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
-    raise failure or BlockedError(words, blocked, alone=alone)
+    raise failure or BlockedError(*reasons, stages=blocked, alone=alone)
 
 
 def _is_dear(found: ClearedPlan) -> bool:

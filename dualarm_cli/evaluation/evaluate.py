@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -20,6 +19,7 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.plan.planner import plan
 from dualarm_cli.plan.redundancy_choice import with_redundancy
+from dualarm_cli.refusals import told
 from dualarm_cli.report.measures import joint_travel, limiting_times, sliding_joints
 from dualarm_cli.report.report import relative_gap, smallest_clearance
 from dualarm_cli.stages.methods import METHODS
@@ -29,7 +29,6 @@ from dualarm_cli.verification.budget_checks import judge_budget
 
 MOST_FINDINGS = 20
 """Most findings of one case that are told."""
-_PLACE = re.compile(r"([^\n]+?):(\d+):(\d+): (.*)", re.DOTALL)
 _LIMITS = ("acceleration", "jerk", "lower", "upper", "velocity")
 
 
@@ -48,7 +47,7 @@ def evaluate(request: Request) -> Evaluation:
             findings = [Finding(d.message, d.file, d.line, d.column) for d in error.diagnostics]
             found = _failed(request, "bad_input", findings)
         except InfeasibleError as error:
-            found = _failed(request, "infeasible", [_located(str(error), request.case)])
+            found = _failed(request, "infeasible", [_located(error, request.case)])
         except DualArmError as error:
             status = "bad_input" if error.exit_code == 2 else "internal_error"
             found = _failed(request, status, [Finding(str(error), request.case)])
@@ -144,11 +143,10 @@ def _failed(request: Request, status: Any, findings: list[Finding]) -> Evaluatio
     return Evaluation(request.case, status, findings=tuple(findings))
 
 
-def _located(text: str, case: str) -> Finding:
-    """Returns a finding at the first place that a text begins a line with; of the case where it names none."""
-    for line in text.splitlines():
-        found = _PLACE.fullmatch(line.strip())
-        if found is not None:
-            rest = text.replace(f"{found[1]}:{found[2]}:{found[3]}: ", "", 1)
-            return Finding(rest, found[1], int(found[2]), int(found[3]))
-    return Finding(text, case)
+def _located(error: InfeasibleError, case: str) -> Finding:
+    """Returns a finding at the first place of what cannot be done; of the case where it has none."""
+    for one in error.refusals:
+        if one.place is not None and one.place.file:
+            place = one.place.file, one.place.line, one.place.column
+            return Finding(told(error.refusals, placed=one), *place)
+    return Finding(str(error), case)

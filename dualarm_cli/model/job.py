@@ -19,6 +19,7 @@ from dualarm_cli.model.handover import Handover
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.refusals import Refusal
 
 Action = Literal[
     "pick",
@@ -393,7 +394,7 @@ class Job:
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
         found, waiting = self._side_by_side()
         if waiting:
-            raise InfeasibleError(f"{waiting[0].place}: {waiting_for_ever(waiting)}")
+            raise InfeasibleError(waiting_for_ever(waiting))
         return found
 
     def stuck(self) -> list[Task]:
@@ -442,14 +443,10 @@ def _section_stages(
     )
 
 
-def waiting_for_ever(tasks: Sequence[Task]) -> str:
-    """Returns what is said of tasks that wait for one another in the order that is given."""
-    names = " and ".join(f"'{name}'" for name in dict.fromkeys(task.id for task in tasks))
-    verb = "wait" if len(tasks) > 1 else "waits"
-    return (
-        f"in the order that is given {names} {verb} for ever for tasks that come later; "
-        "change the order in the file, or say order: optimise"
-    )
+def waiting_for_ever(tasks: Sequence[Task]) -> Refusal:
+    """Returns that tasks wait for one another in the order that is given."""
+    more = {"names": list(dict.fromkeys(task.id for task in tasks)), "tasks": tasks}
+    return Refusal("waits_for_ever", tasks[0].place, tasks[0].id, more=more)
 
 
 __all__ = [

@@ -21,6 +21,7 @@ from dualarm_cli.motion.transfers import (
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.line_profile import estimate_line_durations
@@ -276,7 +277,5 @@ def _along(
 
     found = slowed(made, speed, cap)
     if found is None:
-        raise InfeasibleError(
-            f"limits: tool_speed: along a detour a tool exceeds {cap:g} m/s at any speed of its arm"
-        )
+        raise InfeasibleError(Refusal("detour_too_fast", allowed=cap))
     return found

@@ -20,6 +20,7 @@ from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
@@ -130,11 +131,9 @@ def solve_line(
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
         if max(distance, angle) <= LINE_TOLERANCE:
             return trajectory
-    raise InfeasibleError(
-        f"{arm_stop.stop.place}: task '{arm_stop.task.id}': the {line} line is left by "
-        f"{distance * 1000:.3f} mm and {angle:.2e} rad, more than {LINE_TOLERANCE * 1000} mm; "
-        "the arm passes too close to a singularity"
-    )
+    more = {"line": line, "mm": distance * 1000, "angle": angle, "most": LINE_TOLERANCE * 1000}
+    whose = arm_stop.stop.place, arm_stop.task.id, arm_stop.arm, distance, LINE_TOLERANCE
+    raise InfeasibleError(Refusal("line_left", *whose, more=more))
 
 
 def line_deviation(

@@ -15,6 +15,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import rest_to_rest_duration
@@ -144,9 +145,8 @@ def transfers_within_tool_speed(
 
     best = slowed(slower, speed, cap)
     if best is None:
-        raise InfeasibleError(
-            f"limits: tool_speed: {cap:g} m/s is slower than a {SLOWEST}th of the joints' speed; allow more"
-        )
+        more = {"slowest": SLOWEST}
+        raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, more=more))
     return best if best is transfers else replace(best, capped=True)
 
 

@@ -17,6 +17,7 @@ from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.relaxation import Relaxation
 from dualarm_cli.postures.reach import explain_reach
 from dualarm_cli.postures.stage_problems import stop_problems
+from dualarm_cli.refusals import Refusal
 
 PROOF = 4.0
 """How long a proof that rules contradict each other may take, in CP-SAT's deterministic seconds."""
@@ -43,19 +44,21 @@ def check_reach(order: OrderModel) -> None:
     if not lost:
         _check_stands(order)
         return
-    lines = []
+    found = []
     for t in lost:
         task = order.job.tasks[t]
-        reasons = [
-            f"{name} arm: {_why(order, t, name)}" for name in order.model.arms if task.allows(name)
+        causes = [
+            Refusal("by_arm", arm=name, more={"cause": _why(order, t, name)})
+            for name in order.model.arms
+            if task.allows(name)
         ]
-        lines.append(f"{task.place}: no arm does task '{task.id}': {'; '.join(reasons)}")
-    raise InfeasibleError("\n".join(lines))
+        found.append(Refusal("out_of_reach", task.place, task.id, more={"causes": causes}))
+    raise InfeasibleError(*found)
 
 
 def _check_stands(order: OrderModel) -> None:
     """Raises InfeasibleError where an arm needs another tool than that of the start and does not reach a stand."""
-    lines = []
+    found = []
     for t, stand in enumerate(order.tasks):
         if not stand.is_change or len(order.nodes[stand.arm, t, 0].angle):
             continue
@@ -67,32 +70,27 @@ def _check_stands(order: OrderModel) -> None:
             or stand.stops[0].action == "take_tool"
         ):
             continue
-        lines.append(
-            f"{stand.place}: the {stand.arm} arm does not get to the stand of tool '{stand.tool}': "
-            f"{_why(order, t, stand.arm)}"
-        )
-    if lines:
-        raise InfeasibleError("\n".join(lines))
+        more = {"tool": stand.tool, "cause": _why(order, t, stand.arm)}
+        found.append(Refusal("stand_out_of_reach", stand.place, stand.id, stand.arm, more=more))
+    if found:
+        raise InfeasibleError(*found)
 
 
-def _why(order: OrderModel, t: int, name: str) -> str:
+def _why(order: OrderModel, t: int, name: str) -> Refusal:
     """Returns why one arm cannot do a task."""
     task = order.tasks[t]
     for stop in task.stops:
         seen = stop_problems(order.model, order.job, order.start, {name: (task, stop)})[name]
         reason = explain_reach(order.model, order.start, seen)
         if reason is not None:
-            return f"{stop.action}: {reason}" if len(task.stops) > 1 else reason
-    if len(task.stops) > 1:
-        return (
-            "its pick and its place are in reach, but every posture found lacks clearance or a line"
-        )
-    return "it is in reach, but every posture found lacks clearance or a line"
+            more = {"action": stop.action, "cause": reason}
+            return Refusal("at_stop", more=more) if len(task.stops) > 1 else reason
+    return Refusal("stops_lack_clearance" if len(task.stops) > 1 else "stop_lacks_clearance")
 
 
 def check_meetings(order: OrderModel, problem: StageProblem) -> None:
     """Raises InfeasibleError where arms cannot meet for a hand-over at any platform angle, whoever gives."""
-    lines = []
+    found = []
     for giving, taking in problem.handovers:
         give, take = problem.tasks[giving][-1], problem.tasks[taking][0]
         possible = False
@@ -104,23 +102,10 @@ def check_meetings(order: OrderModel, problem: StageProblem) -> None:
             possible |= bool(there.any())
         task = order.job.tasks[giving]
         if not possible and task.handover is not None:
-            who = "neither arm" if task.arm == ANY else f"the {task.arm} arm"
-            lines.append(
-                f"{task.handover.place}: task '{task.id}': {who} can give while the other one takes: at no platform "
-                "angle that was tried do both reach it without touching each other"
-            )
-    if lines:
-        raise InfeasibleError(
-            "\n".join(lines) + "\nwhat helps: another place to meet, or another `grip`"
-        )
-
-
-NOT_FOUND = (
-    "no order was found that keeps all rules (windows, after, sequences, buffers), though none is proven to be "
-    "impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let more tasks be "
-    "done by any arm"
-)
-"""What is said where rules may be kept, but nothing was found that does."""
+            what = "arms_cannot_meet" if task.arm == ANY else "arm_cannot_give"
+            found.append(Refusal(what, task.handover.place, task.id, task.arm))
+    if found:
+        raise InfeasibleError(*found)
 
 
 def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | None:
@@ -138,21 +123,14 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
         rest = [other for other in kept if other != name]
         if _is_impossible(_only(problem, [rules[other] for other in rest])):
             kept = rest
-    places = {
-        f"{task.place}" for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)
-    }
-    places |= {f"{b.place}" for name, b in order.job.buffers.items() if _of_buffer(name, b) in kept}
-    where = f"{min(places)}: " if places else ""
     if not kept:
-        return InfeasibleError(
-            f"{where}no order does all tasks: every arm lacks one that the other lacks too"
-        )
-    if len(kept) == 1:
-        return InfeasibleError(f"{where}no plan keeps this rule, whatever else is done: {kept[0]}")
-    return InfeasibleError(
-        f"{where}no order keeps these rules together, whatever else is done (leave out any one of them and there may "
-        f"be one): {'; '.join(kept)}"
-    )
+        return InfeasibleError(Refusal("no_order"))
+    tasks = [task for task in order.job.tasks if any(f"'{task.id}'" in name for name in kept)]
+    buffers = [b for name, b in order.job.buffers.items() if _of_buffer(name, b) in kept]
+    places = [task.place for task in tasks] + [buffer.place for buffer in buffers]
+    place = min(places, key=str, default=None)
+    what = "rule_broken" if len(kept) == 1 else "rules_contradict"
+    return InfeasibleError(Refusal(what, place, more={"rules": kept}))
 
 
 Rule = Callable[[Relaxation], Relaxation]

@@ -17,7 +17,6 @@ from dualarm_cli.orders.model.stage_order_model import StageModel, stage_model, 
 from dualarm_cli.orders.model.tool_changes import paired_as, with_changes
 from dualarm_cli.orders.order_proofs import is_provable, least_total, proven_orders
 from dualarm_cli.orders.order_words import (
-    NOT_FOUND,
     check_meetings,
     check_reach,
     grid_gap,
@@ -34,6 +33,7 @@ from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, ap
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
 from dualarm_cli.orders.watch import Watch
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.search.problem import Decisions
 
 LONG = 60
@@ -168,7 +168,7 @@ class PairedSearch:
             if not job.has_conveyors:
                 why = why_impossible(self.order, of_stages(self.problem))
             if why is not None or not found:
-                raise why or InfeasibleError(NOT_FOUND)
+                raise why or InfeasibleError(Refusal("no_order_found"))
         few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
@@ -318,7 +318,9 @@ def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
     """Returns the orders of one arm that nothing carries: it goes by its own clock, whatever the mode."""
     orders = free_orders(order, effort, seed, watch)
     if not orders.found:
-        raise why_impossible(order, of_ways(order.problem(0))) or InfeasibleError(NOT_FOUND)
+        raise why_impossible(order, of_ways(order.problem(0))) or InfeasibleError(
+            Refusal("no_order_found")
+        )
     how = PROVEN if orders.exact else SEARCHED
     answers = [DecidedOrder(one.job, one.total) for one in orders.found]
     return Orders(tuple(answers), orders.bound, how)

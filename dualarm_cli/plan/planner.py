@@ -31,6 +31,7 @@ from dualarm_cli.plan.redundancy_choice import check_followers
 from dualarm_cli.plan.section_plans import quickest_of_sections
 from dualarm_cli.plan.sections import SectionPlanner
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import MethodProblem, PathBudget
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.search.problem import Decisions
@@ -93,17 +94,20 @@ def _in_time(schedule: Schedule, job: Job) -> Schedule:
     # Of a task's events the last one counts.
     done = {e.task: e.time for e in sorted(schedule.events, key=lambda e: e.time)}
     late = [
-        f"{task.place}: task '{name}' is done at {done[name]:.3f} s, {done[name] - task.not_after:.3f} s after its "
-        f"window closes (not_after: {task.not_after:g} s)"
+        Refusal(
+            "late",
+            task.place,
+            name,
+            task.arm,
+            done[name],
+            task.not_after,
+            more={"late": done[name] - task.not_after},
+        )
         for name, task in tasks.items()
         if name in done and done[name] > task.not_after + 1e-9
     ]
     if late:
-        raise InfeasibleError(
-            "no plan was found that is in time:\n  "
-            + "\n  ".join(late)
-            + "\nwhat helps: later windows, another arm or order (arm: any, order: optimise), or less before it"
-        )
+        raise InfeasibleError(*late)
     return schedule
 
 

@@ -37,6 +37,7 @@ from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import SAME_TIME, concatenate
@@ -204,7 +205,7 @@ class SectionPlanner:
                     try:
                         transfer = self._transfer(here, q)
                     except InfeasibleError as error:
-                        reason = f"no way to where it begins: {error}"
+                        reason = Refusal("no_way_to_path", more={"cause": error})
                         refusals.append(Refused(reason, 0.0, "clear"))
                         continue
                 if best is None or _time(transfer, found) < _time(*best):
@@ -257,9 +258,9 @@ class SectionPlanner:
             try:
                 transfer = self._transfer(here, found.first)
             except InfeasibleError as error:
+                more = {"cause": error}
                 raise InfeasibleError(
-                    f"{work.place}: task '{section[0].id}': no way to where its tool comes from "
-                    f"(`entry: {{approach: …}}` lets it come from farther away): {error}"
+                    Refusal("no_way_to_seam", work.place, section[0].id, work.slave, more=more)
                 ) from None
             add_transfer(record, self._timed_entry(work, transfer, found, section[0].id), section)
             record.count(transfer)
@@ -277,8 +278,7 @@ class SectionPlanner:
         if motion.trajectory.duration > asked - found.coming + SAME_TIME:
             least = motion.trajectory.duration + found.coming
             raise InfeasibleError(
-                f"{work.place}: task '{task}': the way to where it begins takes {least:.3f} s at least, more than "
-                f"the {asked:g} s that entry gives it; raise its duration or leave it out"
+                Refusal("entry_too_short", work.place, task, work.slave, least, asked)
             )
         return drawn_out_transfer(motion, asked - found.coming)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -17,6 +16,7 @@ from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.problem import Place, StopPosture
 from dualarm_cli.postures.stop_batch import StopBatch
+from dualarm_cli.refusals import Refusal
 
 PLACES: tuple[Place, ...] = ("approach", "target", "retract")
 LAST: tuple[Place, ...] = ("retract",)
@@ -188,7 +188,7 @@ def explain_touching(
     position: FloatArray,
     angles: FloatArray,
     problems: list[StopProblem],
-) -> str | None:
+) -> Refusal | None:
     """Returns what one arm, whatever the other does, is too near to at a place of its stop; None for nothing.
 
     Args:
@@ -211,13 +211,15 @@ def explain_touching(
         if best is None or best.margin >= SLACK:
             continue
         one, other, margin_there = keep.nearest(arm, best.position, place)
-        where = ""
-        if keep.model.platform.is_turntable:
-            where = f", with the platform at {np.degrees(best.angle) + 0.0:.0f} deg"
-        return (
-            f"{NAMES[place]} every posture is too near to something: at best {one} and {other} lack "
-            f"{millimetres(min(0.0, margin_there))} of clearance{where}"
-        )
+        turned = Refusal("with_platform", more={"degrees": np.degrees(best.angle) + 0.0})
+        more = {
+            "where": NAMES[place],
+            "one": one,
+            "other": other,
+            "platform": [turned] if keep.model.platform.is_turntable else [],
+        }
+        missing = max(0.0, -margin_there)
+        return Refusal("every_posture_touches", arm=arm, measured=missing, more=more)
     return None
 
 

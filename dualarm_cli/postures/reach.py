@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
@@ -15,6 +14,7 @@ from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.postures import StopProblem, numeric_reach
+from dualarm_cli.refusals import Refusal
 
 SCAN_STEP = np.radians(1.0)
 """Spacing of the platform angles that are looked at [rad]."""
@@ -79,7 +79,7 @@ def reachable_positions(
         first, size = first + size, 2 * size
 
 
-def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> str | None:
+def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> Refusal | None:
     """Returns why one arm, whatever the other does, cannot make its stop; None if it can.
 
     Args:
@@ -96,26 +96,17 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             continue
         a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
         miss = float(point.miss[a, y])
-        where = f"at best, with the platform at {np.degrees(angles[a]):.1f} deg"
+        where = Refusal("at_platform_angle", more={"degrees": np.degrees(angles[a])})
         if not model.platform.is_turntable:
-            where = "with the platform where it is" if model.platform.joints else "from its base"
+            where = Refusal("platform_stands" if model.platform.joints else "from_base")
+        more = {"point": point.name, "where": where}
         if isinstance(stop.arm, GeneralArm):
-            advice = "move the target" + ("" if stop.free_yaw else " or free its yaw")
-            if not np.isfinite(miss):
-                return f"no posture within limits was found that is turned as {point.name} asks ({where}); {advice}"
-            return (
-                f"no posture within limits brings the flange nearer to {point.name} than "
-                f"{millimetres(miss)}, turned as asked ({where}); {advice}"
-            )
-        if miss > 0:
-            return f"{point.name} is {millimetres(miss)} beyond the arm's reach ({where})"
-        if miss < 0:
-            return (
-                f"{point.name} is {millimetres(miss)} too near the shoulder for the elbow "
-                f"joint's limits ({where})"
-            )
-        return f"{point.name}: no arm angle and branch keeps all joints within their limits"
-    return "its target and the ends of its lines are in reach, but not from one platform angle"
+            remedy = ("move_target" if stop.free_yaw else "move_target_or_free_yaw",)
+            what = "flange_not_there" if np.isfinite(miss) else "point_not_turned"
+            return Refusal(what, measured=miss, remedy=remedy, more=more)
+        what = "beyond_reach" if miss > 0 else "too_near_shoulder" if miss < 0 else "beyond_limits"
+        return Refusal(what, measured=abs(miss), more=more)
+    return Refusal("not_from_one_angle")
 
 
 def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:

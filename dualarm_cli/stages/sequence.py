@@ -10,6 +10,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.stage_plan import StagePlan, same_postures
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.peers.grid import local_search
@@ -199,7 +200,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
             choose_stages(model, job, FIXED, problem.redundancy, holding=problem.holding)
         )
     if found is None:
-        raise failure or InfeasibleError("no plan was found on the grid of nodes")
+        raise failure or InfeasibleError(Refusal("no_plan_on_grid"))
     stages = stage_plans(model, job, numbers, found.best.decisions, "sequence")
     if found.hopeless:
         return Decided(stages, hopeless=True)

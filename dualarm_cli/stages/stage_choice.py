@@ -18,6 +18,7 @@ from dualarm_cli.postures.keep_clear import KeepClear, angles_looked_at, explain
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, stage_length
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
+from dualarm_cli.refusals import Refusal
 
 
 def platform_candidates(
@@ -300,7 +301,7 @@ def stage_plan(
 
 def explain_clearance(
     stage: OpenStage, keep: KeepClear, position: FloatArray
-) -> tuple[dict[str, str], bool]:
+) -> tuple[dict[str, Refusal], bool]:
     """Returns by arm what it is too near to whatever it does, or what both are where each alone could do it.
 
     And whether that is so at all platform angles.
@@ -312,11 +313,10 @@ def explain_clearance(
         for arm in stage.work
     }
     found = {arm: fault for arm, fault in faults.items() if fault is not None}
-    together = "and the other arm's" if len(stage.work) > 1 else "along its lines"
     if found:
         return found, True
-    reason = f"postures that keep clear were found for single places, but none for this stop {together} together"
-    return dict.fromkeys(stage.work, reason), False
+    reason = "no_pair_of_postures" if len(stage.work) > 1 else "no_postures_together"
+    return dict.fromkeys(stage.work, Refusal(reason)), False
 
 
 def explain(
@@ -329,33 +329,30 @@ def explain(
     model = stage.model
     stops = stage.at_start(position)
     misses = {name: explain_reach(model, position, stop) for name, stop in stops.items()}
-    faults = {name: fault for name, fault in misses.items() if fault is not None}
+    faults: dict[str, Refusal | str] = {
+        name: fault for name, fault in misses.items() if fault is not None
+    }
     everywhere = bool(faults)
     keep = None if faults else stage.keep
     if keep is not None:
-        faults, everywhere = explain_clearance(stage, keep, position)
+        near, everywhere = explain_clearance(stage, keep, position)
+        faults.update(near)
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
         if model.platform.is_turntable and len(stage.work) > 1:
-            faults = dict.fromkeys(
-                stage.work, "reached, but at no platform angle that suits both arms"
-            )
-    lines = []
+            faults = dict.fromkeys(stage.work, Refusal("no_common_angle"))
+    if not model.platform.joints:
+        what = "no_posture"
+    elif not model.platform.is_turntable:
+        what = "no_posture_from_start"
+    else:
+        what = "no_posture_at_any_angle" if everywhere else "no_posture_at_angles_tried"
+    refusals = []
     for name, fault in faults.items():
         task, stop = stage.work[name]
-        lines.append(f"{stop.place}: task '{task.id}': {name} arm cannot {stop.action}: {fault}")
-    if not model.platform.joints:
-        where = "no posture"
-    elif model.platform.is_turntable and everywhere:
-        where = "no posture at any platform angle"
-    elif model.platform.is_turntable:
-        where = "no posture at the platform angles that this method tries"
-    else:
-        where = (
-            "no posture with the platform held where it starts (this version turns one joint only)"
-        )
-    message = where + " makes this stage:\n  " + "\n  ".join(lines)
+        more = {"action": stop.action, "cause": fault}
+        refusals.append(Refusal(what, stop.place, task.id, name, more=more))
     if keep is not None:
         never = tuple((name, stage.work[name][0].id) for name in faults) if everywhere else ()
-        return BlockedError(message, (keep.stage,), alone=everywhere, never=never)
-    return InfeasibleError(message)
+        return BlockedError(*refusals, stages=(keep.stage,), alone=everywhere, never=never)
+    return InfeasibleError(*refusals)

@@ -14,6 +14,7 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.orders.model import meeting
 from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.refusals import Refusal, told
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +93,7 @@ def test_a_few_stages_in_which_lines_touch_are_mended_more_are_refused(stages, f
         def side_by_side(self, _plans, touching):
             return touching[: self.count]
 
-    monkeypatch.setattr(clear_words, "why_blocked", lambda *_: "they touch")
+    monkeypatch.setattr(clear_words, "why_blocked", lambda *_: [Refusal("not_clear")])
     plans = [None] * stages
     clear_words.refuse_touching_lines(Blocked(few), plans, None)
     with pytest.raises(BlockedError) as caught:
@@ -106,7 +107,8 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
 ):
     """The left arm works in two stages, the right one from the third on; only while it stands is that said of it."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
-    work = SimpleNamespace(stop=SimpleNamespace(place="here"), task=SimpleNamespace(id="a"))
+    stop, task = SimpleNamespace(place="here"), SimpleNamespace(id="a")
+    work = SimpleNamespace(arm="left", stop=stop, task=task)
     plans = [SimpleNamespace(stops={arm: work}) for arm in ("left", "left", "right", "left")]
     cell = SimpleNamespace(
         margins=lambda *_: np.array([-1.0, 0.0]), nearest=lambda *_: ("l", "r", -1.0)
@@ -118,11 +120,12 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
     monkeypatch.setattr(clear_words, "stage_samples", lambda *_: samples)
     motion = SimpleNamespace(stages=[SimpleNamespace(start=0.0, end=1.0)] * 4)
 
-    def told(*blocked):
-        return clear_words.why_blocked(clearing, clear_words.Cleared(plans, motion, blocked))
+    def said_of(*blocked):
+        found = clear_words.Cleared(plans, motion, blocked)
+        return told(clear_words.why_blocked(clearing, found))
 
     said = "the right arm stands in posture 'home' before stage 3, its first: a bare `move`"
-    assert said in told(1, 3)
-    assert ("in stage 1 it starts there" in told(1)) == (start == "free")
-    assert "stands in posture" not in told(2, 3)
-    assert "left arm stands" not in told(0)
+    assert said in said_of(1, 3)
+    assert ("in stage 1 it starts there" in said_of(1)) == (start == "free")
+    assert "stands in posture" not in said_of(2, 3)
+    assert "left arm stands" not in said_of(0)

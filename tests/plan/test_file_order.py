@@ -15,6 +15,7 @@ from dualarm_cli.orders.free_orders import free_orders
 from dualarm_cli.plan import free_ordered_plan, ordered_plan, planner
 from dualarm_cli.plan import sections as path_jobs
 from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
@@ -76,7 +77,7 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
     """On its grid there may be none; and what the file says is said to be of the file."""
 
     def none(*_, **__):
-        raise InfeasibleError("none on the grid")
+        raise InfeasibleError(Refusal("no_plan_on_grid"))
 
     def none_of_the_open(order, *more):
         found = free_orders(order, *more)
@@ -91,7 +92,7 @@ def test_where_the_search_finds_none_the_order_of_the_file_is_planned(made, monk
     assert planner.OF_THE_FILE in schedule.notes
     assert schedule.order_grid_gap is None
     monkeypatch.setattr(planner, "file_order", lambda _: None)
-    with pytest.raises(InfeasibleError, match="none on the grid"):
+    with pytest.raises(InfeasibleError, match="on the grid"):
         plan_without_bound(job, QUICK)
 
 
@@ -139,7 +140,7 @@ def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     """Also where the search for an order of what is between them finds none."""
 
     def none(*_, **__):
-        raise InfeasibleError("none on the grid")
+        raise InfeasibleError(Refusal("no_plan_on_grid"))
 
     points = [{"xyz": [0.5, 0.1, 0.85], "rpy": ["180 deg", 0, 0]}, {"xyz": [0.55, 0.1, 0.85]}]
     path = {"id": "path", "path": {"arm": "left", "speed": 0.1, "through": points}}

@@ -19,9 +19,11 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan import ordered_plan
 from dualarm_cli.plan.ordered_plan import HOPELESS, SEARCHES, TAKEN_APART
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages import sampled
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import PathBudget
 from dualarm_cli.stages.stages import choose_stages
+
+TOUCHES = Refusal("not_clear")
 
 
 class Blocked:
@@ -60,7 +62,7 @@ class Blocked:
     def planned(self, _one, of, patient):
         """No plan."""
         self.tries += 1
-        raise BlockedError("it touches", (self.tries - 1,), alone=self.alone)
+        raise BlockedError(TOUCHES, stages=(self.tries - 1,), alone=self.alone)
 
 
 @pytest.mark.parametrize("effort", HOPELESS)
@@ -71,7 +73,7 @@ def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, ef
     monkeypatch.setattr(ordered_plan, "stop_name", lambda task: task.id)
     search = Blocked(alone)
     settings = PlanSettings(effort=effort)
-    with pytest.raises(BlockedError, match="it touches"):
+    with pytest.raises(BlockedError, match="keeps clear"):
         ordered_plan._searched(search, search.orders(), settings, Watch(), search.planned)
     most = SEARCHES + TAKEN_APART + 1
     assert search.tries == (min(most, HOPELESS[effort]) if alone else most)
@@ -176,7 +178,7 @@ class OneArm(Blocked):
     def orders(self, _watch=None):
         """Two orders of one stage, the same but for their totals."""
         if self.others and not self.orders_left:
-            raise InfeasibleError("no order does all tasks")
+            raise InfeasibleError(Refusal("no_order"))
         arm = "right" if self.others else "left"
         task = SimpleNamespace(id="box", is_change=False), SimpleNamespace(action="move")
         job = SimpleNamespace(stages=lambda: [{arm: task}], arm=arm)
@@ -186,7 +188,7 @@ class OneArm(Blocked):
         """A plan where the right arm does it."""
         self.tries += 1
         if one.job.arm == "left":
-            raise BlockedError("the right arm is in the way", (0,))
+            raise BlockedError(TOUCHES, stages=(0,))
         return SimpleNamespace(duration=one.total)
 
 
@@ -204,20 +206,10 @@ def test_what_an_idle_arm_blocks_is_done_by_that_arm(orders_left, monkeypatch):
         assert planned().duration == 1.0
         assert search.tries == 3  # once by the left arm, two orders by the right one
     else:
-        with pytest.raises(BlockedError, match="the right arm is in the way"):
+        with pytest.raises(BlockedError, match="keeps clear"):
             planned()
         assert search.tries == 1
     assert search.others == {("left", "box")}
-
-
-def test_a_plan_to_compare_with_that_there_is_none_of_refuses_nothing(monkeypatch):
-    """`sampled` asks `fixed` where its own plan is dear or blocked: without one its own plan counts."""
-
-    def none(_):
-        raise InfeasibleError("fixed has none")
-
-    monkeypatch.setattr(sampled, "_greedy", none)
-    assert sampled._simpler(None) == []
 
 
 @pytest.mark.parametrize("either", [True, False])
@@ -226,8 +218,8 @@ def test_what_no_posture_of_an_arm_does_ends_the_search_at_once_unless_the_other
     tried = ordered_plan._Tried(12, frozenset(["in"] if either else []))
     work = {"left": (SimpleNamespace(id="in", is_change=False), SimpleNamespace(action="move"))}
     job = SimpleNamespace(stages=lambda: [work])
-    tried.add(job, BlockedError("a wall", (0,), alone=True, never=(("left", "in"),)))
+    tried.add(job, BlockedError(TOUCHES, stages=(0,), alone=True, never=(("left", "in"),)))
     assert tried.is_hopeless != either
     assert tried.others == ({("left", "in")} if either else set())
-    tried.add(job, BlockedError("a wall", (0,), alone=True, never=(("right", "in"),)))
+    tried.add(job, BlockedError(TOUCHES, stages=(0,), alone=True, never=(("right", "in"),)))
     assert tried.is_hopeless

@@ -11,6 +11,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.orders.orders import DecidedOrder, Orders
 from dualarm_cli.orders.watch import INTERRUPTED, Watch
 from dualarm_cli.plan.ordered_plan import _quickest, _Tried, order_notes
+from dualarm_cli.refusals import Refusal
 
 
 @dataclass
@@ -102,7 +103,7 @@ def planned(durations, watch, clock=None, takes=1.0):
             clock.now += takes
         duration = durations[order.job]
         if duration < 0.0:
-            raise InfeasibleError("it touches")
+            raise InfeasibleError(Refusal("not_clear"))
         return Plan(duration)
 
     watch.begin()
@@ -138,5 +139,5 @@ def test_orders_are_planned_for_as_long_as_there_is_time(clock):
 
 def test_where_no_order_has_a_plan_the_first_reason_is_given():
     """As it was said."""
-    with pytest.raises(InfeasibleError, match="touches"):
+    with pytest.raises(InfeasibleError, match="keeps clear"):
         planned([-1.0, -1.0], Watch())

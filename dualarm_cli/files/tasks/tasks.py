@@ -89,7 +89,7 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
             wrong = True
     if not wrong and job.is_decided and (waiting := job.stuck()):
         stuck = next(task for task in waiting if task.after)
-        message = waiting_for_ever(waiting)
+        message = waiting_for_ever(waiting).sentence
         findings.add(document, ("tasks", place[stuck.id], "after"), message)
 
 

@@ -10,6 +10,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.conveyor.stages import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.serving import FIXED, NUMERIC
@@ -130,10 +131,7 @@ def quickest_meeting(
         progress("planning again with parts where they are met")
         asked = replace(asked, job=met_at(asked.job, times))
     if best is None:
-        raise failure or InfeasibleError(
-            "no plan was found in which the arms keep clear and are in time for the parts on conveyors; what helps: "
-            "more room between the arms, other pairs of targets side by side (order: optimise), or a slower conveyor"
-        )
+        raise failure or InfeasibleError(Refusal("parts_missed"))
     # How near the method came to the bound of its grid is about parts that stand.
     return replace(best, decided=replace(best.decided, grid_gap=None))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dualarm_cli.errors import InfeasibleError, millimetres
+from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -23,6 +23,7 @@ from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
 from dualarm_cli.postures.stop_batch import StopBatch
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 
 
@@ -133,7 +134,7 @@ class MeetingTime:
         return True
 
 
-def too_late(arm_stop: ArmStop, time: float, late: float) -> str:
+def too_late(arm_stop: ArmStop, time: float, late: float) -> Refusal:
     """Returns that a part is beyond its window at a time at which the arm can be there at the earliest.
 
     Args:
@@ -141,43 +142,40 @@ def too_late(arm_stop: ArmStop, time: float, late: float) -> str:
         time: when the arm can be there [s].
         late: how much of that is to keep clear of the other arm [s].
     """
-    belt, stop = _named_belt(arm_stop), arm_stop.stop
-    gone = belt.gone(time) - belt.within
-    why = f" ({late:.3f} s of it to keep clear)" if late > 0.0 else ""
-    return (
-        f"{stop.place}: task '{arm_stop.task.id}': the {arm_stop.arm} arm cannot be at the {stop.action} before "
-        f"{time:.3f} s{why}, when it is {millimetres(gone)} beyond what 'within' allows: {_window(belt)}; what helps: "
-        "a later 'passes', a longer 'within', a slower conveyor, another arm or order (arm: any, order: optimise), or "
-        "less before it"
-    )
+    gone = _named_belt(arm_stop).gone(time) - _named_belt(arm_stop).within
+    delay = [Refusal("delayed", measured=late)] if late > 0.0 else []
+    return _at_belt("part_gone", arm_stop, gone, time=time, delay=delay)
 
 
-def unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> str:
+def unfollowed(arm_stop: ArmStop, time: float, error: InfeasibleError) -> Refusal:
     """Returns that no posture was found that follows a part from a time [s] on, and why the decided one does not."""
-    belt, stop = _named_belt(arm_stop), arm_stop.stop
-    return (
-        f"{stop.place}: task '{arm_stop.task.id}': no way was found for the {arm_stop.arm} arm to follow the "
-        f"{stop.action} from {time:.3f} s on: {error}; {_window(belt)}; what helps: a 'passes' pose and 'within' "
-        "that leave room before and behind it, a slower conveyor, a shorter approach, retract or dwell, another arm"
-    )
+    [cause] = error.refusals
+    return _at_belt("part_not_followed", arm_stop, None, time=time, cause=cause)
 
 
-def no_time(stops: Iterable[ArmStop]) -> str:
+def no_time(stops: Iterable[ArmStop]) -> Refusal:
     """Returns that no times were found at which the arms of a stage meet their parts."""
     moving = [stop for stop in stops if stop.stop.belt is not None]
-    which = " and ".join(f"'{stop.task.id}' ({stop.stop.action})" for stop in moving)
-    return (
-        f"{moving[0].stop.place}: no times were found at which the arms meet the parts of {which}: "
-        f"{'; '.join(_window(_named_belt(stop)) for stop in moving)}; what helps: a slower conveyor, or parts that do "
-        "not come at the same time for both arms"
-    )
+    which = [
+        Refusal("stop_of", None, stop.task.id, stop.arm, more={"action": stop.stop.action})
+        for stop in moving
+    ]
+    windows = [_window(_named_belt(stop)) for stop in moving]
+    more = {"stops": which, "windows": windows}
+    return Refusal("parts_not_met", moving[0].stop.place, moving[0].task.id, more=more)
 
 
-def _window(belt: OnBelt) -> str:
-    return (
-        f"conveyor '{belt.conveyor.name}' ({belt.conveyor.speed:g} m/s) passes at {belt.passes:g} s and is "
-        f"{belt.within:g} m on at {belt.last:.3f} s"
-    )
+def _at_belt(what: str, arm_stop: ArmStop, measured: float | None, **more: object) -> Refusal:
+    """Returns what is wrong with one arm's stop at a part that moves."""
+    stop = arm_stop.stop
+    more |= {"action": stop.action, "window": _window(_named_belt(arm_stop))}
+    return Refusal(what, stop.place, arm_stop.task.id, arm_stop.arm, measured, more=more)
+
+
+def _window(belt: OnBelt) -> Refusal:
+    named = {"conveyor": belt.conveyor.name, "speed": belt.conveyor.speed}
+    times = {"passes": belt.passes, "within": belt.within, "last": belt.last}
+    return Refusal("window", more={**named, **times})
 
 
 def _named_belt(arm_stop: ArmStop) -> OnBelt:
@@ -203,14 +201,14 @@ Delays = Mapping[tuple[int, str], float]
 class MissedError(InfeasibleError):
     """A part is out of its window by the time at which an arm can be there, or cannot be followed from then on."""
 
-    def __init__(self, message: str, times: Times) -> None:
+    def __init__(self, refusal: Refusal, times: Times) -> None:
         """Notes about when parts would be met as far as that is known, to guess better the next time.
 
         Args:
-            message: what is told.
+            refusal: what is wrong.
             times: when parts would be met [s], by task and action.
         """
-        super().__init__(message)
+        super().__init__(refusal)
         self.times = times
 
 
@@ -299,8 +297,8 @@ class ConveyorMeeting:
             for name, one in search.items():
                 if not one.next():
                     arrival = one.last + (one.too_early[1] if one.too_early else 0.0)
-                    words = too_late(plan.stops[name], arrival, self.delays.get((k, name), 0.0))
-                    raise MissedError(words, _named(plan, search))
+                    gone = too_late(plan.stops[name], arrival, self.delays.get((k, name), 0.0))
+                    raise MissedError(gone, _named(plan, search))
         if best is not None:
             return best
         raise MissedError(no_time(plan.stops.values()), _named(plan, search))
@@ -317,16 +315,15 @@ class ConveyorMeeting:
         before, time, asked = one.time, one.time, one.time
         found: ArmStop | None = None
         if time > one.last:
-            words = too_late(arm_stop, time, 0.0)
-            raise MissedError(words, _named(plan, search))
+            raise MissedError(too_late(arm_stop, time, 0.0), _named(plan, search))
         while found is None:
             try:
                 found = self._tracked(plan, arm_stop, time, near)
             except InfeasibleError as error:
                 before, time = time, time + (one.last - one.least) / TRIES
                 if time > one.last:
-                    words = unfollowed(arm_stop, asked, error)
-                    raise MissedError(words, _named(plan, search)) from None
+                    left = unfollowed(arm_stop, asked, error)
+                    raise MissedError(left, _named(plan, search)) from None
         while time - before > NARROW:
             middle = 0.5 * (before + time)
             try:

@@ -23,6 +23,7 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.candidates import flange_poses
 from dualarm_cli.postures.tracked import Tracked, TrackingPhases
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import largest_rates, rest_to_rest_spline
 
 LINE_SHAPES = ((2, 0), (1, 2), (1, 1), (1, 0))
@@ -252,19 +253,14 @@ class Tracking:
         """
         speed = float(np.linalg.norm(self.velocity))
         if self.cap is not None and speed >= self.cap * (1.0 - SPEED_MARGIN):
-            raise InfeasibleError(
-                f"the conveyor moves at {speed:g} m/s, the tool's speed is capped at {self.cap:g} m/s "
-                "(limits: tool_speed); allow more, or take a slower conveyor"
-            )
+            raise InfeasibleError(Refusal("conveyor_above_cap", measured=speed, allowed=self.cap))
         found = phases or self._quickest_shape()
         for parts in PARTS:
             motion, found = self._within_limits(found, parts)
             if self._stays(motion, found):
                 return Tracked(motion, found)
-        raise InfeasibleError(
-            f"the tool cannot be kept at the part on the conveyor within {WITH_PART * 1e6:g} um; the "
-            "arm passes too close to a singularity"
-        )
+        more = {"micrometres": WITH_PART * 1e6}
+        raise InfeasibleError(Refusal("part_left", allowed=WITH_PART, more=more))
 
     def _shapes(self) -> Sequence[int]:
         """Returns the shapes of lines that are tried; where postures are followed by numbers that takes too long."""
@@ -322,10 +318,9 @@ class Tracking:
                 break
         if best is not None:
             return best
-        raise InfeasibleError(
-            f"it cannot keep up with the conveyor at {np.linalg.norm(self.velocity):g} m/s there: its joints would "
-            f"exceed a limit by a factor of {excess.max():.3g} however gently they begin"
-        )
+        more = {"speed": np.linalg.norm(self.velocity)}
+        most = float(excess.max())
+        raise InfeasibleError(Refusal("conveyor_too_fast", measured=most, allowed=1.0, more=more))
 
     def _motion(self, phases: TrackingPhases, parts: int) -> tuple[Trajectory, list[int]]:
         """Returns the spline through exact postures, and the number of the knot at each edge of the phases."""
@@ -338,9 +333,7 @@ class Tracking:
         time = np.concatenate(pieces)
         q, ok = self._postures(phases, time)
         if not ok:
-            raise InfeasibleError(
-                "a joint's limit, the arm's reach or a singularity is in the way before the stop is over"
-            )
+            raise InfeasibleError(Refusal("conveyor_leaves_reach"))
         q, v, a = rest_to_rest_spline(time, q)
         return Trajectory(self.limits.joints, time, q, v, a), index
 

@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
-from dualarm_cli.errors import millimetres
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.path.context import PER_KNOT, PathClock, PathContext
 from dualarm_cli.kinds.path.context import SHARE as ROUNDED
@@ -20,6 +19,7 @@ from dualarm_cli.model.curves.tool_path import TURN_LENGTH
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.registry import Solver
 
 
@@ -122,8 +122,8 @@ class FollowedPath:
 class Refused:
     """Why a path cannot be followed from a start."""
 
-    reason: str
-    """In words, with time and place."""
+    reason: Refusal
+    """With time and place."""
     share: float
     """How much of the path can be."""
     remedy: Remedy = "other"
@@ -189,6 +189,7 @@ def follow_path(
             if again.trajectory is not None and lower.duration < clock.duration:
                 tried, clock = again, lower
     if tried.trajectory is None:
+        assert tried.refused is not None  # one of the two is there
         return tried.refused
     return FollowedPath(tried.trajectory, clock, full)
 
@@ -236,7 +237,8 @@ class _Tried:
     """What came of following a path once."""
 
     trajectory: Trajectory | None
-    refused: Refused
+    refused: Refused | None
+    """Why there is none."""
     excess: float = 0.0
     """By what factor it would have to be slower, infinite where that is not known, 0 where it is no help."""
     profile: Joined | None = None
@@ -303,10 +305,13 @@ def _with_share(
     left = leaves(problem, found)
     rounded = ROUNDED if any(path.junctions for path in work.paths.values()) else 0.0
     if left > (1.0 - rounded - TOLERATED) * work.tolerance:
-        reason = (
-            f"{follower.name} leaves the path by {left * 1e3:.3f} mm (turns by {TURN_LENGTH:g} m/rad), tolerance "
-            f"{work.tolerance * 1e3:g} mm"
-        )
+        more = {
+            "method": follower.name,
+            "turn": TURN_LENGTH,
+            "measured_mm": left * 1e3,
+            "allowed_mm": work.tolerance * 1e3,
+        }
+        reason = Refusal("path_left", measured=left, allowed=work.tolerance, more=more)
         return _Tried(None, Refused(reason, 1.0, "tolerance"))
     joined: list[Joined] = []
     for window in SMOOTHED:
@@ -326,7 +331,7 @@ def _with_share(
             if curve.worst > 1.0:
                 continue
             if strays(problem, found, curve.trajectory) <= min(TOLERATED * work.tolerance, STRAY):
-                return _Tried(curve.trajectory, Refused("", 1.0), share=share)
+                return _Tried(curve.trajectory, None, share=share)
     curve = min(joined, key=lambda one: one.worst)
     if curve.worst <= 1.0:
         # What keeps the limits strays from the path between instants that are too far apart.
@@ -334,15 +339,13 @@ def _with_share(
             return _with_share(
                 context, work, follower, start, clock, budget, hopeless, share, 2 * finer
             )
-        return _Tried(
-            None, Refused("its joints cannot be joined by a curve near enough to it", 1.0)
-        )
+        return _Tried(None, Refused(Refusal("path_not_joined"), 1.0))
     along = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
     instant = min(problem.instants - 1, round(curve.when / problem.step))
-    reason = curve.reason + _junction_words(work, along)
-    reason += singular_words(problem, found.position[instant])
+    cause = curve.reason + _junction_words(work, along)
+    cause += singular_words(problem, found.position[instant])
     remedy = "slower" if curve.slower_helps else "other"
-    refused = _refused(work, reason, curve.when, along, remedy)
+    refused = _refused(work, cause, curve.when, along, remedy)
     refused = replace(refused, excess=curve.worst)
     excess = curve.worst if curve.slower_helps else 0.0
     return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
@@ -371,10 +374,10 @@ def _refused(work: PathWork, reason: str, time: float, share: float, remedy: Rem
     places = []
     for arm, path in work.paths.items():
         x, y, z = path.pose(share * path.length).translation
-        places.append(
-            f"{arm} tool {share * path.length * 1e3:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m"
-        )
-    return Refused(f"after {time:.3f} s, {' and '.join(places)}: {reason}", share, remedy)
+        where = {"mm": share * path.length * 1e3, "x": x, "y": y, "z": z}
+        places.append(Refusal("tool_on_path", arm=arm, more=where))
+    more = {"time": time, "places": places, "cause": reason}
+    return Refused(Refusal("path_fails_at", more=more), share, remedy)
 
 
 LOOKED_AT = 0.02
@@ -400,8 +403,6 @@ def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
         return None
     one, other, missing = holding.cell.nearest(position[k], held[k])
     share = float(found.clock.at(time[k : k + 1])[0][0])
-    return Refused(
-        f"after {time[k]:.3f} s {one} and {other} lack {millimetres(min(0.0, missing))} of clearance",
-        share,
-        "clear",
-    )
+    more = {"time": time[k], "one": one, "other": other}
+    reason = Refusal("path_touches", measured=max(0.0, -missing), more=more)
+    return Refused(reason, share, "clear")

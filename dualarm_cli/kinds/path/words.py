@@ -1,4 +1,4 @@
-"""What a reader is told of paths: how they are followed, why they cannot be, methods that there are not."""
+"""What a reader is told of paths: how they are followed, and why they cannot be."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.refusals import Refusal
 
 AT_LIMIT = 2e-3
 """Distance from its limit at which a joint is called at it [rad]."""
 SLOWED = 1.001
 """Durations longer by this factor are worth a word."""
-REMEDIES: Mapping[Remedy, str] = {
-    "slower": "lower its speed, acceleration or jerk, or choose another method (--redundancy)",
-    "other": "move the path or turn the tool, begin near another posture (posture:), or choose another method "
-    "(--redundancy)",
-    "clear": "move the path or what is in its way, begin near another posture (posture:), or choose another method "
-    "(--redundancy)",
-    "tolerance": "raise its tolerance, or choose another method (--redundancy)",
+REMEDIES: Mapping[Remedy, tuple[str, ...]] = {
+    "slower": ("allow_slower", "lower_speed", "method"),
+    "other": ("move_path", "other_posture", "method"),
+    "clear": ("move_path_or_obstacle", "other_posture", "method"),
+    "tolerance": ("tolerance", "method"),
 }
 """What a reader may do about a refusal."""
 
@@ -93,32 +92,22 @@ def why_not(
     refusals: list[Refused],
     nearest: Reached,
     limits: JointLimits,
-) -> str:
+) -> Refusal:
     """Returns why a path cannot be followed: the start from which most of it could be."""
-    arms = " and ".join(task.arm for task in section)
-    head = f"{work.place}: task '{section[0].id}' ({arms}): "
+    whose = work.place, section[0].id, " and ".join(task.arm for task in section)
+    more: dict[str, object]
     if not refusals:
-        near = f" near posture '{work.posture}'" if work.posture else ""
-        return (
-            f"{head}no configuration within the joints' limits{near} has the tools where the path begins: at best they "
-            f"are {nearest.distance * 1e3:.1f} mm and {np.rad2deg(nearest.angle):.1f} deg away"
-            f"{_limit_words(nearest, limits)}; move the path, or turn the tool, or name another posture"
-        )
+        room = np.minimum(nearest.q - limits.lower, limits.upper - nearest.q)
+        joints = [name for name, left in zip(limits.joints, room, strict=True) if left < AT_LIMIT]
+        more = {
+            "near": [Refusal("near_posture", more={"posture": work.posture})] * bool(work.posture),
+            "mm": nearest.distance * 1e3,
+            "degrees": np.rad2deg(nearest.angle),
+            "at_limit": [Refusal("joints_at_limit", more={"joints": joints})] * bool(joints),
+        }
+        return Refusal("path_out_of_reach", *whose, nearest.distance, more=more)
     best = max(refusals, key=lambda one: one.share)
-    tried = "any of its starts" if len(refusals) == 1 else f"any of {len(refusals)} starts"
-    return f"{head}{name} cannot follow it from {tried}; {best.reason}; {_remedy(best, work)}"
-
-
-def _limit_words(nearest: Reached, limits: JointLimits) -> str:
-    """Returns which joints are at their limits, or nothing."""
-    room = np.minimum(nearest.q - limits.lower, limits.upper - nearest.q)
-    names = [name for name, left in zip(limits.joints, room, strict=True) if left < AT_LIMIT]
-    return f", {', '.join(names)} at a limit" if names else ""
-
-
-def _remedy(refused: Refused, work: PathWork) -> str:
-    """Returns what a reader may do about a refusal."""
-    if refused.remedy == "slower" and not work.slower:
-        return f"allow it to be slower (slower: allowed), {REMEDIES['slower']}"
     # Where the file allows less speed, that has been tried.
-    return REMEDIES["other" if refused.remedy == "slower" else refused.remedy]
+    helps: Remedy = "other" if best.remedy == "slower" and work.slower else best.remedy
+    more = {"method": name, "causes": refusals, "cause": best.reason}
+    return Refusal("path_not_followed", *whose, remedy=REMEDIES[helps], more=more)

@@ -12,6 +12,7 @@ from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.spline import clamped_spline, largest_rates, rest_to_rest_spline
 from dualarm_cli.timing.steady_search import (
     SteadyProfile,
@@ -30,11 +31,9 @@ PER_KNOT = 3
 """Instants between knots that are looked at."""
 TIGHTER = (1.0, 0.97, 0.92, 0.85)
 """Shares of the joints' limits with which a profile is looked for, until its spline keeps them."""
-TOO_FAST = "too fast"
-"""How reasons begin that less speed would help against."""
-LESS = "ask for less speed, or say 'slower: allowed'"
-"""What helps then."""
-DIVIDE = "ask for less speed, or divide the curve into two tasks"
+LESS = ("less_speed", "slower")
+"""What helps against what is too fast."""
+DIVIDE = ("less_speed", "divide")
 """What helps where the motion between knots strays."""
 AS_ASKED = 1.0 - 1e-9
 ACCELERATION_MARGIN = 0.99
@@ -69,7 +68,7 @@ def timed_seam(
     *,
     trapezoid: bool,
     cap: float = np.inf,
-) -> TimedSeam | str:
+) -> TimedSeam | Refusal:
     """Returns the seam in time, or why it cannot be worked as the file asks.
 
     Args:
@@ -81,7 +80,7 @@ def timed_seam(
         cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
-    reason = f"no motion along it keeps all limits; {DIVIDE}"
+    reason = Refusal("seam_exceeds_limits", remedy=DIVIDE)
     for share in TIGHTER:
         tight = replace(
             limits,
@@ -90,22 +89,22 @@ def timed_seam(
             jerk=limits.jerk * share,
         )
         profile = _profile(path, work, tight, pace, cap * CAP_MARGIN, trapezoid=jumps)
-        if isinstance(profile, str):
+        if isinstance(profile, Refusal):
             return profile
         for k, spacing in enumerate(SPACINGS):
             trajectory = _trajectory(path, profile, limits, spacing, jumps=jumps)
             worst = _largest_share(trajectory, limits)
             if worst > 1.0:
-                reason = f"between its knots a joint exceeds a limit {worst:.4f} times; {DIVIDE}"
+                reason = Refusal("seam_exceeds_between", measured=worst, remedy=DIVIDE)
                 break
             residual, uneven = _deviations(path.chain, profile, trajectory)
             if residual <= OPEN and uneven <= UNEVEN:
                 capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
                 return TimedSeam(trajectory, profile, residual, capped)
             reason = (
-                f"the chain opens by {residual * 1e6:.2f} um (or urad) between its knots; {DIVIDE}"
+                Refusal("seam_opens", measured=residual, remedy=DIVIDE, more={"um": residual * 1e6})
                 if residual > OPEN
-                else f"its speed is uneven by {uneven:.2%} between its knots; {DIVIDE}"
+                else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
             )
             # A spline's error falls with the fourth power of its knots' distance.
             if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
@@ -121,7 +120,7 @@ def _profile(
     cap: float,
     *,
     trapezoid: bool,
-) -> SteadyProfile | str:
+) -> SteadyProfile | Refusal:
     """Returns how fast a seam is worked, at a steady speed of cap [1/s] at most, or why not as asked."""
     length = work.length
     acceleration = None
@@ -139,33 +138,28 @@ def _profile(
         most, asked = work.speed * pace / length, f"{work.speed * pace * 1e3:.4g} mm/s"
     found = fastest_profile(path.rates, limits, min(most, cap), acceleration, trapezoid=trapezoid)
     if found is None:
-        return "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed"
+        return Refusal("seam_ramps")
     if work.slower:
         return found
     if work.duration is None and found.speed >= most * AS_ASKED:
         longest = longest_ramp(work, pace)
         if max(found.start.time, found.end.time) <= longest:
             return found
-        return (
-            f"{TOO_FAST}: coming to {asked} takes {max(found.start.time, found.end.time):.3g} s, more than the "
-            f"{longest:.3g} s that a ramp may take; {LESS}"
-        )
+        ramp = max(found.start.time, found.end.time)
+        return Refusal("seam_ramp_long", None, "", "", ramp, longest, LESS, {"asked": asked})
     top = steady_limit(path.rates, limits)
-    speed = f"{found.speed * length * 1e3:.4g} mm/s"
+    more = {"asked": asked, "speed": found.speed * length * 1e3, "duration": found.duration}
     if found.speed >= cap * AS_ASKED:
-        return (
-            f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); the cap on the tools' speed in "
-            f"the world decides; raise it, {LESS}"
-        )
+        return Refusal("seam_capped", remedy=("raise_cap", *LESS), more=more)
     if top.speed > most:
-        return (
-            f"{TOO_FAST}: too short to come to {asked} and to rest again within the joints' limits; at best {speed}, "
-            f"{found.duration:.3f} s; {LESS}"
-        )
-    return (
-        f"{TOO_FAST}: {asked} asked for, at best {speed} ({found.duration:.3f} s); {top.kind} of joint {top.joint} "
-        f"decides {top.share * length * 1e3:.1f} mm along the seam; {LESS}"
-    )
+        return Refusal("seam_too_short", remedy=LESS, more=more)
+    decides = {"kind": top.kind, "joint": top.joint, "mm": top.share * length * 1e3}
+    return Refusal("seam_too_fast", remedy=LESS, more={**more, **decides})
+
+
+def is_too_fast(refusal: Refusal) -> bool:
+    """Returns whether a seam is refused for what less speed would help against."""
+    return refusal.remedy[-2:] == LESS
 
 
 def _trajectory(

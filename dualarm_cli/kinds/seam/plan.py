@@ -4,27 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
-from dualarm_cli.errors import InfeasibleError, UnsupportedError, millimetres
+from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.starts import seam_starts
-from dualarm_cli.kinds.seam.motion import TOO_FAST, timed_seam
+from dualarm_cli.kinds.seam.motion import is_too_fast, timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.kinds.seam.record import PlannedSeam, quicker
-from dualarm_cli.kinds.seam.words import where_it_fails, workers
+from dualarm_cli.kinds.seam.words import seam_refusal, where_it_fails
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.postures.holding import Holding
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.problem import LineProblem
@@ -44,7 +46,7 @@ NEAR = 5e-5
 
 def drawn_back(
     chain: Chain, limits: JointLimits, position: FloatArray, length: float
-) -> FloatArray | str:
+) -> FloatArray | Refusal:
     """Returns joints (SEAM_LINE_SAMPLES, n) [rad] while the tool is drawn back along its axis, or why it cannot be.
 
     Only the slave's own joints move, by Newton steps of least norm.
@@ -72,12 +74,13 @@ def drawn_back(
             JW = bodies.J_tool[0] * weight
             gram = JW @ bodies.J_tool[0].T
             q = q - JW.T @ np.linalg.solve(gram + 1e-12 * np.eye(6), left)
-        share = f"{length * k / (SEAM_LINE_SAMPLES - 1) * 1e3:.1f} mm from the seam"
+        away = {"mm": length * k / (SEAM_LINE_SAMPLES - 1) * 1e3}
         if np.abs(left).max() > 100.0 * EXACT:
-            return f"the {chain.work.slave} arm does not reach farther than {share}"
+            return Refusal("seam_line_out_of_reach", arm=chain.work.slave, more=away)
         beyond = np.maximum(limits.lower - q, q - limits.upper) * chain.slave_joints
         if beyond.max() > 0.0:
-            return f"joint {limits.joints[int(np.argmax(beyond))]} comes to its limit {share}"
+            joint = limits.joints[int(np.argmax(beyond))]
+            return Refusal("seam_line_at_limit", more={"joint": joint, **away})
         found[k] = q
     return found
 
@@ -89,7 +92,7 @@ def line_motion(
     limits: JointLimits,
     timing: TimingSolver,
     tool_speed: float | None,
-) -> Trajectory | str:
+) -> Trajectory | Refusal:
     """Returns the motion along a line, or why there is none.
 
     Args:
@@ -118,7 +121,7 @@ def line_motion(
         )
         if off <= NEAR:
             return found
-    return f"its line is left by {off * 1e3:.3f} mm (or mrad)"
+    return Refusal("seam_line_left", measured=off, allowed=NEAR, more={"mm": off * 1e3})
 
 
 LOOKED_AT = 0.01
@@ -144,21 +147,17 @@ def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
     return clear
 
 
-def nearest_words(holding: Holding) -> Callable[[FloatArray], str]:
-    """Returns what says which bodies come nearest at a configuration (n,) [rad]."""
-
-    def words(position: FloatArray) -> str:
-        held = np.zeros(len(holding.cell.arms), dtype=np.int64)
-        one, other, missing = holding.cell.nearest(position, held)
-        return f"{one} and {other} lack {millimetres(min(0.0, missing))} of clearance"
-
-    return words
+def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
+    """Returns which bodies come nearest at a configuration (n,) [rad]."""
+    held = np.zeros(len(holding.cell.arms), dtype=np.int64)
+    one, other, missing = holding.cell.nearest(position, held)
+    return Refusal("touches", measured=max(0.0, -missing), more={"one": one, "other": other})
 
 
 def where_it_touches(
     holding: Holding, motions: Sequence[tuple[str, Trajectory | None]]
-) -> str | None:
-    """Returns where motions do not keep clear, in words, or None.
+) -> Refusal | None:
+    """Returns where motions do not keep clear, or None.
 
     Args:
         holding: what has to.
@@ -173,7 +172,8 @@ def where_it_touches(
         margin = _margins(holding, position)
         k = int(np.argmin(margin))
         if margin[k] < KEPT_BETWEEN:
-            return f"{words}, after {time[k]:.3f} s, {nearest_words(holding)(position[k])}"
+            more = {"where": words, "time": time[k], "cause": nearest_bodies(holding, position[k])}
+            return Refusal("seam_touches", more=more)
     return None
 
 
@@ -253,28 +253,28 @@ class SeamPlanner:
         if goes_on is not None:
             # Better with a way in between than not at all.
             tries.append((_Start(here), None))
-        refusals: list[str] = []
+        refusals: list[Refusal] = []
         for start, test in tries:
-            if test is not None and sum(TOO_FAST in one for one in refusals) >= ENOUGH_REFUSALS:
+            if test is not None and sum(map(is_too_fast, refusals)) >= ENOUGH_REFUSALS:
                 continue
             planned = self._tried(task, self._problem(chain, start, holding, test), holding)
             if isinstance(planned, PlannedSeam):
                 return planned
             refusals += planned
-            if goes_on is None and sum(TOO_FAST in one for one in refusals) >= ENOUGH_REFUSALS:
+            if goes_on is None and sum(map(is_too_fast, refusals)) >= ENOUGH_REFUSALS:
                 break
         # That less speed would do says more than that something else was in the way of another try.
-        told = min(refusals, key=lambda reason: TOO_FAST not in reason)
-        raise InfeasibleError(f"{work.place}: task '{task}' ({workers(work)}): {told}")
+        cause = min(refusals, key=lambda one: not is_too_fast(one))
+        raise InfeasibleError(seam_refusal(task, work, cause))
 
     def _tried(
         self, task: str, problem: SeamProblem, holding: Holding | None
-    ) -> PlannedSeam | list[str]:
+    ) -> PlannedSeam | list[Refusal]:
         """Returns the quickest seam by the solvers that are taken, or why there is none by each."""
         planned, refusals = [], []
         for name in self._solvers(task, problem):
             found = self._worked(problem, holding, name)
-            if isinstance(found, str):
+            if isinstance(found, Refusal):
                 refusals.append(found)
                 continue
             planned.append(found)
@@ -328,7 +328,7 @@ class SeamPlanner:
             coming=self._coming(start.here),
             goes_on=goes_on,
             clear=None if holding is None else clearance_test(holding),
-            what_touches=None if holding is None else nearest_words(holding),
+            what_touches=None if holding is None else partial(nearest_bodies, holding),
         )
 
     def _coming(self, here: FloatArray) -> Callable[[FloatArray], FloatArray] | None:
@@ -359,7 +359,7 @@ class SeamPlanner:
 
     def _worked(
         self, problem: SeamProblem, holding: Holding | None, name: str
-    ) -> PlannedSeam | str:
+    ) -> PlannedSeam | Refusal:
         """Returns the seam by one solver, or why there is none."""
         motion = SEAM_SOLVERS[name].solve(problem)
         if isinstance(motion, NoSeam):
@@ -370,7 +370,7 @@ class SeamPlanner:
             faster = SEAM_SOLVERS[name].solve(replace(problem, time=0.0))
             if isinstance(faster, SeamMotion):
                 planned = quicker(planned, self._timed(problem, faster, name))
-        if isinstance(planned, str) or holding is None:
+        if isinstance(planned, Refusal) or holding is None:
             return planned
         motions = (
             ("on the approach", planned.approach),
@@ -378,48 +378,41 @@ class SeamPlanner:
             ("on the retract", planned.retract),
         )
         touched = where_it_touches(holding, motions)
-        return (
-            planned
-            if touched is None
-            else f"{touched}; let the tool lean ('tilt') or give its bodies room"
-        )
+        return planned if touched is None else touched
 
-    def _falls_short(self, planned: PlannedSeam | str, work: SeamWork) -> bool:
+    def _falls_short(self, planned: PlannedSeam | Refusal, work: SeamWork) -> bool:
         """Returns whether a seam is refused as too fast, or slower than the file asks."""
-        if isinstance(planned, str):
-            return TOO_FAST in planned
+        if isinstance(planned, Refusal):
+            return is_too_fast(planned)
         if work.duration is not None:
             return planned.seam.trajectory.duration > work.duration / self.job.speed * SLOWED
         assert work.speed is not None
         return planned.seam.speed(work.length) * SLOWED < work.speed * self.job.speed
 
-    def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | str:
+    def _timed(self, problem: SeamProblem, motion: SeamMotion, name: str) -> PlannedSeam | Refusal:
         """Returns a solver's answer in time, with the tool's lines, or why there is none."""
         chain, work, limits = problem.chain, problem.chain.work, problem.limits
         path = SeamPath.of(problem, motion)
         if path is None:
-            return (
-                "the joints that were found for it do not keep tool and part together between them; "
-                "divide the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')"
-            )
+            return Refusal("seam_comes_apart")
         cap = np.inf
         if self.job.tool_speed is not None:
             cap = self.job.tool_speed / float(path.tool_rates(self.job.cell).max())
         trapezoid = self.timing.name == "trapezoid"
         seam = timed_seam(path, work, limits, self.job.speed, trapezoid=trapezoid, cap=cap)
-        if isinstance(seam, str):
+        if isinstance(seam, Refusal):
             return seam
         lines: dict[str, Trajectory | None] = {"approach": None, "retract": None}
         for line, length, end in (("approach", work.approach, 0), ("retract", work.retract, -1)):
             if length == 0.0:
                 continue
             back = drawn_back(chain, limits, seam.trajectory.position[end], length)
-            if isinstance(back, str):
-                return f"{line}: {back}; make it shorter"
+            if isinstance(back, Refusal):
+                return Refusal("seam_line", more={"line": line, "cause": back})
             way = back[::-1] if end == 0 else back
             found = line_motion(chain, way, length, limits, self.timing, self.job.tool_speed)
-            if isinstance(found, str):
-                return f"{line}: {found}; make it shorter"
+            if isinstance(found, Refusal):
+                return Refusal("seam_line", more={"line": line, "cause": found})
             lines[line] = found
         q, joints = seam.trajectory.position, limits.joints
         return PlannedSeam(

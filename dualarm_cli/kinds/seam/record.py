@@ -15,6 +15,7 @@ from dualarm_cli.model.job import Dwell, Job, Task
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.composition import SAME_TIME, hold
 
 
@@ -49,11 +50,11 @@ class PlannedSeam:
         return start
 
 
-def quicker(one: PlannedSeam | str, other: PlannedSeam | str) -> PlannedSeam | str:
+def quicker(one: PlannedSeam | Refusal, other: PlannedSeam | Refusal) -> PlannedSeam | Refusal:
     """Returns the quicker of two answers; a plan before any reason, the later reason before the earlier one."""
-    if isinstance(other, str):
-        return other if isinstance(one, str) else one
-    if isinstance(one, str):
+    if isinstance(other, Refusal):
+        return other if isinstance(one, Refusal) else one
+    if isinstance(one, Refusal):
         return other
     return min(one, other, key=lambda plan: plan.seam.trajectory.duration)
 

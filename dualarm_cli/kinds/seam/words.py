@@ -6,6 +6,7 @@ from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.refusals import Refusal
 
 LONGEST = 1800.0
 """Longest time of a seam that is planned [s]."""
@@ -51,27 +52,26 @@ def seam_bound(work: SeamWork, pace: float) -> float:
     return work.length / (work.speed * pace) + dwells
 
 
-def where_it_fails(work: SeamWork, found: NoSeam) -> str:
+def where_it_fails(work: SeamWork, found: NoSeam) -> Refusal:
     """Returns why no joints were found, with the first place that fails."""
     length = work.length * 1e3
-    if found.share >= 1.0:
-        return f"{found.reason}; {_helps(work)}"
-    from_here = f"{found.share * length:.1f} mm along the seam of {length:.1f} mm"
-    return f"fails {from_here}: {found.reason}; {_helps(work)}"
+    more = {"mm": found.share * length, "length_mm": length, "cause": found.reason}
+    what = "seam_has_no_joints" if found.share >= 1.0 else "seam_fails_at"
+    return Refusal(what, remedy=_helps(work), more=more)
 
 
-def _helps(work: SeamWork) -> str:
+def _helps(work: SeamWork) -> tuple[str, ...]:
     """Returns what a file may change where no joints are found: each freedom that it does not give yet."""
-    ways = ["shorten the curve or divide it", "move it on the part ('part', 'curve')"]
-    if work.hold.stands or work.hold.given:
-        ways.append("let the part move ('hold: free')")
-    if not work.tool.free_spin:
-        ways.append("let the tool spin ('free: spin')")
-    if work.tool.tilt == 0.0:
-        ways.append("let it lean ('tilt')")
-    return f"{', '.join(ways[:-1])}, or {ways[-1]}"
+    freedoms = {
+        "hold_free": work.hold.stands or work.hold.given,
+        "spin": not work.tool.free_spin,
+        "lean": work.tool.tilt == 0.0,
+    }
+    return "shorten", "move_curve", *(name for name, left in freedoms.items() if left)
 
 
-def workers(work: SeamWork) -> str:
-    """Returns who works a seam, on whose part."""
-    return work.slave if work.master is None else f"{work.slave} on the part in {work.master}"
+def seam_refusal(task: str, work: SeamWork, cause: Refusal) -> Refusal:
+    """Returns why a task's seam cannot be worked, with who works it on whose part."""
+    carrier = [] if work.master is None else [Refusal("part_in", arm=work.master)]
+    more = {"carrier": carrier, "cause": cause}
+    return Refusal("seam_not_worked", work.place, task, work.slave, more=more)

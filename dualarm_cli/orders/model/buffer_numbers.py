@@ -14,17 +14,7 @@ from dualarm_cli.orders.model.stop_nodes import StopNodes
 from dualarm_cli.orders.paired.alignment import any_alignment
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.rules.stores import Stores
-
-HELPS = (
-    "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger capacity, other numbers at "
-    "the start (initial), or another order in the file"
-)
-"""What is said where an order that is given does not keep a buffer."""
-HELPS_FREE = (
-    "what helps: order: optimise, a larger capacity, more or fewer parts at the start (initial), or another order in "
-    "the file"
-)
-"""The same where arms wait for parts and room anyway."""
+from dualarm_cli.refusals import Refusal
 
 
 def used_buffers(job: Job) -> list[str]:
@@ -90,30 +80,28 @@ def check_stage_levels(job: Job) -> None:
             takes = len(own) - puts
             capacity = job.buffers[name].capacity
             if takes > level or (puts and level + puts > capacity):
-                raise InfeasibleError(f"{_fault(number, name, own, level, capacity)}\n{HELPS}")
+                raise InfeasibleError(_fault(number, name, own, level, capacity))
             levels[name] = level + puts - takes
 
 
 def _fault(
     number: int, name: str, own: Sequence[tuple[Task, Stop]], level: int, capacity: int
-) -> str:
+) -> Refusal:
     """Returns what is wrong with one buffer in a stage."""
     puts = [task.id for task, stop in own if stop.stored > 0]
     takes = [task.id for task, stop in own if stop.stored < 0]
-    parts = []
-    if puts:
-        parts.append(f"{_names(puts)} {'put' if len(puts) > 1 else 'puts'} {len(puts)} in")
-    if takes:
-        parts.append(f"{_names(takes)} {'take' if len(takes) > 1 else 'takes'} {len(takes)} out")
-    both = ", and either arm may be the first there" if puts and takes else ""
-    return (
-        f"{own[0][1].place}: buffer '{name}' holds {level} of at most {capacity} parts before stage {number}, in which "
-        f"{' while '.join(parts)}{both}"
-    )
-
-
-def _names(ids: Sequence[str]) -> str:
-    return " and ".join(f"'{name}'" for name in ids)
+    more = {
+        "buffer": name,
+        "stage": number,
+        "causes": [
+            Refusal(what, more={"names": names})
+            for what, names in (("puts", puts), ("takes", takes))
+            if names
+        ],
+        "either": [Refusal("either_first")] if puts and takes else [],
+    }
+    task, stop = own[0]
+    return Refusal("buffer_in_stage", stop.place, task.id, "", level, capacity, more=more)
 
 
 def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
@@ -155,22 +143,22 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
     )
 
 
-def _waiting_for_ever(job: Job, levels: Sequence[int], waiting: Sequence[tuple[Task, Stop]]) -> str:
+def _waiting_for_ever(
+    job: Job, levels: Sequence[int], waiting: Sequence[tuple[Task, Stop]]
+) -> Refusal:
     """Returns what arms wait for where an order that is given gets no farther."""
     holds = dict(zip(used_buffers(job), levels, strict=True))
-    parts = []
+    causes = []
     for task, stop in waiting:
-        what = "for tasks that come later"
-        if stop.action in ("give", "take"):
-            what = "for the other arm"
+        what = "waits_for_arm" if stop.action in ("give", "take") else "waits_for_tasks"
+        level = capacity = None
         if stop.buffer:
-            what = f"for {'room in' if stop.stored > 0 else 'a part in'} buffer '{stop.buffer}'"
-            what += f" ({holds[stop.buffer]} of at most {job.buffers[stop.buffer].capacity})"
-        parts.append(f"'{task.id}' waits {what} ({stop.action})")
-    return (
-        f"{waiting[0][1].place}: in the order that is given arms wait for ever, however one lets the other go first: "
-        f"{' and '.join(parts)}\n{HELPS_FREE}"
-    )
+            what = "waits_for_room" if stop.stored > 0 else "waits_for_part"
+            level, capacity = holds[stop.buffer], job.buffers[stop.buffer].capacity
+        more = {"action": stop.action, "buffer": stop.buffer}
+        causes.append(Refusal(what, None, task.id, task.arm, level, capacity, more=more))
+    first, stop = waiting[0]
+    return Refusal("arms_wait_for_ever", stop.place, first.id, more={"causes": causes})
 
 
 def begun(job: Job, done: Sequence[Task]) -> Job:
@@ -184,11 +172,9 @@ def begun(job: Job, done: Sequence[Task]) -> Job:
         stops = [stop for task in done for stop in task.stops if stop.buffer == name]
         level = buffer.initial + sum(stop.stored for stop in stops)
         if not 0 <= level <= buffer.capacity:
-            raise InfeasibleError(
-                f"{stops[-1].place}: buffer '{name}' holds {level} parts after '{done[-1].id}', where it has to hold 0 "
-                f"to {buffer.capacity}: what comes before a path or coordinate task is over when that begins; what "
-                "helps is another order of the tasks, or other numbers (capacity, initial)"
-            )
+            more = {"buffer": name}
+            found = stops[-1].place, done[-1].id, "", level, buffer.capacity
+            raise InfeasibleError(Refusal("buffer_at_border", *found, more=more))
         changed[name] = replace(buffer, initial=level)
     return replace(job, buffers=changed)
 

@@ -25,6 +25,7 @@ from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.plan.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock, Wait
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import concatenate, distinct_times, hold, merge
@@ -93,10 +94,8 @@ class FreePlanner:
                 motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
                 if cell is None or _keeps_clear(job, cell, motion):
                     return motion
-        raise InfeasibleError(
-            "mode: free: no way was found for both arms together while the platform stands at "
-            f"{np.degrees(angle).round(1).tolist()} deg"
-        )
+        more = {"angles": np.degrees(angle).round(1).tolist()}
+        raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
 
     def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnClock:
         """Returns one arm's way through its stops, as if it were alone."""

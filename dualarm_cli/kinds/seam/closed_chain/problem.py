@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.refusals import Refusal
 
 FEWEST_NODES, MOST_NODES = 41, 321
 """Places along the seam at which joints are decided: intervals are halved until they tell the curve."""
@@ -48,8 +49,8 @@ class SeamProblem:
     goes_on: Callable[[FloatArray], bool] | None = None
     """Whether what comes next can be done from joints (n,) [rad] in which the seam ends; None where nothing depends on
     it."""
-    what_touches: Callable[[FloatArray], str] | None = None
-    """Says which two bodies come nearest at joints (n,) [rad], and how near; for reasons."""
+    what_touches: Callable[[FloatArray], Refusal] | None = None
+    """Which two bodies come nearest at joints (n,) [rad], and how near; for reasons."""
     clear: Callable[[FloatArray], BoolArray] | None = None
     """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
 

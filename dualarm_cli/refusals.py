@@ -1,0 +1,361 @@
+"""Why there is no plan, as data, and the one place that turns it into sentences.
+
+A solver says what is wrong, where, and what it measured; it writes no English. Its sentence is looked up by the name of
+what is wrong and filled in, so nobody has to read a place or a number out of a sentence again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from string import Formatter
+from textwrap import indent
+from typing import Any, Protocol
+
+
+class Located(Protocol):
+    """A place in a file, as the data model has it; this module knows nothing of the model."""
+
+    @property
+    def file(self) -> str:
+        """File as the user names it; empty for none."""
+
+    @property
+    def line(self) -> int:
+        """Line, from 1."""
+
+    @property
+    def column(self) -> int:
+        """Column, from 1."""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """One thing that cannot be done, or one part of why."""
+
+    what: str
+    """What is wrong: a key of SENTENCES."""
+    place: Located | None = None
+    """Where it is written; None where it is part of another refusal, or of no place."""
+    task: str = ""
+    """Id of the task."""
+    arm: str = ""
+    """Name of the arm."""
+    measured: float | None = None
+    """What was found, in SI units."""
+    allowed: float | None = None
+    """What would do, in SI units."""
+    remedy: tuple[str, ...] = ()
+    """What may help where the same fault has several remedies: keys of REMEDIES."""
+    more: Mapping[str, object] = field(default_factory=dict)
+    """What else the sentence names; refusals among it are told in their places."""
+
+    def __str__(self) -> str:
+        """Returns the sentence, with its place if it has one."""
+        return f"{self.place}: {self.sentence}" if self.place is not None else self.sentence
+
+    @property
+    def sentence(self) -> str:
+        """The sentence without its place."""
+        text = self.filled(SENTENCES[self.what])
+        if not self.remedy:
+            return text
+        *others, last = (REMEDIES[key] for key in self.remedy)
+        return f"{text}; {', '.join(others)}, or {last}" if others else f"{text}; {last}"
+
+    def filled(self, template: str) -> str:
+        """Returns a template with the data in it."""
+        data = {
+            "task": self.task,
+            "arm": self.arm,
+            "measured": self.measured,
+            "allowed": self.allowed,
+        }
+        return _FORMATTER.vformat(template, (), {**data, **self.more})
+
+
+def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
+    """Returns what is said of refusals of one kind: each in a line, and what they have in common once.
+
+    Args:
+        refusals: at least one.
+        placed: one whose place is told apart from the text.
+    """
+    rows = tuple(refusals)
+    what = rows[0].what
+    text = "\n".join(one.sentence if one is placed else str(one) for one in rows)
+    if what in HEADS:
+        text = f"{HEADS[what]}:\n" + indent(text, "  ")
+    return f"{text}\n{rows[0].filled(HELPS[what])}" if what in HELPS else text
+
+
+def millimetres(length: float) -> str:
+    """Returns a length [m] in millimetres with one decimal; what would be 0.0 is less than 0.1."""
+    shown = f"{abs(length) * 1e3:.1f}"
+    return "less than 0.1 mm" if shown == "0.0" else f"{shown} mm"
+
+
+class _SentenceFormatter(Formatter):
+    """`str.format` with five specs more: mm, and, `*` before what joins, `one|many`, and `#` in it for how many."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Returns a value as a sentence tells it."""
+        if format_spec == "mm":
+            return millimetres(value)
+        if format_spec == "and":
+            return " and ".join(f"'{one}'" for one in value)
+        if format_spec.startswith("*"):
+            return format_spec[1:].join(map(str, value))
+        if "|" in format_spec:
+            one, many = format_spec.split("|")
+            return (one if len(value) == 1 else many).replace("#", str(len(value)))
+        return str(super().format_field(value, format_spec))
+
+
+_FORMATTER = _SentenceFormatter()
+
+
+_MEETING_HELPS = "what helps: another place to meet, or another `grip`"
+_MISFIT_HELPS = (
+    "what helps: another target or stand, a part or an obstacle of another size, a shorter line, or "
+    "`allowed_contacts` for the two"
+)
+_CLEAR_HELPS = (
+    "what helps: other targets or tasks in that stage (two arms whose targets are that near need an order in "
+    "which they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the "
+    "pair{standing:*}"
+)
+_MISFIT = "no posture helps where a part or a tool reaches into something"
+_NOT_CLEAR = (
+    "no plan was found that keeps clear by other postures, platform angles, waits, detours or paths of the "
+    "whole robot"
+)
+
+SENTENCES: Mapping[str, str] = {
+    # Orders.
+    "waits_for_ever": "in the order that is given {names:and} {tasks:waits|wait} for ever for tasks that come "
+    "later; change the order in the file, or say order: optimise",
+    "out_of_reach": "no arm does task '{task}': {causes:*; }",
+    "stand_out_of_reach": "the {arm} arm does not get to the stand of tool '{tool}': {cause}",
+    "by_arm": "{arm} arm: {cause}",
+    "at_stop": "{action}: {cause}",
+    "stops_lack_clearance": "its pick and its place are in reach, but every posture found lacks clearance or a line",
+    "stop_lacks_clearance": "it is in reach, but every posture found lacks clearance or a line",
+    "arms_cannot_meet": "task '{task}': neither arm can give while the other one takes: at no platform angle that "
+    "was tried do both reach it without touching each other",
+    "arm_cannot_give": "task '{task}': the {arm} arm can give while the other one takes: at no platform angle that "
+    "was tried do both reach it without touching each other",
+    "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
+    "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "
+    "more tasks be done by any arm",
+    "no_order": "no order does all tasks: every arm lacks one that the other lacks too",
+    "rule_broken": "no plan keeps this rule, whatever else is done: {rules:*; }",
+    "rules_contradict": "no order keeps these rules together, whatever else is done (leave out any one of them and "
+    "there may be one): {rules:*; }",
+    "late": "task '{task}' is done at {measured:.3f} s, {late:.3f} s after its window closes (not_after: "
+    "{allowed:g} s)",
+    # Buffers.
+    "buffer_in_stage": "buffer '{buffer}' holds {measured} of at most {allowed} parts before stage {stage}, in "
+    "which {causes:* while }{either:*}",
+    "puts": "{names:and} {names:puts|put} {names:#|#} in",
+    "takes": "{names:and} {names:takes|take} {names:#|#} out",
+    "either_first": ", and either arm may be the first there",
+    "arms_wait_for_ever": "in the order that is given arms wait for ever, however one lets the other go first: "
+    "{causes:* and }",
+    "waits_for_tasks": "'{task}' waits for tasks that come later ({action})",
+    "waits_for_arm": "'{task}' waits for the other arm ({action})",
+    "waits_for_room": "'{task}' waits for room in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
+    "waits_for_part": "'{task}' waits for a part in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
+    "buffer_at_border": "buffer '{buffer}' holds {measured} parts after '{task}', where it has to hold 0 to "
+    "{allowed}: what comes before a path or coordinate task is over when that begins; what helps is another order "
+    "of the tasks, or other numbers (capacity, initial)",
+    # Postures of a stage.
+    "point_not_turned": "no posture within limits was found that is turned as {point} asks ({where})",
+    "flange_not_there": "no posture within limits brings the flange nearer to {point} than {measured:mm}, turned as "
+    "asked ({where})",
+    "beyond_reach": "{point} is {measured:mm} beyond the arm's reach ({where})",
+    "too_near_shoulder": "{point} is {measured:mm} too near the shoulder for the elbow joint's limits ({where})",
+    "beyond_limits": "{point}: no arm angle and branch keeps all joints within their limits",
+    "not_from_one_angle": "its target and the ends of its lines are in reach, but not from one platform angle",
+    "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
+    "platform_stands": "with the platform where it is",
+    "from_base": "from its base",
+    "every_posture_touches": "{where} every posture is too near to something: at best {one} and {other} lack "
+    "{measured:mm} of clearance{platform:*}",
+    "with_platform": ", with the platform at {degrees:.0f} deg",
+    "no_posture": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_posture_at_any_angle": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_posture_at_angles_tried": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_posture_from_start": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_common_angle": "reached, but at no platform angle that suits both arms",
+    "no_pair_of_postures": "postures that keep clear were found for single places, but none for this stop and the "
+    "other arm's together",
+    "no_postures_together": "postures that keep clear were found for single places, but none for this stop along "
+    "its lines together",
+    "no_plan_on_grid": "no plan was found on the grid of nodes",
+    # Clearance.
+    "touches": "{one} and {other} lack {measured:mm} of clearance",
+    "start_touches": "start: in posture '{posture}' {one} and {other} lack {measured:mm} of clearance; start in "
+    "another posture (`start: free` leaves it open), move what is in the way, or allow the pair less",
+    "part_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, part '{held}' reaches "
+    "{measured:mm} into '{into}', at best",
+    "tool_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, tool '{held}' reaches "
+    "{measured:mm} into '{into}', at best",
+    "grip_touches": "task '{task}': {where} {one} and {other} lack {measured:mm} of clearance",
+    "not_clear": _NOT_CLEAR,
+    "stage_touches": "task '{task}'{beside:*}: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into "
+    "stage {stage}",
+    "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
+    "beside": ", {there}: task '{task}'",
+    "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a bare "
+    "`move` before its other tasks takes it out of the way{start:*}",
+    "starts_there": " (in stage 1 it starts there: `start: free`)",
+    "asynchronous_not_clear": "mode: free: no way was found for both arms together while the platform stands at "
+    "{angles} deg",
+    # Motion.
+    "line_left": "task '{task}': the {line} line is left by {mm:.3f} mm and {angle:.2e} rad, more than {most} mm; "
+    "the arm passes too close to a singularity",
+    "detour_too_fast": "limits: tool_speed: along a detour a tool exceeds {allowed:g} m/s at any speed of its arm",
+    "tool_speed_too_low": "limits: tool_speed: {allowed:g} m/s is slower than a {slowest}th of the joints' speed; "
+    "allow more",
+    # Calibration.
+    "few_points": "{points:#|#} {points:point does|points do} not determine where one robot stands from another; "
+    "touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
+    "points_are_one": "all points of the {arm} robot are one; touch points well apart",
+    "sizes_differ": "the points span {left:.6g} m for the left robot and {right:.6g} m for the right one: they "
+    "cannot be the same points; look at the units (a plain number is m), at the tools and at the order of the points",
+    "points_on_line": "the points of the {arm} robot are on one line{near:*}: none is more than {mm:.3g} mm off the "
+    "line through {ends:* and }, so nothing says how the robots are turned about it; touch a point far beside that "
+    "line",
+    "near_line": " to within {factor:g} times the noise",
+    "loose_turn": "the points do not determine how the robots are turned: about one axis the 95 % interval is "
+    "±{degrees:.0f} deg, as the points are nearly on one line or do not match (a coordinate of a residual is "
+    "{mm:.3g} mm on average); touch more points, well spread in all directions, and look at tools and robot files",
+    "tools_unseen": "tools and transform are not determined together: {few:*}not seen: {unseen:*; }. Touch at least "
+    "{least} points, each with the tool turned another way about all three axes, or measure the tools and fit none",
+    "few_equations": "{points} points give {equations} equations for {unknowns} unknowns; ",
+    "points_do_not_match": "{causes:*; }",
+    # Conveyors.
+    "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} s and is {within:g} m on at {last:.3f} s",
+    "delayed": " ({measured:.3f} s of it to keep clear)",
+    "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
+    "{measured:mm} beyond what 'within' allows: {window}; what helps: a later 'passes', a longer 'within', a slower "
+    "conveyor, another arm or order (arm: any, order: optimise), or less before it",
+    "part_not_followed": "task '{task}': no way was found for the {arm} arm to follow the {action} from {time:.3f} "
+    "s on: {cause}; {window}; what helps: a 'passes' pose and 'within' that leave room before and behind it, a "
+    "slower conveyor, a shorter approach, retract or dwell, another arm",
+    "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
+    "helps: a slower conveyor, or parts that do not come at the same time for both arms",
+    "stop_of": "'{task}' ({action})",
+    "parts_missed": "no plan was found in which the arms keep clear and are in time for the parts on conveyors; "
+    "what helps: more room between the arms, other pairs of targets side by side (order: optimise), or a slower "
+    "conveyor",
+    "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
+    "(limits: tool_speed); allow more, or take a slower conveyor",
+    "part_left": "the tool cannot be kept at the part on the conveyor within {micrometres:g} um; the arm passes too "
+    "close to a singularity",
+    "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
+    "limit by a factor of {measured:.3g} however gently they begin",
+    "conveyor_leaves_reach": "a joint's limit, the arm's reach or a singularity is in the way before the stop is over",
+    # Paths.
+    "path_out_of_reach": "task '{task}' ({arm}): no configuration within the joints' limits{near:*} has the tools "
+    "where the path begins: at best they are {mm:.1f} mm and {degrees:.1f} deg away{at_limit:*}; move the path, or "
+    "turn the tool, or name another posture",
+    "near_posture": " near posture '{posture}'",
+    "joints_at_limit": ", {joints:*, } at a limit",
+    "path_not_followed": "task '{task}' ({arm}): {method} cannot follow it from any of {causes:its|#} starts; {cause}",
+    "path_fails_at": "after {time:.3f} s, {places:* and }: {cause}",
+    "tool_on_path": "{arm} tool {mm:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m",
+    "path_left": "{method} leaves the path by {measured_mm:.3f} mm (turns by {turn:g} m/rad), tolerance "
+    "{allowed_mm:g} mm",
+    "path_not_joined": "its joints cannot be joined by a curve near enough to it",
+    "path_touches": "after {time:.3f} s {one} and {other} lack {measured:mm} of clearance",
+    "no_way_to_path": "no way to where it begins: {cause}",
+    # Seams.
+    "seam_not_worked": "task '{task}' ({arm}{carrier:*}): {cause}",
+    "part_in": " on the part in {arm}",
+    "seam_has_no_joints": "{cause}",
+    "seam_fails_at": "fails {mm:.1f} mm along the seam of {length_mm:.1f} mm: {cause}",
+    "seam_touches": "{where}, after {time:.3f} s, {cause}; let the tool lean ('tilt') or give its bodies room",
+    "seam_comes_apart": "the joints that were found for it do not keep tool and part together between them; divide "
+    "the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')",
+    "seam_line": "{line}: {cause}; make it shorter",
+    "seam_line_out_of_reach": "the {arm} arm does not reach farther than {mm:.1f} mm from the seam",
+    "seam_line_at_limit": "joint {joint} comes to its limit {mm:.1f} mm from the seam",
+    "seam_line_left": "its line is left by {mm:.3f} mm (or mrad)",
+    "seam_exceeds_limits": "no motion along it keeps all limits",
+    "seam_exceeds_between": "between its knots a joint exceeds a limit {measured:.4f} times",
+    "seam_opens": "the chain opens by {um:.2f} um (or urad) between its knots",
+    "seam_uneven": "its speed is uneven by {measured:.2%} between its knots",
+    "seam_ramps": "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed",
+    "seam_ramp_long": "too fast: coming to {asked} takes {measured:.3g} s, more than the {allowed:.3g} s that a "
+    "ramp may take",
+    "seam_capped": "too fast: {asked} asked for, at best {speed:.4g} mm/s ({duration:.3f} s); the cap on the tools' "
+    "speed in the world decides",
+    "seam_too_short": "too fast: too short to come to {asked} and to rest again within the joints' limits; at best "
+    "{speed:.4g} mm/s, {duration:.3f} s",
+    "seam_too_fast": "too fast: {asked} asked for, at best {speed:.4g} mm/s ({duration:.3f} s); {kind} of joint "
+    "{joint} decides {mm:.1f} mm along the seam",
+    "no_way_to_seam": "task '{task}': no way to where its tool comes from (`entry: {{approach: …}}` lets it come "
+    "from farther away): {cause}",
+    "entry_too_short": "task '{task}': the way to where it begins takes {measured:.3f} s at least, more than the "
+    "{allowed:g} s that entry gives it; raise its duration or leave it out",
+}
+"""What is wrong, by its name, to be filled in."""
+
+HEADS: Mapping[str, str] = {
+    "late": "no plan was found that is in time",
+    "no_posture": "no posture makes this stage",
+    "no_posture_at_any_angle": "no posture at any platform angle makes this stage",
+    "no_posture_at_angles_tried": "no posture at the platform angles that this method tries makes this stage",
+    "no_posture_from_start": "no posture with the platform held where it starts (this version turns one joint only) "
+    "makes this stage",
+    "part_reaches_into": _MISFIT,
+    "tool_reaches_into": _MISFIT,
+    "grip_touches": "no posture helps where tools and part are too near to each other in a hand-over",
+    "stage_touches": _NOT_CLEAR,
+    "return_touches": _NOT_CLEAR,
+}
+"""What is said once before all refusals of one error, by what is wrong."""
+
+HELPS: Mapping[str, str] = {
+    "arms_cannot_meet": _MEETING_HELPS,
+    "arm_cannot_give": _MEETING_HELPS,
+    "late": "what helps: later windows, another arm or order (arm: any, order: optimise), or less before it",
+    "buffer_in_stage": "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger "
+    "capacity, other numbers at the start (initial), or another order in the file",
+    "arms_wait_for_ever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
+    "(initial), or another order in the file",
+    "part_reaches_into": _MISFIT_HELPS,
+    "tool_reaches_into": _MISFIT_HELPS,
+    "grip_touches": "what helps: another `grip`, a longer `approach` or `retract`, or a clearance of its own "
+    "(`clearances`) for the two",
+    "stage_touches": _CLEAR_HELPS,
+    "return_touches": _CLEAR_HELPS,
+}
+"""What is said once after them."""
+
+REMEDIES: Mapping[str, str] = {
+    # Stops.
+    "move_target": "move the target",
+    "move_target_or_free_yaw": "move the target or free its yaw",
+    # Paths.
+    "allow_slower": "allow it to be slower (slower: allowed)",
+    "lower_speed": "lower its speed, acceleration or jerk",
+    "move_path": "move the path or turn the tool",
+    "move_path_or_obstacle": "move the path or what is in its way",
+    "other_posture": "begin near another posture (posture:)",
+    "tolerance": "raise its tolerance",
+    "method": "choose another method (--redundancy)",
+    # Seams.
+    "less_speed": "ask for less speed",
+    "raise_cap": "raise it",
+    "slower": "say 'slower: allowed'",
+    "divide": "divide the curve into two tasks",
+    "shorten": "shorten the curve or divide it",
+    "move_curve": "move it on the part ('part', 'curve')",
+    "hold_free": "let the part move ('hold: free')",
+    "spin": "let the tool spin ('free: spin')",
+    "lean": "let it lean ('tilt')",
+}
+"""What may help, by its name."""
