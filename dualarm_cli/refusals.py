@@ -287,6 +287,7 @@ SENTENCES: Mapping[str, str] = {
     "seam_exceeds_between": "between its knots a joint exceeds a limit {measured:.4f} times",
     "seam_opens": "the chain opens by {um:.2f} um (or urad) between its knots",
     "seam_uneven": "its speed is uneven by {measured:.2%} between its knots",
+    "seam_rushes": "its acceleration is {measured:.2%} above that of the file between its knots",
     "seam_ramps": "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed",
     "seam_ramp_long": "too fast: coming to {asked} takes {measured:.3g} s, more than the {allowed:.3g} s that a "
     "ramp may take",

@@ -26,7 +26,10 @@ SPACINGS = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 OPEN = 4e-7
 """How far the chain may be open between knots [m, rad]."""
 UNEVEN = 4e-4
-"""Share by which the speed along the seam may be off between knots, ramps not counted."""
+"""Share by which the speed along the seam may be off between knots, ramps not counted, and its acceleration above what
+the file allows."""
+MOMENT = 2e-4
+"""Time by which accelerations along the seam are measured [s]."""
 PER_KNOT = 3
 """Instants between knots that are looked at."""
 TIGHTER = (1.0, 0.97, 0.92, 0.85)
@@ -80,7 +83,9 @@ def timed_seam(
         cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
-    reason = Refusal("seam_exceeds_limits", remedy=DIVIDE)
+                else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
+                if uneven > UNEVEN
+                else Refusal("seam_rushes", measured=excess, remedy=DIVIDE)
     for share in TIGHTER:
         tight = replace(
             limits,
@@ -97,14 +102,17 @@ def timed_seam(
             if worst > 1.0:
                 reason = Refusal("seam_exceeds_between", measured=worst, remedy=DIVIDE)
                 break
-            residual, uneven = _deviations(path.chain, profile, trajectory)
-            if residual <= OPEN and uneven <= UNEVEN:
+            residual, uneven, acceleration = _deviations(path.chain, profile, trajectory)
+            excess = acceleration / allowed - 1.0
+            if residual <= OPEN and max(uneven, excess) <= UNEVEN:
                 capped = profile.speed >= cap * CAP_MARGIN * AS_ASKED
                 return TimedSeam(trajectory, profile, residual, capped)
             reason = (
                 Refusal("seam_opens", measured=residual, remedy=DIVIDE, more={"um": residual * 1e6})
                 if residual > OPEN
                 else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
+                if uneven > UNEVEN
+                else Refusal("seam_rushes", measured=excess, remedy=DIVIDE)
             )
             # A spline's error falls with the fourth power of its knots' distance.
             if residual > OPEN * 2.0 * 16.0 ** (len(SPACINGS) - 1 - k):
@@ -209,8 +217,13 @@ def _largest_share(trajectory: Trajectory, limits: JointLimits) -> float:
 
 def _deviations(
     chain: Chain, profile: SteadyProfile, trajectory: Trajectory
-) -> tuple[float, float]:
-    """Returns how far the chain is open at most, and the share by which its steady speed is off, between knots too."""
+) -> tuple[float, float, float]:
+    """Returns how a motion strays between its knots too.
+
+    Returns:
+        How far the chain is open at most [m, rad], the share by which the steady speed is off, and the greatest
+        acceleration along the seam [1/s²].
+    """
     knots = np.unique(trajectory.time)
     share = np.arange(PER_KNOT) / PER_KNOT
     time = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
@@ -222,7 +235,17 @@ def _deviations(
         left.append(chain.part_equations(bodies, *hold.at(nearest)).left)
     residual = float(max(np.abs(one).max() for one in left))
     steady = (time > profile.start.time) & (time < profile.duration - profile.end.time)
-    if steady.sum() < 2:
-        return residual, 0.0
     rate = np.diff(nearest[steady]) / np.diff(time[steady])
-    return residual, float(np.abs(rate / profile.speed - 1.0).max())
+    off = np.abs(rate / profile.speed - 1.0)
+    return residual, float(off.max(initial=0.0)), _acceleration(chain, profile, trajectory)
+
+
+def _acceleration(chain: Chain, profile: SteadyProfile, trajectory: Trajectory) -> float:
+    """Returns the greatest acceleration along the seam at a motion's knots [1/s²], where a spline has it."""
+    step = min(MOMENT, profile.duration / 100.0)
+    knots = np.unique(np.clip(trajectory.time, step, profile.duration - step))
+    behind, here, ahead = (
+        chain.nearest_share(chain.bodies(trajectory.at(time)[0]), profile.at(time)[0])
+        for time in (knots - step, knots, knots + step)
+    )
+    return float(np.abs(ahead - 2.0 * here + behind).max() / step**2)
