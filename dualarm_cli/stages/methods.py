@@ -10,10 +10,8 @@ from dualarm_cli.registry import Registry, Solver
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.peers.continuous import refine
-from dualarm_cli.stages.peers.grid import local_search
 from dualarm_cli.stages.peers.ipopt import nonlinear_program
 from dualarm_cli.stages.peers.repair import repaired
-from dualarm_cli.stages.peers.swarm import particle_swarm
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated
@@ -23,29 +21,6 @@ from dualarm_cli.stages.serving import FIXED, SEQUENCE, why_unserved
 from dualarm_cli.stages.stages import choose_stages
 
 Improve = Callable[[SequenceProblem, tuple[StopTable, ...], Evaluated], Evaluated]
-
-
-def solve_grid(problem: MethodProblem) -> Decided:
-    """Returns the plan of the method `minimum_time`, improved by local search."""
-    start = _greedy_start(problem, MINIMUM_TIME)
-
-    def improve(
-        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
-    ) -> Evaluated:
-        return local_search(numbers, tables, plan, problem.effort)
-
-    return _improved(problem, start, "grid", improve)
-
-
-def solve_swarm(problem: MethodProblem) -> Decided:
-    """Returns the best plan of a particle swarm around the plan of the method `fixed`."""
-
-    def improve(
-        numbers: SequenceProblem, tables: tuple[StopTable, ...], plan: Evaluated
-    ) -> Evaluated:
-        return particle_swarm(numbers, tables, plan, problem.effort, problem.seed)
-
-    return _improved(problem, _greedy_start(problem, "fixed"), "swarm", improve)
 
 
 def solve_ipopt(problem: MethodProblem) -> Decided:
@@ -160,20 +135,6 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
                 else _served(solver.name, _needs_turntable),
             )
             for solver in PLATFORM_SOLVERS
-        ),
-        Solver(
-            name="grid",
-            solve=solve_grid,
-            summary="Peer: local search over single decisions, from the plan of `minimum_time`.",
-            reference="compass search [Kolda2003]",
-            why_unsupported=_served("grid"),
-        ),
-        Solver(
-            name="swarm",
-            solve=solve_swarm,
-            summary="Peer: particle swarm over all continuous decisions from the plan of `fixed`.",
-            reference="[Clerc2002]",
-            why_unsupported=_served("swarm"),
         ),
         Solver(
             name="ipopt",

@@ -13,9 +13,6 @@ from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
-from dualarm_cli.stages.peers.grid import local_search
-from dualarm_cli.stages.peers.ipopt import nonlinear_program
-from dualarm_cli.stages.peers.repair import repaired
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
 from dualarm_cli.stages.search.search import WHOLE, FoundSequence, evening, search, search_near
 from dualarm_cli.stages.search.stops import StopTable
@@ -143,9 +140,6 @@ REFINED = 0.08
 """A simpler method's plan is refined only if it is slower by less than this share: refining gains 1 to 7 percent."""
 FEW_STAGES = 12
 """Up to so many stages, and with thorough effort, the refined plan of `minimum_time` competes in any case."""
-SHORT = range(2, 5)
-"""With so many stages the search starts from local optima of the peers as well, which takes them tenths of a second:
-the fewer the stages, the less does the grid tell which of many local optima is best."""
 REFINED_MOVES = 0.03
 """Else it does only if its rough plan is slower by less than this share: refining it takes as long as the search."""
 LONG = 50
@@ -190,8 +184,6 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     decided = [decisions_of(numbers, model, stages) for stages in starts.values()]
     if problem.start is not None:
         decided.append(problem.start)
-    if starts and len(job.stages()) in SHORT:
-        decided += _other_basins(problem, numbers)
     found = search(numbers, decided, problem.effort, problem.seed)
     if found is None and nearby:
         return Decided(nearby[0])
@@ -248,23 +240,6 @@ def _starts(
         elif not any(same_postures(plan, other) for other in starts.values()):
             starts[name] = plan
     return starts, failure
-
-
-def _other_basins(problem: MethodProblem, numbers: SequenceProblem) -> list[Decisions]:
-    """Returns local optima that other methods find from simple plans."""
-    tables = tuple(StopTable.of(work) for work in numbers.arms)
-    methods = {"fixed": nonlinear_program, MINIMUM_TIME: local_search}
-    plans = choose_stages_with(
-        problem.model, problem.job, list(methods), problem.redundancy, holding=problem.holding
-    )
-    found = []
-    for name, plan in plans.items():
-        if isinstance(plan, InfeasibleError):
-            continue
-        start = repaired(numbers, tables, decisions_of(numbers, problem.model, plan))
-        if start is not None:
-            found.append(methods[name](numbers, tables, start, problem.effort).decisions)
-    return found
 
 
 def _grid_gap(found: FoundSequence) -> float | None:

@@ -109,7 +109,7 @@ def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
         assert schedule.clearance_cost <= 0.1 * blind.duration
 
 
-@pytest.mark.parametrize("method", ["fixed", "exact", "minimum_time", "swarm", "continuous"])
+@pytest.mark.parametrize("method", ["fixed", "exact", "minimum_time", "ipopt", "continuous"])
 def test_every_kind_of_method_keeps_clear(packing, method):
     """Greedy ones, a peer from a greedy plan, and the refinement of the sequence's plan."""
     schedule = plan_without_bound(packing, dataclasses.replace(QUICK, platform=method))

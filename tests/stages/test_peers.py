@@ -8,13 +8,10 @@ import pytest
 from dualarm_cli.bound.bound import lower_bound
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.stages.peers.grid import FIRST_STEP, SMALLEST_STEP, local_search
 from dualarm_cli.stages.peers.ipopt import nonlinear_program
 from dualarm_cli.stages.peers.repair import repaired
-from dualarm_cli.stages.peers.swarm import particle_swarm
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
-from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.stages import choose_stages
@@ -30,33 +27,6 @@ def start(tasks_folder):
     tables = tuple(StopTable.of(work) for work in problem.arms)
     plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
     return problem, tables, evaluate(problem, tables, decisions_of(problem, model, plans))
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_local_search_ends_where_no_step_helps(start, closed):
-    """It gains, and no single variable moved by the last step gains any more; cycles that close anywhere too."""
-    problem, tables, plan = start
-    if closed:
-        problem = dataclasses.replace(problem, free_start=True, returns=True)
-        plan = evaluate(problem, tables, plan.decisions)
-    better = local_search(problem, tables, plan, "quick")
-    assert better.total < plan.total
-    variables = Variables.of(problem)
-    step = FIRST_STEP
-    while step * 0.5 >= SMALLEST_STEP["quick"]:
-        step *= 0.5
-    for one in np.eye(variables.count) * step:
-        for sign in (1.0, -1.0):
-            moved = variables.moved(better.decisions, sign * one)
-            if problem.platform_range[0] <= moved.angle.min() <= moved.angle.max():
-                assert evaluate(problem, tables, moved).total > better.total - 2e-9
-
-
-def test_the_swarm_gains_and_depends_on_its_seed_alone(start):
-    """The same seed gives the same plan."""
-    problem, tables, plan = start
-    one, two = (particle_swarm(problem, tables, plan, "quick", 7) for _ in range(2))
-    assert one.total == two.total < plan.total
 
 
 def test_ipopt_gains_and_gives_the_same_twice(start):
