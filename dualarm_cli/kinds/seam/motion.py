@@ -83,9 +83,8 @@ def timed_seam(
         cap: largest steady speed for which all tools keep to their cap in the world [1/s].
     """
     jumps = trapezoid and not np.isfinite(limits.jerk).any()
-                else Refusal("seam_uneven", measured=uneven, remedy=DIVIDE)
-                if uneven > UNEVEN
-                else Refusal("seam_rushes", measured=excess, remedy=DIVIDE)
+    allowed = np.inf if work.acceleration is None else work.acceleration * pace**2 / work.length
+    reason = Refusal("seam_exceeds_limits", remedy=DIVIDE)
     for share in TIGHTER:
         tight = replace(
             limits,
