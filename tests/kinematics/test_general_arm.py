@@ -16,7 +16,7 @@ def measured(general_robots, name, side):
     """One arm in a carried frame that is neither the root nor parallel to it."""
     robot = general_robots.ROBOTS[name]
     model = pin.buildModelFromXML(robot.urdf)
-    joints = [f"{side}_j{k}" for k in range(1, robot.axes + 1)]
+    joints = [f"{side}_j{k}" for k in range(1, len(robot.home[side]) + 1)]
     columns = [model.idx_qs[model.getJointId(joint)] for joint in joints]
     limits = model.lowerPositionLimit[columns], model.upperPositionLimit[columns]
     return model, columns, GeneralArm.from_model(model, joints, f"{side}_flange", BASE, limits)

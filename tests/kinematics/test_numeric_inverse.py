@@ -14,7 +14,7 @@ def arm_of(general_robots, name, side="left"):
     """One arm in its root's frame."""
     robot = general_robots.ROBOTS[name]
     model = pin.buildModelFromXML(robot.urdf)
-    joints = [f"{side}_j{k}" for k in range(1, robot.axes + 1)]
+    joints = [f"{side}_j{k}" for k in range(1, len(robot.home[side]) + 1)]
     columns = [model.idx_qs[model.getJointId(joint)] for joint in joints]
     limits = model.lowerPositionLimit[columns], model.upperPositionLimit[columns]
     return GeneralArm.from_model(model, joints, f"{side}_flange", pin.SE3.Identity(), limits)
