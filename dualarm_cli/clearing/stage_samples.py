@@ -15,7 +15,7 @@ from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.motion import Motion
-from dualarm_cli.motion.transfers import PLATFORM
+from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
@@ -330,21 +330,9 @@ class StageContext:
 
     def way_by(self, name: str, detour: Detour) -> ArmWay:
         """Returns an arm's way by a posture."""
-        limits = self.job.cell.robot.limits.scaled(self.job.speed)
-        columns = {arm: self.model.arms[arm].columns for arm in self.model.arms}
-        if self.platform is not None:
-            columns[PLATFORM] = self.model.platform_columns
+        drive = Drive.of(self.model, self.job, self.timing)
         plan = replace(self.plan, detours={name: detour})
-        pieces = detour_pieces(
-            self.model,
-            plan,
-            name,
-            columns,
-            limits,
-            self.timing,
-            self.job.tool_speed,
-            self.platform,
-        )
+        pieces = detour_pieces(drive, plan, name, self.platform)
         base = self.ways[name]
         rows = [piece.at(np.arange(0.0, piece.duration, self.samples.step))[0] for piece in pieces]
         out = np.concatenate([base.q[:1], *rows])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import comb
@@ -11,18 +11,17 @@ import numpy as np
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.transfers import (
     PLATFORM,
+    Drive,
     largest_tool_speed,
     slowed,
     transfers_within_tool_speed,
 )
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem
@@ -162,32 +161,21 @@ CURVE_KNOTS = 48
 
 
 def detour_pieces(
-    model: CellModel,
-    plan: StagePlan,
-    name: str,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
-    cap: float | None,
-    platform: Trajectory | None,
+    drive: Drive, plan: StagePlan, name: str, platform: Trajectory | None
 ) -> list[Trajectory]:
     """Returns an arm's way by a posture: there, a pause, and on; or in one curve that does not stop there.
 
     Args:
-        model: the cell.
+        drive: of the job.
         plan: the stage, with a detour of the arm.
         name: the arm.
-        columns: columns of each joint group within the limits' joints.
-        limits: what the joints may do.
-        timing: how transfers are timed.
-        cap: largest speed of any tool centre point in the world [m/s], or None.
         platform: what the platform does meanwhile; None where it stands.
 
     Raises:
         InfeasibleError: the tool exceeds its cap however slowly the arm goes, since the platform moves it.
     """
-    detour, index = plan.detours[name], columns[name]
-    joints = tuple(limits.joints[i] for i in index)
+    detour, index = plan.detours[name], drive.columns[name]
+    joints = drive.joints(name)
     if detour.pause is None:
         points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
         late = plan.waits.get(name, 0.0)
@@ -195,11 +183,11 @@ def detour_pieces(
         def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
             q = np.tile(plan.start, (len(time), 1))
             if platform is not None:
-                q[:, columns[PLATFORM]] = platform.at(time + late)[0]
+                q[:, drive.columns[PLATFORM]] = platform.at(time + late)[0]
             q[:, index] = piece.at(time)[0]
             return q
 
-        return [_along(model, [name], joints, points, limits, timing, cap, position_at)]
+        return [_along(drive, [name], joints, points, position_at)]
     between = np.array(plan.start)
     between[index] = detour.points[0]
     goal = np.array(plan.start)
@@ -207,21 +195,14 @@ def detour_pieces(
     legs = []
     for start, end in ((plan.start, between), (between, goal)):
         alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
-        moved = transfers_within_tool_speed(model, alone, columns, limits, timing, cap)
+        moved = transfers_within_tool_speed(drive, alone)
         legs.append([moved.motion[name]] if name in moved.motion else [])
     # The posture may be the start itself: the pause comes first then.
     pause = [hold(joints, detour.points[0], detour.pause)] if detour.pause > 0.0 else []
     return [*legs[0], *pause, *legs[1]]
 
 
-def path_pieces(
-    model: CellModel,
-    plan: StagePlan,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
-    cap: float | None,
-) -> dict[str, Trajectory]:
+def path_pieces(drive: Drive, plan: StagePlan) -> dict[str, Trajectory]:
     """Returns the motion of every joint group along a stage's common path; arguments as of `detour_pieces`."""
     assert plan.path is not None  # asked for only where there is one
 
@@ -229,50 +210,42 @@ def path_pieces(
         q: FloatArray = piece.at(time)[0]
         return q
 
-    arms = list(model.arms)
-    whole = _along(model, arms, limits.joints, plan.path, limits, timing, cap, position_at)
-    return {
-        name: whole.select([limits.joints[i] for i in index]) for name, index in columns.items()
-    }
+    whole = _along(drive, list(drive.model.arms), drive.limits.joints, plan.path, position_at)
+    return {name: whole.select(list(drive.joints(name))) for name in drive.columns}
 
 
 def _along(
-    model: CellModel,
+    drive: Drive,
     arms: Sequence[str],
     joints: tuple[str, ...],
     points: FloatArray,
-    limits: JointLimits,
-    timing: TimingSolver,
-    cap: float | None,
     position_at: Callable[[Trajectory, FloatArray], FloatArray],
 ) -> Trajectory:
     """Returns the quickest motion along points of a curve [rad], shape (m, n), in which no tool exceeds its cap.
 
     Args:
-        model: the cell.
+        drive: of the job.
         arms: those whose tools count.
         joints: that move along the curve.
         points: of the curve.
-        limits: what the joints may do.
-        timing: how curves are timed.
-        cap: largest speed of those tool centre points in the world [m/s], or None.
         position_at: all joints (m, columns) [rad] with a motion along the curve at instants (m,) [s].
 
     Raises:
         InfeasibleError: a tool exceeds its cap at any speed along the curve.
     """
-    share, own = np.linspace(0.0, 1.0, len(points)), limits.select(joints)
+    share, own = np.linspace(0.0, 1.0, len(points)), drive.limits.select(joints)
+    cap = drive.cap
 
     def made(factor: float) -> Trajectory:
         slower = replace(own, velocity=own.velocity * factor)
-        return timing.line(LineProblem(joints, points, share, slower, None, CURVE_KNOTS))
+        return drive.timing.line(LineProblem(joints, points, share, slower, None, CURVE_KNOTS))
 
     if cap is None:
         return made(1.0)
 
     def speed(piece: Trajectory) -> float:
         return largest_tool_speed(
-            model, arms, lambda time: position_at(piece, time), piece.duration
+            drive.model, arms, lambda time: position_at(piece, time), piece.duration
         )
 
     found = slowed(made, speed, cap)

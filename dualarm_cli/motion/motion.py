@@ -10,7 +10,6 @@ import numpy as np
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces, path_pieces
@@ -26,6 +25,7 @@ from dualarm_cli.motion.stop_motion import (
 )
 from dualarm_cli.motion.transfers import (
     PLATFORM,
+    Drive,
     Transfers,
     transfers_within_tool_speed,
 )
@@ -145,35 +145,26 @@ class Move:
 
 
 def moves_to_lines(
-    model: CellModel,
+    drive: Drive,
     plan: StagePlan,
     name: str,
     transfers: Transfers,
     together: Mapping[str, Trajectory],
     platform_end: float,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
-    cap: float | None,
     held: float = 0.0,
 ) -> list[Move]:
     """Returns what a group does from a stage's start until its lines begin, or until it has returned.
 
     Args:
-        model: the cell.
+        drive: of the job.
         plan: the stage.
         name: the group.
         transfers: the stage's straight transfers.
         together: by group, where all joints move along one path.
         platform_end: when the platform is there, counted from the stage's start [s].
-        columns: columns of each group within the limits' joints.
-        limits: what the joints may do.
-        timing: how transfers are timed.
-        cap: largest speed of any tool centre point [m/s], or None.
         held: how long it stands first, for what a conveyor brings [s].
     """
-    index = columns[name]
-    joints = tuple(limits.joints[i] for i in index)
+    index, joints = drive.columns[name], drive.joints(name)
     late = plan.waits.get(name, 0.0)
     moves = [Move(hold(joints, plan.start[index], late), "shared_zone")] if late > 0.0 else []
     if held > 0.0:
@@ -182,9 +173,7 @@ def moves_to_lines(
     if name in together:
         moves.append(Move(together[name]))
     elif name in plan.detours:
-        pieces = detour_pieces(
-            model, plan, name, columns, limits, timing, cap, transfers.motion.get(PLATFORM)
-        )
+        pieces = detour_pieces(drive, plan, name, transfers.motion.get(PLATFORM))
         moves += [Move(piece, "shared_zone" if _stands(piece) else "") for piece in pieces]
         # Its line begins when the platform is there as well.
         rest = platform_end - (late + sum(piece.duration for piece in pieces))
@@ -236,10 +225,8 @@ def realise(
         windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
         clock: when the first stage begins [s], for its windows; the motion itself is from 0.
     """
-    robot = job.cell.robot
-    limits = robot.limits.scaled(job.speed)
-    columns = {PLATFORM: model.platform_columns} if robot.platform else {}
-    columns |= {name: arm.columns for name, arm in model.arms.items()}
+    robot, drive = job.cell.robot, Drive.of(model, job, timing)
+    columns = drive.columns
     record = Recorder(
         {name: [] for name in columns},
         {name: [] for name in model.arms},
@@ -248,9 +235,7 @@ def realise(
     for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):
         key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
         if key not in record.known.transfers:
-            record.known.transfers[key] = transfers_within_tool_speed(
-                model, plan, columns, limits, timing, job.tool_speed
-            )
+            record.known.transfers[key] = transfers_within_tool_speed(drive, plan)
         transfers = record.known.transfers[key]
         begin = record.clock
 
@@ -258,18 +243,17 @@ def realise(
             held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
         ) -> dict[str, float]:
             alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
-            _add_stage(alone, model, job, plan, transfers, columns, limits, timing, held, {})
+            _add_stage(alone, drive, plan, transfers, held, {})
             return {event.arm: event.time for event in alone.events}
 
         waits = stage_waits(plan, arrivals, list(model.arms), clock + begin if windows else None)
-        _wait(record, plan, waits, columns, limits.joints)
-        _add_stage(record, model, job, plan, transfers, columns, limits, timing, waits.held, after)
+        _wait(record, drive, plan, waits)
+        _add_stage(record, drive, plan, transfers, waits.held, after)
         record.stages[-1] = replace(record.stages[-1], start=begin)
     for name, index in columns.items():
         if not record.pieces[name]:
             # Nothing ever moves: a free start that is also the end.
-            joints = tuple(robot.joints[i] for i in index)
-            record.pieces[name].append(hold(joints, plans[-1].end[index], 0.0))
+            record.pieces[name].append(hold(drive.joints(name), plans[-1].end[index], 0.0))
     trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
     events = [at_knot(event, trajectory.time) for event in record.events]
     return Motion(
@@ -280,19 +264,12 @@ def realise(
     )
 
 
-def _wait(
-    record: Recorder,
-    plan: StagePlan,
-    waits: StageWaits,
-    columns: Mapping[str, list[int]],
-    joints: tuple[str, ...],
-) -> None:
+def _wait(record: Recorder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:
     """Lets all joints stand before a stage begins, so that in the stage itself everything stays as it is."""
     if waits.common <= 0.0:
         return
-    for name, index in columns.items():
-        group = tuple(joints[i] for i in index)
-        record.pieces[name].append(hold(group, plan.start[index], waits.common))
+    for name, index in drive.columns.items():
+        record.pieces[name].append(hold(drive.joints(name), plan.start[index], waits.common))
         if name != PLATFORM:
             span = record.clock, record.clock + waits.common
             add_segment(record, name, "wait", plan.stops.get(name), *span, waits.reasons[name])
@@ -301,13 +278,9 @@ def _wait(
 
 def _add_stage(
     record: Recorder,
-    model: CellModel,
-    job: Job,
+    drive: Drive,
     plan: StagePlan,
     transfers: Transfers,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
     held: Mapping[str, float],
     after: Mapping[str, ArmStop],
 ) -> None:
@@ -315,25 +288,12 @@ def _add_stage(
 
     `after` has the next stops of arms that wait for a task to be over.
     """
-    begin, ends = record.clock, dict.fromkeys(columns, 0.0)
-    together = {}
-    if plan.path is not None:
-        together = path_pieces(model, plan, columns, limits, timing, job.tool_speed)
+    begin, ends = record.clock, dict.fromkeys(drive.columns, 0.0)
+    together = {} if plan.path is None else path_pieces(drive, plan)
     kind: SegmentKind = "transfer" if plan.stops else "return"
-    for name in columns:
-        moves = moves_to_lines(
-            model,
-            plan,
-            name,
-            transfers,
-            together,
-            ends.get(PLATFORM, 0.0),
-            columns,
-            limits,
-            timing,
-            job.tool_speed,
-            held.get(name, 0.0),
-        )
+    for name in drive.columns:
+        there = ends.get(PLATFORM, 0.0)
+        moves = moves_to_lines(drive, plan, name, transfers, together, there, held.get(name, 0.0))
         for reason, run in groupby(moves, key=lambda move: move.reason):
             pieces = [move.motion for move in run]
             record.pieces[name] += pieces
@@ -346,17 +306,16 @@ def _add_stage(
     arrived = dict(ends)
     pair = giver_and_taker(plan.stops)
     if pair is not None:
-        ends |= add_handover(record, model, job, plan, pair, ends, limits, timing)
+        ends |= add_handover(record, drive, plan, pair, ends)
     else:
         for name, arm_stop in plan.stops.items():
-            clock = begin + ends[name]
-            end = add_stop(record, model, job, plan, arm_stop, clock, limits, timing)
-            ends[name] = end - begin
+            ends[name] = add_stop(record, drive, plan, arm_stop, begin + ends[name]) - begin
     length = max(ends.values())
-    for name, index in columns.items():
+    for name, index in drive.columns.items():
         if ends[name] < length:
-            names = tuple(model.cell.robot.joints[i] for i in index)
-            record.pieces[name].append(hold(names, plan.end[index], length - ends[name]))
+            record.pieces[name].append(
+                hold(drive.joints(name), plan.end[index], length - ends[name])
+            )
             if name != PLATFORM:
                 span = begin + ends[name], begin + length
                 why: WaitReason = "after" if name in after else "partner"
@@ -365,4 +324,4 @@ def _add_stage(
     # In a hand-over the one that comes last decides, not the one that leaves last.
     last = ends if pair is None else arrived
     critical = max(plan.stops, key=lambda name: last[name], default="")
-    record.stages.append(stage_of(model, plan, transfers, begin, record.clock, critical))
+    record.stages.append(stage_of(drive.model, plan, transfers, begin, record.clock, critical))

@@ -11,11 +11,11 @@ import pinocchio as pin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
+from dualarm_cli.model.job import JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.transfers import PLATFORM, Transfers
+from dualarm_cli.motion.transfers import PLATFORM, Drive, Transfers
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
@@ -190,13 +190,10 @@ class Recorder:
 
 def add_handover(
     record: Recorder,
-    model: CellModel,
-    job: Job,
+    drive: Drive,
     plan: StagePlan,
     pair: tuple[ArmStop, ArmStop],
     ends: Mapping[str, float],
-    limits: JointLimits,
-    timing: TimingSolver,
 ) -> dict[str, float]:
     """Appends a hand-over from where both tools are there; returns when each arm is done with it [s].
 
@@ -205,13 +202,10 @@ def add_handover(
 
     Args:
         record: what is planned so far.
-        model: the job's cell.
-        job: what is to be done.
+        drive: of the job.
         plan: the stage.
         pair: the giving and the taking arm's stop.
         ends: when each group is where its lines begin, from the stage's start [s].
-        limits: what the joints may do.
-        timing: how lines are timed.
     """
     begin, giver, taker = record.clock, *pair
     there = max(ends.values())
@@ -219,49 +213,43 @@ def add_handover(
     def wait(arm_stop: ArmStop, start: float, end: float) -> None:
         if end <= start:
             return
-        arm = model.arms[arm_stop.arm]
+        arm = drive.model.arms[arm_stop.arm]
         stands = hold(arm.arm.joints, plan.arrival[arm.columns], end - start)
         record.pieces[arm_stop.arm].append(stands)
         add_segment(record, arm_stop.arm, "wait", arm_stop, start, end, "partner")
 
     clock = begin + there
     wait(taker, begin + ends[taker.arm], clock)
-    gripped = add_stop(record, model, job, plan, taker, clock, limits, timing)
+    gripped = add_stop(record, drive, plan, taker, clock)
     wait(giver, begin + ends[giver.arm], gripped)
-    away = add_stop(record, model, job, plan, giver, gripped, limits, timing)
+    away = add_stop(record, drive, plan, giver, gripped)
     return {taker.arm: gripped - begin, giver.arm: away - begin}
 
 
 def add_stop(
     record: Recorder,
-    model: CellModel,
-    job: Job,
+    drive: Drive,
     plan: StagePlan,
     arm_stop: ArmStop,
     clock: float,
-    limits: JointLimits,
-    timing: TimingSolver,
 ) -> float:
     """Appends approach, dwell and retract of one arm; returns when they are over [s].
 
     Args:
         record: what is planned so far.
-        model: the job's cell.
-        job: what is to be done.
+        drive: of the job.
         plan: the stage.
         arm_stop: what the arm does in it.
         clock: when it begins [s].
-        limits: what the joints may do.
-        timing: how lines are timed.
     """
-    name = arm_stop.arm
+    name, model = arm_stop.arm, drive.model
     arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
-    own = limits.select(arm.arm.joints)
+    own = drive.limits.select(arm.arm.joints)
 
     def line(which: str) -> Trajectory:
         key = (which, *_line_key(model, plan, arm_stop))
         if key not in record.known.lines:
-            timed = solve_line(arm_stop, which, own, job.tool_speed, timing)
+            timed = solve_line(arm_stop, which, own, drive.cap, drive.timing)
             record.known.lines[key] = arm_stop.stop, timed
         return record.known.lines[key][1]
 

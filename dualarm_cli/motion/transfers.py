@@ -11,6 +11,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
@@ -39,6 +40,34 @@ SLOWEST = 4096
 
 
 @dataclass(frozen=True)
+class Drive:
+    """What the joints of a job may do and how their motion is timed."""
+
+    model: CellModel
+    """The job's cell."""
+    columns: Mapping[str, list[int]]
+    """Columns of each joint group within the limits' joints."""
+    limits: JointLimits
+    """Of all joints, at the job's pace."""
+    timing: TimingSolver
+    """How transfers, lines and curves are timed."""
+    cap: float | None
+    """Largest speed of any tool centre point in the world [m/s], or None."""
+
+    @staticmethod
+    def of(model: CellModel, job: Job, timing: TimingSolver) -> Drive:
+        """Returns the drive of a job: the platform's group, if there is one, then the arms'."""
+        robot = job.cell.robot
+        columns = {PLATFORM: model.platform_columns} if robot.platform else {}
+        columns |= {name: arm.columns for name, arm in model.arms.items()}
+        return Drive(model, columns, robot.limits.scaled(job.speed), timing, job.tool_speed)
+
+    def joints(self, group: str) -> tuple[str, ...]:
+        """Returns the names of a group's joints."""
+        return tuple(self.limits.joints[i] for i in self.columns[group])
+
+
+@dataclass(frozen=True)
 class Transfers:
     """One stage's transfers."""
 
@@ -62,12 +91,7 @@ class Transfers:
         return TOOL_SPEED if self.capped else self.slowest[slowest]
 
 
-def time_transfers(
-    plan: StagePlan,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
-) -> Transfers:
+def time_transfers(drive: Drive, plan: StagePlan) -> Transfers:
     """Returns the transfers of one stage.
 
     An arm's transfer lasts as long as its slowest joint, or the platform's where that is slower, because its line
@@ -75,11 +99,10 @@ def time_transfers(
     together.
 
     Args:
+        drive: of the job.
         plan: the stage.
-        columns: columns of each joint group within the limits' joints.
-        limits: what the joints may do.
-        timing: how a transfer is timed.
     """
+    columns, limits = drive.columns, drive.limits
     moved = np.abs(plan.arrival - plan.start)
     alone = rest_to_rest_duration(moved, limits.velocity, limits.acceleration, limits.jerk)
     times = {g: float(alone[index].max()) for g, index in columns.items()}
@@ -96,51 +119,42 @@ def time_transfers(
     motion = {}
     for group, index in columns.items():
         if times[group] > 0 or group in plan.stops:
-            names = tuple(limits.joints[i] for i in index)
+            names = drive.joints(group)
             own = limits.select(names)
-            motion[group] = timing.transfer(
+            motion[group] = drive.timing.transfer(
                 TransferProblem(names, plan.start[index], plan.arrival[index], own, lengths[group])
             )
     joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
     return Transfers(motion, times, joint_times, slowest)
 
 
-def transfers_within_tool_speed(
-    model: CellModel,
-    plan: StagePlan,
-    columns: Mapping[str, list[int]],
-    limits: JointLimits,
-    timing: TimingSolver,
-    cap: float | None,
-) -> Transfers:
+def transfers_within_tool_speed(drive: Drive, plan: StagePlan) -> Transfers:
     """Returns the transfers, slowed until no tool exceeds the cap on its speed.
 
     All joint velocity limits are lowered by one factor; accelerations and jerks stay, so that the tools reach the cap
     as fast as before.
 
     Args:
-        model: the cell.
+        drive: of the job.
         plan: the stage.
-        columns: columns of each joint group within the limits' joints.
-        limits: what the joints may do.
-        timing: how a transfer is timed.
-        cap: largest speed of any tool centre point in the world [m/s], or None.
     """
-    transfers = time_transfers(plan, columns, limits, timing)
+    transfers, cap, limits = time_transfers(drive, plan), drive.cap, drive.limits
     if cap is None or not transfers.motion:
         return transfers
 
     def slower(factor: float) -> Transfers:
         if factor == 1.0:
             return transfers
-        return time_transfers(
-            plan, columns, replace(limits, velocity=limits.velocity * factor), timing
-        )
+        slow = replace(limits, velocity=limits.velocity * factor)
+        return time_transfers(replace(drive, limits=slow), plan)
 
     def speed(tried: Transfers) -> float:
         length = max(t.duration for t in tried.motion.values())
         return largest_tool_speed(
-            model, list(model.arms), lambda time: _positions(plan, columns, tried, time), length
+            drive.model,
+            list(drive.model.arms),
+            lambda time: _positions(plan, drive.columns, tried, time),
+            length,
         )
 
     best = slowed(slower, speed, cap)

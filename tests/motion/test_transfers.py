@@ -13,9 +13,9 @@ from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.transfers import (
     CLOSE,
-    PLATFORM,
     SLOWEST,
     SPEED_MARGIN,
+    Drive,
     largest_tool_speed,
     slowed,
     transfers_within_tool_speed,
@@ -59,17 +59,16 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
     job = load_job(tasks_folder / "04_packing" / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:6])
     model = CellModel.from_cell(job.cell)
-    columns = {PLATFORM: model.platform_columns}
-    columns |= {name: arm.columns for name, arm in model.arms.items()}
-    limits, timing = job.cell.robot.limits, TIMING_SOLVERS["ruckig"]
+    capped = dataclasses.replace(job, speed=1.0, tool_speed=cap)
+    drive = Drive.of(model, capped, TIMING_SOLVERS["ruckig"])
     slower = 0
     for plan in choose_stages(model, job, "exact", "arm_angle", refine=False):
-        moved = transfers_within_tool_speed(model, plan, columns, limits, timing, cap)
+        moved = transfers_within_tool_speed(drive, plan)
         length = max(t.duration for t in moved.motion.values())
         time = np.linspace(0.0, length, 20_001)
         q = np.tile(plan.start, (len(time), 1))
         for group, trajectory in moved.motion.items():
-            q[:, columns[group]] = trajectory.at(time)[0]
+            q[:, drive.columns[group]] = trajectory.at(time)[0]
         dense = max(
             float(np.linalg.norm(np.diff(model.tool_position(arm, q), axis=0), axis=1).max())
             for arm in model.arms
@@ -78,7 +77,7 @@ def test_the_fastest_tool_is_found_between_the_instants_that_are_looked_at_first
         def position_at(t, moved=moved, plan=plan):
             q = np.tile(plan.start, (len(t), 1))
             for group, trajectory in moved.motion.items():
-                q[:, columns[group]] = trajectory.at(t)[0]
+                q[:, drive.columns[group]] = trajectory.at(t)[0]
             return q
 
         found = largest_tool_speed(model, list(model.arms), position_at, length)

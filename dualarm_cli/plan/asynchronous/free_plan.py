@@ -19,7 +19,7 @@ from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.motion import Motion
 from dualarm_cli.motion.stop_motion import at_knot
-from dualarm_cli.motion.transfers import PLATFORM, transfers_within_tool_speed
+from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
 from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.plan.asynchronous.meeting_arms import ArmCoordination
@@ -162,12 +162,8 @@ class FreePlanner:
         if np.array_equal(start[index], work[index]):
             return hold(robot.platform, start[index], 0.0)
         plan = StagePlan(start, work, work, {}, "turn", 0.0)
-        columns = {PLATFORM: index}
-        limits = robot.limits.scaled(job.speed)
-        transfers = transfers_within_tool_speed(
-            model, plan, columns, limits, self.timing, job.tool_speed
-        )
-        return transfers.motion[PLATFORM]
+        drive = Drive.of(model, job, self.timing)
+        return transfers_within_tool_speed(drive, plan).motion[PLATFORM]
 
     def _joined(
         self,
