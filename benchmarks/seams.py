@@ -19,6 +19,7 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
@@ -26,7 +27,6 @@ from dualarm_cli.kinds.seam.closed_chain.starts import beyond_limits, seam_start
 from dualarm_cli.kinds.seam.closed_chain.ways import steady_time
 from dualarm_cli.kinds.seam.motion import timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
-from dualarm_cli.kinds.seam.plan import SAMPLES, TRIED
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
 from dualarm_cli.model.curves.feature_curve import FeatureCurve
 from dualarm_cli.model.curves.point_spline import PointSpline
@@ -138,8 +138,8 @@ def _problem(job: Job, work: SeamWork, effort: str, seed: int) -> SeamProblem:
         near=None,
         begin=None,
         time=work.length / FAST,
-        samples=SAMPLES[effort],
-        tried=TRIED[effort],
+        samples=EFFORTS[effort].seam_samples,
+        tried=EFFORTS[effort].seam_starts,
         seed=seed,
         coming=None,
         goes_on=None,
@@ -173,7 +173,7 @@ def main() -> None:
     """Runs what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("which", nargs="?", choices=["still-and-moving", "platform"])
-    parser.add_argument("--effort", default="normal", choices=list(SAMPLES))
+    parser.add_argument("--effort", default="normal", choices=list(EFFORTS))
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     job = load_job(TASKS)

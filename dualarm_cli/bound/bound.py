@@ -23,7 +23,6 @@ from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.bound.cells import Resolution
 from dualarm_cli.bound.layers import (
     LAST_JOINT,
     PostureBoxes,
@@ -33,6 +32,7 @@ from dualarm_cli.bound.layers import (
     stop_boxes,
     stop_work,
 )
+from dualarm_cli.effort import EFFORTS, Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.potentials import platform_columns, transfer_table
 from dualarm_cli.stages.search.problem import SequenceProblem
@@ -210,12 +210,6 @@ ASSUMPTIONS = (
     "transfers and lines, keeps the platform still during lines and dwells, and follows the lines exactly, whatever "
     "platform angles, postures, yaws and timing it takes",
 )
-RESOLUTIONS = {
-    "quick": Resolution(np.radians(20.0), 9, 2),
-    "normal": Resolution(np.radians(15.0), 9, 3),
-    "thorough": Resolution(np.radians(5.0), 36, 3),
-}
-"""By effort."""
 ROUNDED_DOWN = 1.0 - 1e-5
 """What a bound in single precision is multiplied by."""
 TURN = 2.0 * np.pi
@@ -271,9 +265,9 @@ def lower_bound(problem: SequenceProblem, effort: str) -> LowerBound:
 
     Args:
         problem: the sequence.
-        effort: one of RESOLUTIONS: finer cells give a better bound.
+        effort: one of EFFORTS: finer cells give a better bound.
     """
-    value = _backward(problem, RESOLUTIONS[effort]) if problem.stages else 0.0
+    value = _backward(problem, EFFORTS[effort].bound) if problem.stages else 0.0
     return LowerBound(max(0.0, value * ROUNDED_DOWN), ASSUMPTIONS)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips
@@ -209,18 +210,6 @@ ROUNDING = 1e-6
 """What enclosures are widened by, since they are computed in floating point [rad]."""
 APART = 2.0
 """Ranges of one joint whose middles are this far apart are not put into one cell [rad]."""
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """How finely postures are cut into cells."""
-
-    step: float
-    """Width of the platform's cells [rad]."""
-    arm_angles: int
-    """Parts of the circle of elbows."""
-    finer: int
-    """How many times finer, in both directions, the cells are on which joints are enclosed."""
 
 
 @dataclass(frozen=True)

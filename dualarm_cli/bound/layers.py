@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from dualarm_cli.bound.cells import (
     Cells,
-    Resolution,
     free_cells,
     point_cells,
     pose_cells,
 )
+from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.postures.platform_reach import AngleCells, ShapeRates, shape_rates, turned
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem, StopTarget

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS, FreeEffort
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.job import ANY, Job
 from dualarm_cli.orders.asynchronous.exact import exact_order, is_small
@@ -29,27 +30,6 @@ ROUNDS = 4
 """So often orders are improved with what the last one has in each other's way."""
 PROMISING = 1.05
 """Angles whose first orders take longer than the best one's by more than this are left."""
-
-
-@dataclass(frozen=True)
-class FreeEffort:
-    """How hard orders are searched for."""
-
-    glance: int
-    """How often something is removed and put back at every angle."""
-    iterations: int
-    """The same at the best angles, for up to a hundred tasks."""
-    angles: int
-    """How many angles are looked at closely."""
-    proof: float
-    """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
-
-
-EFFORTS = {
-    "quick": FreeEffort(60, 1500, 1, 1.0),
-    "normal": FreeEffort(150, 6000, 3, 4.0),
-    "thorough": FreeEffort(500, 60000, 6, 40.0),
-}
 
 
 @dataclass(frozen=True)
@@ -88,7 +68,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
         seed: of all randomness.
         watch: is told the best so far.
     """
-    how = EFFORTS[effort]
+    how = EFFORTS[effort].clocks
     if order.job.is_decided:
         how = FreeEffort(0, 0, how.angles, how.proof)
     reached = order.reached().any(axis=0).all(axis=0)

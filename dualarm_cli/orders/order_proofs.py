@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.stage_order_model import StageModel
@@ -13,7 +14,7 @@ from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.graph import ENDS, StageGraph
 from dualarm_cli.orders.proof.near import near_orders
-from dualarm_cli.orders.proof.proof import ProofEffort, StageProof, can_prove, prove_order
+from dualarm_cli.orders.proof.proof import StageProof, can_prove, prove_order
 from dualarm_cli.orders.proof.relaxation import of_stages, pair_bound
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.stages.search.clearance import SAMPLES
@@ -107,46 +108,13 @@ class OrderMoves:
         return found
 
 
-FULL = 24
-"""Up to so many stops everything is done that an effort says."""
 MOST_TASKS = 60
 """Of so many tasks at most CP-SAT looks for a bound."""
 
 
-@dataclass(frozen=True)
-class BoundEffort:
-    """How hard a bound is looked for, and orders on the way to it."""
-
-    nodes: int
-    """Up to so many stages that may be, dynamic programming over the stops made serves."""
-    proof: ProofEffort
-    """How hard it tries."""
-    near: tuple[int, int, int]
-    """Labels, orders and rounds of looking closely at orders that are nearly as good."""
-    seconds: float
-    """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
-
-    def of_stops(self, stops: int) -> BoundEffort:
-        """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
-        share = min(1.0, FULL / max(1, stops))
-        labels, count, rounds = self.near
-        near = round(share * labels), round(share * count), max(2, round(share**2 * rounds))
-        return replace(
-            self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
-        )
-
-
-EFFORTS = {
-    "quick": BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
-    "normal": BoundEffort(7_000, ProofEffort(80, 200_000), (20_000, 60, 8), 4.0),
-    "thorough": BoundEffort(12_000, ProofEffort(150, 1_500_000), (60_000, 200, 12), 30.0),
-}
-"""How hard bounds are looked for."""
-
-
 def is_provable(problem: StageProblem, effort: str) -> bool:
     """Returns whether orders are bounded, and better ones found, by dynamic programming over the stops made."""
-    return can_prove(problem, EFFORTS[effort].nodes)
+    return can_prove(problem, EFFORTS[effort].order_bound.nodes)
 
 
 def proven_orders(
@@ -170,7 +138,7 @@ def proven_orders(
         watch: is told how it goes, and may end it.
     """
     watch.tell("bounding all orders, and looking for better ones on the way")
-    how = EFFORTS[effort].of_stops(problem.stops)
+    how = EFFORTS[effort].order_bound.of_stops(problem.stops)
     waits = bool(order.job.cell.tool_changes)
     told = (lambda _: None) if waits else watch.bounded
     proven = prove_order(problem, best, how.proof, watch.stop, watch.found, told)
@@ -193,7 +161,7 @@ def _near(
     more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
     if proven.graph is None or proven.prices is None or order.clearance is None or more:
         return []
-    labels, count, rounds = EFFORTS[effort].of_stops(problem.stops).near
+    labels, count, rounds = EFFORTS[effort].order_bound.of_stops(problem.stops).near
     return near_orders(
         proven.graph,
         proven.prices,
@@ -225,7 +193,7 @@ def least_total(
         found = pair_bound(problem)
         watch.bounded(found)
     if len(problem.tasks) <= MOST_TASKS:
-        seconds = EFFORTS[effort].seconds
+        seconds = EFFORTS[effort].order_bound.seconds
         relaxed = of_stages(problem)
         found = max(found, prove(relaxed, None, seconds, seed, watch.stop, watch.bounded).bound)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.model.job import StopKey
 from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
 from dualarm_cli.orders.watch import Watch
@@ -17,8 +18,6 @@ from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
-FULL = 40
-"""Up to so many stages as many orders are polished as an effort says."""
 MOST_TRIED = 120
 """No orders of more stages are tried."""
 RANDOM_STEPS = 4
@@ -27,31 +26,6 @@ ALIKE = 0.9
 """Orders that share more than this part of their stages are much alike: what is off the grid is so as well."""
 UNLIKELY = 10.0
 """What counts for an order in which arms touch at their stops as it stands [s]: it is one to try at last."""
-
-
-@dataclass(frozen=True)
-class TrialEffort:
-    """How many orders are tried, and how."""
-
-    polished: int
-    """So many of all that were looked at are polished."""
-    rounds: int
-    """Rounds of polishing."""
-    planned: int
-    """So many of these are planned."""
-
-    def of_stages(self, stages: int) -> TrialEffort:
-        """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
-        polished = round(self.polished * min(1.0, FULL / max(1, stages)) ** 2)
-        return replace(self, polished=max(self.planned, polished))
-
-
-TRIALS = {
-    "quick": TrialEffort(8, 1, 2),
-    "normal": TrialEffort(40, 2, 3),
-    "thorough": TrialEffort(150, 4, 6),
-}
-"""How hard orders are tried."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +60,10 @@ def most_promising(
     Args:
         search: where the orders come from.
         found: the orders; those without a plan are left as they are, at the end.
-        effort: one of TRIALS.
+        effort: one of EFFORTS.
         watch: may end it.
     """
-    how = TRIALS[effort].of_stages(max(len(one.job.stages()) for one in found))
+    how = EFFORTS[effort].trials.of_stages(max(len(one.job.stages()) for one in found))
     begun = [_begun(search, one) for one in found if one.plan is not None]
     trials = [one for one in begun if one is not None]
     others = [one for one in found if one.plan is None]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -28,7 +29,7 @@ from dualarm_cli.orders.paired.changes import (
     stages_with_changes,
     with_whole_changes,
 )
-from dualarm_cli.orders.paired.orders import StageEffort, good_orders, is_few
+from dualarm_cli.orders.paired.orders import good_orders, is_few
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem, apart
 from dualarm_cli.orders.paired.times import totals, with_angles
 from dualarm_cli.orders.proof.relaxation import of_stages, of_ways
@@ -48,12 +49,6 @@ SEARCHED = "found by removing tasks and putting them back where all is then done
 """How orders of many tasks are found."""
 
 
-EFFORTS = {
-    "quick": StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
-    "normal": StageEffort(4, 9_000, 1.5, 7_000, 4, 12),
-    "thorough": StageEffort(8, 60_000, 8.0, 50_000, 8, 20),
-}
-"""How hard orders are searched for."""
 SHORTER = 4
 """Where what bounds orders finds good ones as well, searches take so many times fewer steps."""
 
@@ -150,7 +145,7 @@ class PairedSearch:
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)
         kept = PROOF_SHARE * (watch.limit or 0.0)
-        effort, provable = EFFORTS[self.effort], is_provable(self.problem, self.effort)
+        effort, provable = EFFORTS[self.effort].orders, is_provable(self.problem, self.effort)
         if provable:
             effort = effort.shorter(SHORTER)
         found = good_orders(

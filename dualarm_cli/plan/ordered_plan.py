@@ -6,13 +6,14 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.model.tool_changes import stop_name
-from dualarm_cli.orders.order_trials import MOST_TRIED, TRIALS, most_promising
+from dualarm_cli.orders.order_trials import MOST_TRIED, most_promising
 from dualarm_cli.orders.orders import ArmTask, DecidedOrder, Orders, PairedSearch, StagePair
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.stages.search.problem import Decisions
@@ -25,8 +26,6 @@ TAKEN_APART = 3
 """So often after that only what touches is taken apart."""
 LONG = 40
 """Of orders with more stages only the most promising one is planned."""
-HOPELESS = {"quick": 2, "normal": 4, "thorough": 12}
-"""No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
 PROMISING = 0.04
@@ -86,7 +85,7 @@ def _searched(
         watch: is told how it goes, and may end the search.
         planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
     """
-    tried = _Tried(HOPELESS[settings.effort], search.of_either_arm())
+    tried = _Tried(EFFORTS[settings.effort].hopeless_orders, search.of_either_arm())
     long = len(orders.found[0].job.stages()) > LONG
     searches = SEARCHES_OF_LONG if long else SEARCHES
     tries = 0
@@ -239,7 +238,7 @@ def _promising(
         found = most_promising(search, found, settings.effort, watch)
     least = min(_expected(one) for one in found)
     promising = [one for one in found if _expected(one) <= (1.0 + PROMISING) * least]
-    return promising[: 1 if stages > LONG else TRIALS[settings.effort].planned]
+    return promising[: 1 if stages > LONG else EFFORTS[settings.effort].trials.planned]
 
 
 def _expected(order: DecidedOrder) -> float:

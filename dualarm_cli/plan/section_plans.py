@@ -8,6 +8,7 @@ from itertools import islice, pairwise, permutations
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -186,10 +187,6 @@ def _distance(some: FloatArray, others: FloatArray) -> float:
     return float(np.linalg.norm(some[:, None] - others[None], axis=-1).min())
 
 
-ORDERS = {"quick": 2, "normal": 4, "thorough": 24}
-"""So many orders of sections are planned."""
-
-
 def quickest_of_sections(
     model: CellModel, job: Job, effort: str, watch: Watch, plan: Callable[[Job], Schedule]
 ) -> Schedule:
@@ -198,7 +195,7 @@ def quickest_of_sections(
     Args:
         model: the job's cell.
         job: with paths or seams.
-        effort: one of ORDERS.
+        effort: one of EFFORTS.
         watch: is told how it goes, and may end the search.
         plan: plans the job with its sections in the order of its tasks.
 
@@ -208,7 +205,7 @@ def quickest_of_sections(
     if job.order == "given":
         return plan(job)
     watch.begin()
-    orders = section_orders(model, job, ORDERS[effort])
+    orders = section_orders(model, job, EFFORTS[effort].section_orders)
     if _has_open_runs(job):
         # Runs are ordered one by one, by estimates: at last what the file says is planned as it is.
         orders.append(replace(job, order="given"))

@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, check_start, quickest_clear
 from dualarm_cli.clearing.record import Record
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.context import PathContext
@@ -49,8 +50,6 @@ HERE = "(where the section before ended)"
 """Name of the posture in which a section starts."""
 ALIKE, SAME_PLACE, FAR_TOO_FAST = 3, 0.02, 1.2
 """So many starts that are too fast at the same place, to this share of the path, by this factor, speak for all."""
-LOOKS = {"quick": 1, "normal": 4, "thorough": 12}
-"""So many starts that follow are looked at where it is dear to get to the first without touching anything."""
 CHEAP = 0.1
 """What keeping a transfer clear may cost for no other start to be looked at [s]."""
 MOST_STARTS = 16
@@ -212,9 +211,8 @@ class SectionPlanner:
                     best = transfer, found
                 looked_at += 1
                 dear = transfer is not None and (transfer.cost or 0.0) > CHEAP
-                if looked_at >= LOOKS[self.problem.effort] or not (
-                    dear or self.problem.effort == "thorough"
-                ):
+                effort = EFFORTS[self.problem.effort]
+                if looked_at >= effort.section_starts or (effort.spares and not dear):
                     break
             if best is not None or budget.spent or not work.slower:
                 break

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
@@ -24,12 +25,8 @@ class PathBudget:
     @classmethod
     def of(cls, job: Job, effort: str) -> PathBudget:
         """Returns what trying the orders of a job may take in all."""
-        first, share = PATHS[effort]
-        return cls(first + round(share * sum(len(task.stops) for task in job.tasks)))
-
-
-PATHS = {"quick": (1, 0.1), "normal": (3, 0.2), "thorough": (12, 1.0)}
-"""How many searches for a path may fail: so many, and so many more for each stop."""
+        how, stops = EFFORTS[effort], sum(len(task.stops) for task in job.tasks)
+        return cls(how.failed_trees + round(how.failed_trees_by_stop * stops))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS, WHOLE, evening
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -14,7 +15,7 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions, SequenceProblem
-from dualarm_cli.stages.search.search import WHOLE, FoundSequence, evening, search, search_near
+from dualarm_cli.stages.search.search import FoundSequence, search, search_near
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import (
     Evaluated,
@@ -161,7 +162,9 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     numbers = sequence_problem(model, job, problem.holding, problem.barred)
     nearby: list[list[StagePlan]] = []
     # Long orders were chosen by a plan that simpler methods, which take long themselves, do not come near.
-    given = problem.start is not None and len(job.stages()) > LONG and problem.effort != "thorough"
+    given = (
+        problem.start is not None and len(job.stages()) > LONG and EFFORTS[problem.effort].spares
+    )
     if problem.blind:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
         blind = decisions_of(numbers, model, list(problem.blind))
@@ -176,7 +179,7 @@ def solve_sequence(problem: MethodProblem) -> Decided:
         )
         if near is not None:
             nearby.append(stage_plans(model, job, numbers, near.decisions, "sequence"))
-        if nearby and problem.effort != "thorough":
+        if nearby and EFFORTS[problem.effort].spares:
             return Decided(nearby[0], simpler=None if given else lambda: _simpler(problem))
     # Greedy plans of arms without closed forms take as long as the search: only where that finds none.
     general = not problem.closed_forms
@@ -253,7 +256,7 @@ def _rivals(
 ) -> tuple[list[StagePlan], ...]:
     """Returns simpler methods' refined plans that may be as fast as the search's when timed exactly."""
     total = found.best.total
-    few = len(problem.job.stages()) <= FEW_STAGES or problem.effort == "thorough"
+    few = len(problem.job.stages()) <= FEW_STAGES or not EFFORTS[problem.effort].spares
     capped = problem.job.tool_speed is not None
     even = evening(len(problem.job.stages()))
     worth = dict.fromkeys(starts, np.inf if capped else REFINED * even)

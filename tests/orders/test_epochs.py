@@ -8,7 +8,8 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from dualarm_cli.orders.asynchronous.epochs import Epoch, EpochEffort, EpochProblem, EpochSearch
+from dualarm_cli.effort import EpochEffort
+from dualarm_cli.orders.asynchronous.epochs import Epoch, EpochProblem, EpochSearch
 from dualarm_cli.orders.rules.stores import Stores
 
 EFFORT = EpochEffort(sets=12, moves=80, glance=20, close=50)

@@ -7,13 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dualarm_cli.effort import EFFORTS, TrialEffort
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders import order_trials
 from dualarm_cli.orders.decided_jobs import decided
 from dualarm_cli.orders.order_proofs import OrderMoves
-from dualarm_cli.orders.order_trials import TRIALS, TrialEffort, most_promising
+from dualarm_cli.orders.order_trials import most_promising
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.paired.search import StageSearch
@@ -91,7 +92,7 @@ def test_plans_that_are_tried_are_better_and_the_best_come_first(search):
     watch.begin()
     orders = search.orders(watch).found
     kept = most_promising(search, orders, "quick", watch)
-    assert 1 < len(kept) <= TRIALS["quick"].planned
+    assert 1 < len(kept) <= EFFORTS["quick"].trials.planned
     assert kept[0].expected == min(one.expected for one in kept)
     plain = {one.job.pairing: one.total for one in orders}
     for one in kept:
@@ -115,7 +116,8 @@ def test_orders_that_are_all_but_the_same_are_planned_last(search, monkeypatch):
     """The best one, then those that share nine of ten stages or fewer with it and each other, then the rest."""
     watch = Watch()
     watch.begin()
-    monkeypatch.setattr(order_trials, "TRIALS", {"quick": TrialEffort(40, 1, 40)})
+    quick = dataclasses.replace(EFFORTS["quick"], trials=TrialEffort(40, 1, 40))
+    monkeypatch.setattr(order_trials, "EFFORTS", {"quick": quick})
     orders = search.orders(watch).found
     some = [one for one in orders if one.plan is not None]
     kept = most_promising(search, tuple(some), "quick", watch)
@@ -153,4 +155,4 @@ def test_few_orders_are_planned_also_where_none_is_tried_before(search, not_afte
     # After them comes the file's order, whose arms are searched for as well.
     searched = told[: told.index("planning the file's order")]
     planned = [text for text in searched if text.startswith("planning order")]
-    assert 1 <= len(planned) <= TRIALS["quick"].planned
+    assert 1 <= len(planned) <= EFFORTS["quick"].trials.planned

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.effort import StageEffort
 from dualarm_cli.orders.paired import orders as stage_orders
 from dualarm_cli.orders.paired.annealing import StageAnnealing, StageLine, Window, is_served
 from dualarm_cli.orders.paired.orders import (
     NearOrders,
-    StageEffort,
     good_orders,
     in_file_order,
 )

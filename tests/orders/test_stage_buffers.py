@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.effort import StageEffort
 from dualarm_cli.orders.paired.alignment import any_alignment
 from dualarm_cli.orders.paired.exact import best_of_all
-from dualarm_cli.orders.paired.orders import StageEffort, good_orders, is_few
+from dualarm_cli.orders.paired.orders import good_orders, is_few
 from dualarm_cli.orders.paired.problem import IDLE, StageProblem
 from dualarm_cli.orders.paired.search import Insertions, StageSearch
 from dualarm_cli.orders.paired.times import Stretches, totals, with_angles

@@ -8,13 +8,14 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
+from dualarm_cli.effort import ProofEffort, StageEffort
 from dualarm_cli.orders.paired.alignment import any_alignment
 from dualarm_cli.orders.paired.exact import side_by_side
-from dualarm_cli.orders.paired.orders import StageEffort, good_orders, is_few, never_touching
+from dualarm_cli.orders.paired.orders import good_orders, is_few, never_touching
 from dualarm_cli.orders.paired.problem import IDLE, StageProblem, stage_units
 from dualarm_cli.orders.paired.search import Insertions, StageSearch, meeting_places
 from dualarm_cli.orders.paired.times import totals
-from dualarm_cli.orders.proof.proof import ProofEffort, prove_order
+from dualarm_cli.orders.proof.proof import prove_order
 from dualarm_cli.orders.rules.stores import Stores
 
 PICK, GIVE, TAKE, PUT = 0, 1, 2, 3

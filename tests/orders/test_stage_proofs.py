@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.effort import ProofEffort
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals
@@ -17,7 +18,7 @@ from dualarm_cli.orders.proof.graph import ENDS, StageGraph, count_nodes
 from dualarm_cli.orders.proof.labels import LabelSearch
 from dualarm_cli.orders.proof.near import near_orders
 from dualarm_cli.orders.proof.prices import Paths, best_prices, good_prices, needed
-from dualarm_cli.orders.proof.proof import ProofEffort, can_prove, keeps_rules, prove_order
+from dualarm_cli.orders.proof.proof import can_prove, keeps_rules, prove_order
 from dualarm_cli.orders.proof.relaxation import pair_bound
 
 SEEDS = st.integers(0, 10_000)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.effort import StageEffort
 from dualarm_cli.orders.paired.exact import best_of_all
 from dualarm_cli.orders.paired.orders import (
-    StageEffort,
     good_orders,
     in_file_order,
     is_few,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 
+from dualarm_cli.effort import EFFORTS, TrialEffort
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
@@ -86,8 +89,8 @@ def searched(job):
 def test_every_order_is_tried_with_a_plan_within_limits(random_job, seed, monkeypatch):
     """Also where the search's own postures are beyond them: all orders are possible, so all of them are tried."""
     search, found = searched(random_job(seed))
-    some = order_trials.TrialEffort(100, 0, 100)
-    monkeypatch.setattr(order_trials, "TRIALS", {"quick": some})
+    some = replace(EFFORTS["quick"], trials=TrialEffort(100, 0, 100))
+    monkeypatch.setattr(order_trials, "EFFORTS", {"quick": some})
     tried = most_promising(search, found, "quick", Watch())
     assert len(tried) == len(found)
     assert all(np.isfinite(one.expected) for one in tried)

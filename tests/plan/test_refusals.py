@@ -10,6 +10,7 @@ import pytest
 
 from dualarm_cli.clearing import clearing
 from dualarm_cli.clearing.clearing import Clearing
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -17,7 +18,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.orders import DecidedOrder, Orders, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan import ordered_plan
-from dualarm_cli.plan.ordered_plan import HOPELESS, SEARCHES, TAKEN_APART
+from dualarm_cli.plan.ordered_plan import SEARCHES, TAKEN_APART
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import PathBudget
@@ -65,7 +66,7 @@ class Blocked:
         raise BlockedError(TOUCHES, stages=(self.tries - 1,), alone=self.alone)
 
 
-@pytest.mark.parametrize("effort", HOPELESS)
+@pytest.mark.parametrize("effort", EFFORTS)
 @pytest.mark.parametrize("alone", [True, False])
 def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, effort, monkeypatch):
     """Where it is both arms that touch, they are taken apart as often as ever."""
@@ -76,7 +77,7 @@ def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, ef
     with pytest.raises(BlockedError, match="keeps clear"):
         ordered_plan._searched(search, search.orders(), settings, Watch(), search.planned)
     most = SEARCHES + TAKEN_APART + 1
-    assert search.tries == (min(most, HOPELESS[effort]) if alone else most)
+    assert search.tries == (min(most, EFFORTS[effort].hopeless_orders) if alone else most)
 
 
 def test_only_so_many_searches_for_paths_may_fail(monkeypatch):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound, platform_edges
-from dualarm_cli.bound.cells import Resolution, pose_cells
+from dualarm_cli.bound.cells import pose_cells
 from dualarm_cli.bound.layers import line_bounds
+from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel

@@ -10,8 +10,9 @@ from scipy.optimize import linprog
 
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
-from dualarm_cli.bound.cells import Resolution, pose_cells
+from dualarm_cli.bound.cells import pose_cells
 from dualarm_cli.bound.layers import PostureBoxes, line_bounds
+from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z

@@ -6,14 +6,14 @@ import math
 
 import pytest
 
-from dualarm_cli.stages.search.search import EFFORTS, LEAST_NODES, evening
+from dualarm_cli.effort import EFFORTS, LEAST_NODES, evening
 
 
 def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
     """By hand: luck at single stages evens out with the square root of their number beyond 24, nodes down to 70 %."""
     assert evening(24) == evening(3) == 1.0
     assert evening(96) == pytest.approx(0.5)
-    normal, thorough = EFFORTS["normal"], EFFORTS["thorough"]
+    normal, thorough = EFFORTS["normal"].search, EFFORTS["thorough"].search
     for stages, share in ((24, 1.0), (30, math.sqrt(24 / 30)), (1000, LEAST_NODES)):
         meshes = normal.for_stages(stages).meshes
         assert [mesh.most_nodes for mesh in meshes] == [
@@ -25,5 +25,5 @@ def test_long_sequences_get_fewer_nodes_but_for_thorough_effort():
 @pytest.mark.parametrize(("stages", "more"), [(24, 1), (13, 1), (12, 2), (8, 3), (6, 4), (2, 4)])
 def test_short_sequences_get_more_rounds(stages, more):
     """As many times as they go into 24, four times at most."""
-    for effort in EFFORTS.values():
+    for effort in (each.search for each in EFFORTS.values()):
         assert effort.for_stages(stages).rounds == more * effort.rounds

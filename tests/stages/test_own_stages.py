@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.effort import Mesh
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
@@ -16,7 +17,7 @@ from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages import sequence
 from dualarm_cli.stages.search import beam
-from dualarm_cli.stages.search.node_plans import Mesh, plans_on_nodes
+from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.own_stages import exact_nodes, shared_intervals, spread
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.problem import SequenceProblem

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dualarm_cli.effort import Mesh
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
@@ -15,7 +16,7 @@ from dualarm_cli.stages.search.beam import beam_search
 from dualarm_cli.stages.search.candidates import Grid, Nodes
 from dualarm_cli.stages.search.corridor import best_combination
 from dualarm_cli.stages.search.linear_steps import _windows
-from dualarm_cli.stages.search.node_plans import Mesh, grid_angles, plans_on_nodes
+from dualarm_cli.stages.search.node_plans import grid_angles, plans_on_nodes
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.potentials import arm_layers, with_potentials
 from dualarm_cli.stages.search.problem import SequenceProblem

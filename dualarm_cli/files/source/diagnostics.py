@@ -101,6 +101,9 @@ def schema_diagnostics(
             message = _unknown_key(model, loc)
         else:
             message = _message(kind, item["msg"], item["input"], context)
+            if kind in _KINDS and isinstance(item["input"], (dict, list)):
+                # The place shown is where the value begins, which may be a line further down.
+                message = f"{_last_key(loc)}{message}"
             code = str(context.get("code", code))
             if context.get("key"):
                 loc, at_key = (*loc, str(context["key"])), True
@@ -125,6 +128,11 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
         return f"{quote(value)} must be {relation} {bound:g}"
     # What a validator of ours says of a value; pydantic would put its own words before it.
     return str(context["error"]) if kind == "value_error" else text
+
+
+def _last_key(loc: Loc) -> str:
+    """Returns the key that a value belongs to, quoted; nothing for an item of a list."""
+    return f"'{loc[-1]}' " if loc and isinstance(loc[-1], str) else ""
 
 
 def _unknown_key(model: type[BaseModel], loc: Loc) -> str:

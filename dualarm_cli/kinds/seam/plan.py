@@ -10,6 +10,7 @@ import numpy as np
 
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.collision.quick_test import OVERLAP
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
@@ -182,10 +183,6 @@ def _margins(holding: Holding, position: FloatArray) -> FloatArray:
     return holding.cell.margins(position, held)
 
 
-SAMPLES = {"quick": 500, "normal": 1500, "thorough": 5000}
-"""Configurations that are drawn as starts of a seam, by effort."""
-TRIED = {"quick": 2, "normal": 5, "thorough": 12}
-"""Starts that are improved, by effort."""
 ROUNDS = 3
 """How often other starts are drawn where what comes of the first ones cannot be worked."""
 ENOUGH_REFUSALS = 2
@@ -322,8 +319,8 @@ class SeamPlanner:
             near=near,
             begin=start.begin,
             time=time / self.job.speed,
-            samples=SAMPLES[self.effort],
-            tried=TRIED[self.effort],
+            samples=EFFORTS[self.effort].seam_samples,
+            tried=EFFORTS[self.effort].seam_starts,
             seed=self.seed + start.number,
             coming=self._coming(start.here),
             goes_on=goes_on,

@@ -8,6 +8,7 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
+from dualarm_cli.effort import EpochEffort
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.asynchronous.exact import exact_order
 from dualarm_cli.orders.asynchronous.problem import SequencingProblem
@@ -237,20 +238,6 @@ HOT = 0.1
 """Up to what share of the total a change may cost at first."""
 SETS = 40
 """Combinations of angles that are looked at at all."""
-
-
-@dataclass(frozen=True)
-class EpochEffort:
-    """How hard epochs are searched for."""
-
-    sets: int
-    """Combinations of angles whose tasks are moved about."""
-    moves: int
-    """How often tasks are moved to another epoch, for each of them."""
-    glance: int
-    """How often something is removed and put back in an epoch while tasks are moved about."""
-    close: int
-    """The same for the best ones at last."""
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import StageEffort
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.orders.paired.annealing import StageAnnealing, is_served
 from dualarm_cli.orders.paired.exact import FEW, FEW_WITH_BUFFERS, best_of_all, side_by_side
@@ -123,29 +123,6 @@ class NearOrders:
     def of(self, best: float) -> list[StageOrder]:
         """Returns those that are longer than the best one by less than NEAR."""
         return [one for one in self._kept.values() if one.total < (1.0 + NEAR) * best]
-
-
-@dataclass(frozen=True)
-class StageEffort:
-    """How hard orders are searched for."""
-
-    starts: int
-    """Searches from different orders."""
-    steps: int
-    """How often something is removed and put back in each, times the number of stages."""
-    stretches: float
-    """Stretches that are improved, by stage of a long order."""
-    rounds: int = 0
-    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
-    coolings: int = 1
-    """So often it begins anew where orders have WHOLE stages or fewer; less often with more of them."""
-    near: int = 0
-    """So many orders that are nearly as good as its best one are kept each time."""
-
-    def shorter(self, times: int) -> StageEffort:
-        """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
-        rounds = self.rounds // times
-        return replace(self, starts=1, steps=self.steps // times, rounds=rounds, coolings=1, near=0)
 
 
 def is_few(problem: StageProblem) -> bool:

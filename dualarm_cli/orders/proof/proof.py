@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import ProofEffort
 from dualarm_cli.geometry.arrays import IntArray
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.times import with_angles
@@ -20,16 +21,6 @@ LATER = 1.5
 """An order that keeps all windows is looked for among those that take up to so many times as long as one without."""
 SAME = 1e-4
 """Totals that differ by less are the same [s]."""
-
-
-@dataclass(frozen=True)
-class ProofEffort:
-    """How hard a proof is tried."""
-
-    steps: int
-    """Steps for better prices."""
-    labels: int
-    """Labels that are kept."""
 
 
 @dataclass(frozen=True)

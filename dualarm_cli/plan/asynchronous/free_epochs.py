@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.record import Record
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.motion.motion import Motion
 from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.orders.asynchronous.epochs import (
-    EpochEffort,
     EpochOrder,
     EpochProblem,
     EpochSearch,
@@ -28,12 +28,6 @@ from dualarm_cli.timing.composition import concatenate
 
 HERE = "(where the platform stood before)"
 """Name of the posture in which an epoch starts."""
-EFFORTS = {
-    "quick": EpochEffort(3, 20, 20, 400),
-    "normal": EpochEffort(8, 60, 40, 2000),
-    "thorough": EpochEffort(20, 400, 100, 20000),
-}
-"""How hard epochs are searched for, for up to twenty tasks."""
 MANY = 20
 """Of more tasks than so many, fewer are moved."""
 
@@ -68,7 +62,7 @@ def epoch_orders(
     some = order.reached().any(axis=(0, 1))
     problems = {int(f): order.problem(int(f)) for f in np.flatnonzero(some)}
     turn = order.clock.platform_times(order.angles[:, None] - order.angles[None])
-    how, n = EFFORTS[effort], len(order.job.tasks)
+    how, n = EFFORTS[effort].epochs, len(order.job.tasks)
     fewer = min(1.0, MANY / n)
     how = replace(how, sets=max(2, round(how.sets * fewer)), moves=max(4, round(how.moves * fewer)))
     search = EpochSearch(EpochProblem(problems, np.asarray(turn), seed), how, watch.stop)

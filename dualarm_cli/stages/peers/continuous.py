@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.stages.peers.program import NonlinearProgram
 from dualarm_cli.stages.peers.program_kinematics import inverse, turned_pose
@@ -18,16 +19,8 @@ from dualarm_cli.stages.search.variables import FIELDS, Slopes, Variables, slope
 
 LIMIT_MARGIN = 1e-4
 """What is kept free of position limits [rad]: the solver meets constraints to a millionth."""
-BOXES = {
-    "quick": (0.1, 0.02),
-    "normal": (0.3, 0.1, 0.03, 0.01),
-    "thorough": (0.6, 0.3, 0.3, 0.1, 0.1, 0.03, 0.03, 0.01, 0.003),
-}
-"""How far a variable may move from the best plan so far, program after program, by effort [rad]."""
 SHARES = (1.0, 0.5, 0.25, 0.1)
 """Shares of a program's step that are tried: lines are linear in it."""
-ITERATIONS = {"quick": 60, "normal": 150, "thorough": 500}
-"""IPOPT's iterations by effort."""
 NEAR_CRITICAL = 0.6
 """Share of a line's time from which on a joint's own time is watched."""
 
@@ -49,15 +42,16 @@ def refine(
         problem: the sequence.
         tables: the arms' stops.
         start: a possible plan.
-        effort: one of ITERATIONS.
+        effort: one of EFFORTS.
     """
     variables = Variables.of(problem)
     if not variables.count or not np.isfinite(start.total):
         return start
     best = start
-    for box in BOXES[effort]:
+    how = EFFORTS[effort].continuous
+    for box in how.boxes:
         program = _AngleProgram.of(problem, tables, best, box)
-        values = program.solve(ITERATIONS[effort])
+        values = program.solve(how.iterations)
         if values is None:
             continue
         step = program.step_of_all(variables, values)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.stages.peers.program import NonlinearProgram, reachable_distance
 from dualarm_cli.stages.peers.program_kinematics import chain_function, turned_pose
@@ -15,14 +16,6 @@ from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, Decisions, 
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.times import Evaluated, evaluate
 
-ITERATIONS = {"quick": 100, "normal": 300, "thorough": 1500}
-"""IPOPT's iterations in each program, by effort."""
-BOXES = {
-    "quick": (np.inf, 0.3),
-    "normal": (np.inf, 0.6, 0.3, 0.1),
-    "thorough": (np.inf, 0.6, 0.6, 0.3, 0.3, 0.1, 0.1, 0.03),
-}
-"""How far joints may be from the best plan so far, program after program, by effort [rad]."""
 LIMIT_MARGIN = 1e-5
 """What is kept free of position limits [rad]: IPOPT meets constraints to about a millionth."""
 SHORT_LINE = 0.02
@@ -51,13 +44,14 @@ def nonlinear_program(
         problem: the sequence.
         tables: the arms' stops.
         start: a possible plan.
-        effort: one of ITERATIONS.
+        effort: one of EFFORTS.
     """
     best = start
-    for box in BOXES[effort]:
+    how = EFFORTS[effort].ipopt
+    for box in how.boxes:
         program = _JointProgram(problem, tables, best, box)
         program.write()
-        values = program.solve(ITERATIONS[effort])
+        values = program.solve(how.iterations)
         if values is None:
             continue
         promised = float(values[: problem.stages + 1].sum())

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.beam import NodePath, beam_search
 from dualarm_cli.stages.search.candidates import CandidatePostures, Grid, Nodes
@@ -134,28 +135,6 @@ def _mended(
 
 BANS = 12
 """How often the beam is repeated without nodes whose lines turned out to be impossible."""
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """How finely one grid of nodes is set, and how wide a beam goes through it."""
-
-    angle_step: float
-    """Spacing of the platform angles [rad]."""
-    arm_angles: int
-    """Arm angles around the circle."""
-    most_nodes: int
-    """Most nodes of one stop."""
-    width: int
-    """States that the beam keeps."""
-    per_angle: int = 4
-    """Nodes of each arm that the beam pairs at each platform angle."""
-    around: int = 0
-    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
-
-    def thinned(self, share: float) -> Mesh:
-        """Returns the mesh with a share of its nodes."""
-        return replace(self, most_nodes=round(share * self.most_nodes))
 
 
 @dataclass(frozen=True)

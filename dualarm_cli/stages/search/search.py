@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.effort import EFFORTS, WHOLE, SearchEffort
 from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.stages.search.beam import kind_of
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.node_plans import Mesh, plans_on_nodes
+from dualarm_cli.stages.search.node_plans import plans_on_nodes
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
@@ -19,123 +20,6 @@ from dualarm_cli.stages.search.source import has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import Variables
-
-NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that does not keep clear, but for thorough effort."""
-WHOLE = 24
-"""Sequences of so many stages or more take as long as they are."""
-
-
-def evening(stages: int) -> float:
-    """Returns how much less luck at single stages counts in a sequence that is longer than WHOLE, 1 in others."""
-    return min(1.0, float(np.sqrt(WHOLE / stages)))
-
-
-@dataclass(frozen=True)
-class SearchEffort:
-    """How hard the search tries."""
-
-    meshes: tuple[Mesh, ...]
-    """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
-    trial_rounds: int
-    """Rounds of polishing of every plan before they are combined."""
-    rounds: int
-    """Rounds of polishing of the combination."""
-    random_steps: int
-    """Random steps that are offered in each round."""
-    for_few: tuple[Mesh, ...]
-    """Further grids for short sequences."""
-    local: Mesh
-    """The grid around the best plan so far."""
-    local_rounds: int = 1
-    """How often there is such a grid, at most."""
-    plans: int = 1
-    """Plans of every grid that are polished: different in branches, targets or yaws."""
-    near: Mesh = NEAR
-    """The grid around a plan that does not keep clear."""
-    spares: bool = True
-    """Whether sequences longer than WHOLE get fewer nodes and fewer of their plans polished."""
-
-    def for_stages(self, stages: int) -> SearchEffort:
-        """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
-        more = min(MOST, max(1, WHOLE // stages))
-        if stages > WHOLE and self.spares:
-            share = max(LEAST_NODES, evening(stages))
-            return replace(
-                self,
-                meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
-                local=self.local.thinned(share),
-            )
-        return replace(
-            self,
-            meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
-            trial_rounds=self.trial_rounds * min(more, 2),
-            rounds=self.rounds * more,
-            random_steps=self.random_steps * more,
-            local_rounds=self.local_rounds * more,
-            plans=self.plans * more,
-        )
-
-    def for_general_arms(self, stages: int) -> SearchEffort:
-        """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
-
-        One grid, the finer one for short sequences, and little polishing.
-        """
-        few = MOST * stages <= WHOLE and self.for_few
-        return replace(
-            self,
-            meshes=(self.for_few if few else self.meshes)[:1],
-            trial_rounds=max(1, self.trial_rounds // 2),
-            plans=max(2, self.plans),
-        )
-
-
-LEAST_NODES = 0.7
-"""Share of a grid's nodes that is left of it in the longest sequences, where an effort spares them."""
-FEW = 4
-"""So many times more rounds and further grids."""
-MOST = 4
-"""The shortest ones get so many times more rounds and plans."""
-
-LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
-FINE = Mesh(np.radians(2.0), 48, 4000, 200, 8, around=2)
-EFFORTS = {
-    "quick": SearchEffort((Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, 0),
-    "normal": SearchEffort(
-        (
-            Mesh(np.radians(12.0), 14, 1500, 40),
-            Mesh(np.radians(15.0), 12, 1500, 20),
-        ),
-        4,
-        6,
-        4,
-        (
-            Mesh(np.radians(8.0), 22, 3000, 200, 8),
-            Mesh(np.radians(10.0), 18, 3000, 100, 8),
-        ),
-        LOCAL,
-    ),
-    "thorough": SearchEffort(
-        (
-            Mesh(np.radians(8.0), 22, 3000, 200, 8),
-            Mesh(np.radians(6.0), 30, 5000, 100, 8),
-            Mesh(np.radians(10.0), 18, 3000, 100, 8),
-            Mesh(np.radians(12.0), 16, 3000, 100, 8),
-            Mesh(np.radians(15.0), 12, 3000, 100, 8),
-            Mesh(np.radians(18.0), 14, 3000, 100, 8),
-        ),
-        12,
-        60,
-        24,
-        (),
-        FINE,
-        6,
-        near=replace(NEAR, width=160),
-        spares=False,
-    ),
-}
-"""By name."""
-
 
 BESIDE = 1
 """So many stages to either side of one that does not keep clear are looked at with it."""
@@ -265,7 +149,7 @@ def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem
 
 
 def _how(problem: SequenceProblem, effort: str) -> SearchEffort:
-    how = EFFORTS[effort]
+    how = EFFORTS[effort].search
     if all(has_closed_form(work) for work in problem.arms):
         return how.for_stages(problem.stages)
     how = how.for_general_arms(problem.stages)

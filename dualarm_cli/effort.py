@@ -1,0 +1,368 @@
+"""What `--effort` means: every number that trades planning time for a faster plan, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+WHOLE = 24
+"""Sequences of so many stages or more take as long as they are."""
+
+LEAST_NODES = 0.7
+"""Share of a grid's nodes that is left of it in the longest sequences, where an effort spares them."""
+
+FEW = 4
+"""So many times more rounds and further grids."""
+
+MOST = 4
+"""The shortest ones get so many times more rounds and plans."""
+
+FULL_STAGES = 40
+"""Up to so many stages as many orders are polished as an effort says."""
+
+FULL_STOPS = 24
+"""Up to so many stops everything is done that an effort says."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """How finely one grid of nodes is set, and how wide a beam goes through it."""
+
+    angle_step: float
+    """Spacing of the platform angles [rad]."""
+    arm_angles: int
+    """Arm angles around the circle."""
+    most_nodes: int
+    """Most nodes of one stop."""
+    width: int
+    """States that the beam keeps."""
+    per_angle: int = 4
+    """Nodes of each arm that the beam pairs at each platform angle."""
+    around: int = 0
+    """Platform angles to either side of a plan's own that are looked at; 0 for the whole range."""
+
+    def thinned(self, share: float) -> Mesh:
+        """Returns the mesh with a share of its nodes."""
+        return replace(self, most_nodes=round(share * self.most_nodes))
+
+
+NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
+"""The grid around a plan that does not keep clear, but for thorough effort."""
+LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
+FINE = Mesh(np.radians(2.0), 48, 4000, 200, 8, around=2)
+
+
+def evening(stages: int) -> float:
+    """Returns how much less luck at single stages counts in a sequence that is longer than WHOLE, 1 in others."""
+    return min(1.0, float(np.sqrt(WHOLE / stages)))
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """How hard the search tries."""
+
+    meshes: tuple[Mesh, ...]
+    """Grids of nodes, each with a plan of its own; the first one's bound is reported."""
+    trial_rounds: int
+    """Rounds of polishing of every plan before they are combined."""
+    rounds: int
+    """Rounds of polishing of the combination."""
+    random_steps: int
+    """Random steps that are offered in each round."""
+    for_few: tuple[Mesh, ...]
+    """Further grids for short sequences."""
+    local: Mesh
+    """The grid around the best plan so far."""
+    local_rounds: int = 1
+    """How often there is such a grid, at most."""
+    plans: int = 1
+    """Plans of every grid that are polished: different in branches, targets or yaws."""
+    near: Mesh = NEAR
+    """The grid around a plan that does not keep clear."""
+    spares: bool = True
+    """Whether time is spared where more of it seldom helps: sequences longer than WHOLE get fewer nodes and fewer of
+    their plans polished, and simpler plans are not refined beside a good one."""
+
+    def for_stages(self, stages: int) -> SearchEffort:
+        """Returns more of all for short sequences, where it takes little time, and fewer nodes for long ones."""
+        more = min(MOST, max(1, WHOLE // stages))
+        if stages > WHOLE and self.spares:
+            share = max(LEAST_NODES, evening(stages))
+            return replace(
+                self,
+                meshes=tuple(mesh.thinned(share) for mesh in self.meshes),
+                local=self.local.thinned(share),
+            )
+        return replace(
+            self,
+            meshes=self.meshes if more < FEW else (*self.meshes, *self.for_few),
+            trial_rounds=self.trial_rounds * min(more, 2),
+            rounds=self.rounds * more,
+            random_steps=self.random_steps * more,
+            local_rounds=self.local_rounds * more,
+            plans=self.plans * more,
+        )
+
+    def for_general_arms(self, stages: int) -> SearchEffort:
+        """Returns less of all for arms without closed forms, whose postures take some thirty times as long.
+
+        One grid, the finer one for short sequences, and little polishing.
+        """
+        few = MOST * stages <= WHOLE and self.for_few
+        return replace(
+            self,
+            meshes=(self.for_few if few else self.meshes)[:1],
+            trial_rounds=max(1, self.trial_rounds // 2),
+            plans=max(2, self.plans),
+        )
+
+
+@dataclass(frozen=True)
+class StageEffort:
+    """How hard orders are searched for."""
+
+    starts: int
+    """Searches from different orders."""
+    steps: int
+    """How often something is removed and put back in each, times the number of stages."""
+    stretches: float
+    """Stretches that are improved, by stage of a long order."""
+    rounds: int = 0
+    """Rounds of annealing, for FULL stages; it takes the place of all else where it serves."""
+    coolings: int = 1
+    """So often it begins anew where orders have WHOLE stages or fewer; less often with more of them."""
+    near: int = 0
+    """So many orders that are nearly as good as its best one are kept each time."""
+
+    def shorter(self, times: int) -> StageEffort:
+        """Returns an effort for a good order to begin with: one start, and so many times less of all else."""
+        rounds = self.rounds // times
+        return replace(self, starts=1, steps=self.steps // times, rounds=rounds, coolings=1, near=0)
+
+
+@dataclass(frozen=True)
+class TrialEffort:
+    """How many orders are tried, and how."""
+
+    polished: int
+    """So many of all that were looked at are polished."""
+    rounds: int
+    """Rounds of polishing."""
+    planned: int
+    """So many of these are planned."""
+
+    def of_stages(self, stages: int) -> TrialEffort:
+        """Returns the effort for so many stages: polishing more of them takes longer, and fewer orders are."""
+        polished = round(self.polished * min(1.0, FULL_STAGES / max(1, stages)) ** 2)
+        return replace(self, polished=max(self.planned, polished))
+
+
+@dataclass(frozen=True)
+class ProofEffort:
+    """How hard a proof is tried."""
+
+    steps: int
+    """Steps for better prices."""
+    labels: int
+    """Labels that are kept."""
+
+
+@dataclass(frozen=True)
+class BoundEffort:
+    """How hard a bound is looked for, and orders on the way to it."""
+
+    nodes: int
+    """Up to so many stages that may be, dynamic programming over the stops made serves."""
+    proof: ProofEffort
+    """How hard it tries."""
+    near: tuple[int, int, int]
+    """Labels, orders and rounds of looking closely at orders that are nearly as good."""
+    seconds: float
+    """How long CP-SAT searches at most elsewhere, in its deterministic seconds."""
+
+    def of_stops(self, stops: int) -> BoundEffort:
+        """Returns the effort for so many stops: with more of them everything takes longer, and less is done of it."""
+        share = min(1.0, FULL_STOPS / max(1, stops))
+        labels, count, rounds = self.near
+        near = round(share * labels), round(share * count), max(2, round(share**2 * rounds))
+        return replace(
+            self, proof=replace(self.proof, labels=round(share * self.proof.labels)), near=near
+        )
+
+
+@dataclass(frozen=True)
+class FreeEffort:
+    """How hard orders are searched for."""
+
+    glance: int
+    """How often something is removed and put back at every angle."""
+    iterations: int
+    """The same at the best angles, for up to a hundred tasks."""
+    angles: int
+    """How many angles are looked at closely."""
+    proof: float
+    """How long a bound is looked for at most, in CP-SAT's deterministic seconds."""
+
+
+@dataclass(frozen=True)
+class EpochEffort:
+    """How hard epochs are searched for."""
+
+    sets: int
+    """Combinations of angles whose tasks are moved about."""
+    moves: int
+    """How often tasks are moved to another epoch, for each of them."""
+    glance: int
+    """How often something is removed and put back in an epoch while tasks are moved about."""
+    close: int
+    """The same for the best ones at last."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely postures are cut into cells."""
+
+    step: float
+    """Width of the platform's cells [rad]."""
+    arm_angles: int
+    """Parts of the circle of elbows."""
+    finer: int
+    """How many times finer, in both directions, the cells are on which joints are enclosed."""
+
+
+@dataclass(frozen=True)
+class NonlinearEffort:
+    """How long IPOPT works at a plan."""
+
+    iterations: int
+    """Iterations in each program."""
+    boxes: tuple[float, ...]
+    """How far a variable may be from the best plan so far, program after program [rad]."""
+
+
+@dataclass(frozen=True)
+class EffortSettings:
+    """All that one word of `--effort` decides."""
+
+    orders: StageEffort
+    """The search for orders of paired arms."""
+    trials: TrialEffort
+    """Which of these orders are planned."""
+    order_bound: BoundEffort
+    """The bound on all orders."""
+    clocks: FreeEffort
+    """The search for orders of arms that work by themselves."""
+    epochs: EpochEffort
+    """The search for epochs of one platform angle each."""
+    search: SearchEffort
+    """The search over the whole sequence."""
+    bound: Resolution
+    """The lower bound on the cycle time of given stages."""
+    ipopt: NonlinearEffort
+    """The method `ipopt`."""
+    continuous: NonlinearEffort
+    """The method `continuous`."""
+    failed_trees: int
+    """Searches of random trees that may fail in a job."""
+    failed_trees_by_stop: float
+    """So many more for each stop."""
+    hopeless_orders: int
+    """No other order is tried after so many in which an arm touches something whatever the other one does."""
+    section_orders: int
+    """Orders of sections that are planned."""
+    section_starts: int
+    """Starts of a section that are looked at where the first is dear to reach without a collision."""
+    seam_samples: int
+    """Configurations that are drawn as starts of a seam."""
+    seam_starts: int
+    """Those of them that are improved."""
+
+    @property
+    def spares(self) -> bool:
+        """Whether time is spared where more of it seldom helps."""
+        return self.search.spares
+
+
+EFFORTS: Mapping[str, EffortSettings] = {
+    "quick": EffortSettings(
+        orders=StageEffort(1, 3_000, 0.6, 4_000, 1, 10),
+        trials=TrialEffort(8, 1, 2),
+        order_bound=BoundEffort(4_000, ProofEffort(40, 20_000), (4_000, 12, 4), 1.0),
+        clocks=FreeEffort(60, 1500, 1, 1.0),
+        epochs=EpochEffort(3, 20, 20, 400),
+        search=SearchEffort((Mesh(np.radians(15.0), 12, 1500, 20),), 2, 4, 0, (), LOCAL, 0),
+        bound=Resolution(np.radians(20.0), 9, 2),
+        ipopt=NonlinearEffort(100, (np.inf, 0.3)),
+        continuous=NonlinearEffort(60, (0.1, 0.02)),
+        failed_trees=1,
+        failed_trees_by_stop=0.1,
+        hopeless_orders=2,
+        section_orders=2,
+        section_starts=1,
+        seam_samples=500,
+        seam_starts=2,
+    ),
+    "normal": EffortSettings(
+        orders=StageEffort(4, 9_000, 1.5, 7_000, 4, 12),
+        trials=TrialEffort(40, 2, 3),
+        order_bound=BoundEffort(7_000, ProofEffort(80, 200_000), (20_000, 60, 8), 4.0),
+        clocks=FreeEffort(150, 6000, 3, 4.0),
+        epochs=EpochEffort(8, 60, 40, 2000),
+        search=SearchEffort(
+            (Mesh(np.radians(12.0), 14, 1500, 40), Mesh(np.radians(15.0), 12, 1500, 20)),
+            4,
+            6,
+            4,
+            (Mesh(np.radians(8.0), 22, 3000, 200, 8), Mesh(np.radians(10.0), 18, 3000, 100, 8)),
+            LOCAL,
+        ),
+        bound=Resolution(np.radians(15.0), 9, 3),
+        ipopt=NonlinearEffort(300, (np.inf, 0.6, 0.3, 0.1)),
+        continuous=NonlinearEffort(150, (0.3, 0.1, 0.03, 0.01)),
+        failed_trees=3,
+        failed_trees_by_stop=0.2,
+        hopeless_orders=4,
+        section_orders=4,
+        section_starts=4,
+        seam_samples=1500,
+        seam_starts=5,
+    ),
+    "thorough": EffortSettings(
+        orders=StageEffort(8, 60_000, 8.0, 50_000, 8, 20),
+        trials=TrialEffort(150, 4, 6),
+        order_bound=BoundEffort(12_000, ProofEffort(150, 1_500_000), (60_000, 200, 12), 30.0),
+        clocks=FreeEffort(500, 60000, 6, 40.0),
+        epochs=EpochEffort(20, 400, 100, 20000),
+        search=SearchEffort(
+            (
+                Mesh(np.radians(8.0), 22, 3000, 200, 8),
+                Mesh(np.radians(6.0), 30, 5000, 100, 8),
+                Mesh(np.radians(10.0), 18, 3000, 100, 8),
+                Mesh(np.radians(12.0), 16, 3000, 100, 8),
+                Mesh(np.radians(15.0), 12, 3000, 100, 8),
+                Mesh(np.radians(18.0), 14, 3000, 100, 8),
+            ),
+            12,
+            60,
+            24,
+            (),
+            FINE,
+            6,
+            near=replace(NEAR, width=160),
+            spares=False,
+        ),
+        bound=Resolution(np.radians(5.0), 36, 3),
+        ipopt=NonlinearEffort(1500, (np.inf, 0.6, 0.6, 0.3, 0.3, 0.1, 0.1, 0.03)),
+        continuous=NonlinearEffort(500, (0.6, 0.3, 0.3, 0.1, 0.1, 0.03, 0.03, 0.01, 0.003)),
+        failed_trees=12,
+        failed_trees_by_stop=1.0,
+        hopeless_orders=12,
+        section_orders=24,
+        section_starts=12,
+        seam_samples=5000,
+        seam_starts=12,
+    ),
+}
+"""By the words of `--effort`; more of everything gives plans that are as fast or faster."""
