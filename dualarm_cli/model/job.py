@@ -50,6 +50,8 @@ CHANGES = TAKES | GIVES
 """Actions that change what an arm holds."""
 AT_STANDS: frozenset[str] = frozenset({"take_tool", "leave_tool"})
 """Actions of tool changes, which no file asks for."""
+WITHIN_TOLERANCE: frozenset[str] = frozenset({"path"})
+"""Actions whose tool is at its target within a tolerance that the task has of its own."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,17 @@ class Stop:
     belt: OnBelt | None = None
     """The conveyor that its pose moves with, None where it stands; approach, dwell and retract are in the belt's
     frame."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether its target moves."""
+        return self.belt is not None
+
+    @property
+    def velocity(self) -> tuple[float, float, float]:
+        """Of its target in the world [m/s]; zero where it stands."""
+        x, y, z = (0.0,) * 3 if self.belt is None else self.belt.conveyor.velocity.tolist()
+        return x, y, z
 
     def met(self, time: float) -> Stop:
         """Returns the stop with its target where the conveyor has it at a time [s]; the same where nothing moves."""

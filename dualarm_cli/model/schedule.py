@@ -18,6 +18,8 @@ DURATION = "duration"
 TOOL_SPEED = "tool_speed"
 """What the bottleneck of a transfer is called that was slowed for a cap on the tools' speed."""
 SegmentKind = Literal["transfer", "approach", "dwell", "retract", "wait", "return", "path", "seam"]
+WORK_ENDS: Mapping[str, str] = {"path": "path", "seam": "seam_end"}
+"""Kinds of segments in which a tool works on its way, and the action of the event that each leads to."""
 WaitReason = Literal[
     "", "platform", "partner", "shared_zone", "after", "window", "buffer", "conveyor", "end"
 ]

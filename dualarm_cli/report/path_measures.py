@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.path.checks import along_path
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
@@ -19,7 +20,6 @@ from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.verification.path_checks import along_path
 from dualarm_cli.verification.tool_model import ToolModel
 
 

@@ -13,12 +13,12 @@ from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.kinds.seam.checks import OnSeam, on_seam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.verification.seam_checks import OnSeam, on_seam
 from dualarm_cli.verification.tool_model import ToolModel
 
 STANDS_WAY, STANDS_TURN = 1e-6, 1e-6

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Schedule, ScheduleRobot
+from dualarm_cli.kinds import parts
+from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
+from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
-from dualarm_cli.verification.buffer_checks import check_buffers
 from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
-from dualarm_cli.verification.conveyor_checks import check_conveyors, with_belts
-from dualarm_cli.verification.handover_checks import check_handovers
-from dualarm_cli.verification.line_spans import LineSpan, line_spans
+from dualarm_cli.verification.kind_checks import Evidence, Subject
+from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.motion_checks import (
+    NO_TASKS,
     check_agreement,
     check_finite,
     check_limits,
@@ -35,10 +34,7 @@ from dualarm_cli.verification.order_checks import (
     check_segments,
     check_windows,
 )
-from dualarm_cli.verification.path_checks import check_paths, check_torques
-from dualarm_cli.verification.seam_checks import check_seams
 from dualarm_cli.verification.stage_checks import check_pairing, check_segment_kinds, check_stages
-from dualarm_cli.verification.tool_change_checks import check_tool_changes
 from dualarm_cli.verification.tool_checks import (
     check_events,
     check_lines,
@@ -49,18 +45,11 @@ from dualarm_cli.verification.tool_checks import (
 from dualarm_cli.verification.tool_model import ToolModel
 
 OF_JOBS = (
-    "events_at_targets",
-    "order",
-    "tool_changes",
-    "precedence",
-    "windows",
-    "buffers",
-    "pairing",
-    "dwells",
-    "start_posture",
-    "return",
+    ("events_at_targets", "order"),
+    ("precedence", "windows"),
+    ("pairing", "dwells", "start_posture", "return"),
 )
-"""Checks of what only a job tells."""
+"""Checks of what only a job tells, in three runs between those of the kinds of work."""
 
 
 def verify(schedule: Schedule, job: Job | None = None, *, clearance: bool = False) -> Verification:
@@ -100,12 +89,14 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     done = None if job is None else job_as_done(schedule, job)
     stated = known.events
     if done is not None:
-        known = with_belts(known, done)
-    # Where tools end on paths is judged with the paths, by their own tolerance.
+        known = _moving(known, done)
+    # What has a tolerance of its own is judged with its work.
     stops = known
     if job is not None:
-        stops = replace(known, events=tuple(e for e in known.events if e.action != "path"))
+        own = (e for e in known.events if e.action not in WITHIN_TOLERANCE)
+        stops = replace(known, events=tuple(own))
     spans = () if done is None else line_spans(known, done, model)
+    evidence = Evidence(schedule, known, stated, job, done, model, spans)
     checks: list[Check] = [
         *numbers,
         *check_agreement(trajectory),
@@ -114,11 +105,9 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_arms(schedule),
         *check_events(stops, model),
         *check_lines(known, done, model),
-        *check_conveyors(known, stated, done, model),
-        *check_paths(schedule, done, model),
-        *check_seams(schedule, done, model, spans),
-        *check_handovers(known, done, model, spans),
-        check_torques(schedule, done),
+        *_of_kinds("lines", evidence),
+        *_of_kinds("work", evidence),
+        *_of_kinds("joints", evidence),
         check_platform_still(
             schedule, [(s.start, s.end, f"lines of {s.event.task}") for s in spans]
         ),
@@ -127,7 +116,7 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_segments(schedule),
         check_segment_kinds(known),
         check_bound(schedule),
-        *_job_checks(schedule, job, done, spans),
+        *_job_checks(evidence),
     ]
     if not clearance:
         return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
@@ -158,23 +147,34 @@ def _of_known_arms(schedule: Schedule) -> Schedule:
     )
 
 
-def _job_checks(
-    schedule: Schedule, job: Job | None, done: Job | None, spans: Sequence[LineSpan]
-) -> list[Check]:
+def _moving(schedule: Schedule, job: Job) -> Schedule:
+    """Returns a schedule whose events move as the job's targets do: what it states itself is not believed."""
+    stops = job.stops_by_key()
+
+    def moving(event: Event) -> Event:
+        stop = stops.get((event.arm, event.task, event.action))
+        return replace(event, velocity=(0.0,) * 3 if stop is None else stop.velocity)
+
+    return replace(schedule, events=tuple(moving(event) for event in schedule.events))
+
+
+def _of_kinds(subject: Subject, evidence: Evidence) -> list[Check]:
+    """Returns the checks that the kinds of work have of one subject."""
+    judges = [kind.judge[subject] for kind in parts("checks") if subject in kind.judge]
+    return [check for judge in judges for check in judge(evidence)]
+
+
+def _job_checks(evidence: Evidence) -> list[Check]:
     """Returns the checks of what only a job tells, as its file has it and as it was done."""
+    schedule, job, done, spans = evidence.schedule, evidence.job, evidence.done, evidence.spans
     if job is None or done is None:
-        return [not_checked(name, "no task file was given (--tasks)") for name in OF_JOBS]
-    return [
-        check_targets(schedule, done),
-        check_order(schedule, job),
-        check_tool_changes(schedule, job),
-        check_precedence(schedule, job, spans),
-        check_windows(schedule, job),
-        check_buffers(schedule, job),
-        check_pairing(schedule, done, spans),
-        check_dwells(schedule, done),
-        *check_ends(schedule, job),
-    ]
+        first, second, third = ([not_checked(name, NO_TASKS) for name in run] for run in OF_JOBS)
+    else:
+        first = [check_targets(schedule, done), check_order(schedule, job)]
+        second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
+        third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
+        third += check_ends(schedule, job)
+    return [*first, *_of_kinds("order", evidence), *second, *_of_kinds("parts", evidence), *third]
 
 
 __all__ = ["verify"]

@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.model.job import ANY, Job, StopKey, Task
+from dualarm_cli.kinds import parts
+from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.tool_change_checks import change_tasks
 
 
 def job_as_done(schedule: Schedule, job: Job) -> Job:
     """Returns the job with arms, order and pairing as a schedule has them; a job that says all itself as it is.
 
-    Where arms change tools, what they do at stands are tasks as well, each before the next one that its arm does.
+    What is done besides, such as tool changes, are tasks as well, each before the next one that its arm does.
     A task that any arm may do is its first event's arm's, and stays any arm's where nobody did it. Whether that was
     allowed, complete and one after the other is for the checks of order and pairing.
 
@@ -24,7 +24,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
         schedule: who does what when.
         job: as its file leaves it.
     """
-    changes = change_tasks(schedule, job)
+    changes = [task for kind in parts("checks") for task in kind.added(schedule, job)]
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
     arms = {arm.name for arm in job.cell.robot.arms}
@@ -52,7 +52,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
 def _with_changes(
     schedule: Schedule, job: Job, changes: Sequence[tuple[float, Task]]
 ) -> tuple[Task, ...]:
-    """Returns the tasks in the file's order, changes of tools before what their arm begins next."""
+    """Returns the tasks in the file's order, what is done besides before what its arm begins next."""
     begun: dict[str, float] = {}
     for event in schedule.events:
         begun[event.task] = min(event.time, begun.get(event.task, np.inf))
@@ -66,6 +66,11 @@ def _with_changes(
         left = [change for change in left if change not in due]
         found += [*(change for _, change in due), task]
     return (*found, *(change for _, change in left))
+
+
+def is_change(event: Event, job: Job) -> bool:
+    """Returns whether an event takes a tool or leaves one, of an arm that may: no task of the file."""
+    return event.action in AT_STANDS and event.arm in job.cell.tool_changes
 
 
 def in_time(events: Sequence[Event]) -> list[Event]:

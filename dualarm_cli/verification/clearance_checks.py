@@ -18,13 +18,14 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds import parts
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, StageClearance
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.clearance_proof import PRECISION, ClearanceProof, Windows
-from dualarm_cli.verification.handover_checks import HandoverSpan, handover_spans
-from dualarm_cli.verification.line_spans import LineSpan, line_spans, spans_of
+from dualarm_cli.verification.kind_checks import Touch
+from dualarm_cli.verification.line_spans import LineSpan, line_spans
 from dualarm_cli.verification.motion_checks import judge, not_checked
 from dualarm_cli.verification.tool_model import ToolModel
 
@@ -166,17 +167,16 @@ def _pairs_and_windows(
     """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
     pairs: list[Pair] = []
     windows: list[Windows] = []
-    handovers = handover_spans(job, spans)
+    touches = [touch for kind in parts("checks") for touch in kind.touches(job, spans)]
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]
         if not carriers:
-            works = _worked(job, (one.body, other.body), spans)
-            _add_plain(pairs, windows, pair, works, schedule)
+            _add_plain(pairs, windows, pair, _touching(touches, one, other), schedule)
             continue
         held = [_carried(schedule, job, solid) for solid in carriers]
         during = held[0] if len(held) == 1 else _overlaps(held[0], held[1])
-        during = _without(during, _handed(handovers, one, other))
+        during = _without(during, _touching(touches, one, other, gripped=True))
         if len(carriers) == 1 and WORLD in (one.joint, other.joint):
             lines = _lines(job, carriers[0], spans)
             pairs += [pair, Pair(pair.first, pair.second, -tol.CONTACT_SLACK)]
@@ -204,40 +204,13 @@ def _add_plain(
     windows += [_without([(float(time[0]), float(time[-1]))], works), works]
 
 
-def _worked(job: Job, bodies: tuple[str, str], spans: Sequence[LineSpan]) -> list[Span]:
-    """Returns when a seam's tool works on a body that it may touch, its approach and retract included [s]."""
-    found = []
-    for task in job.tasks:
-        work = task.seam
-        if work is None or task.arm != work.slave:
-            continue
-        tool = f"{work.slave}_tool"
-        if tool not in bodies or not any(body in bodies for body in work.touches if body != tool):
-            continue
-        begins, ends = (
-            spans_of(spans, task.arm, task.id, action) for action in ("seam_start", "seam_end")
-        )
-        # One that is not there once is found with the order; from the one to the other the tool is on the seam.
-        if len(begins) == len(ends) == 1 and begins[0].over <= ends[0].event.time:
-            found.append((begins[0].start, ends[0].end))
-    return sorted(found)
-
-
-def _handed(handovers: Sequence[HandoverSpan], one: Solid, other: Solid) -> list[Span]:
-    """Returns when one of two solids is a part that goes from arm to arm, and the other one may touch it [s].
-
-    That is the other arm's tool, or the part itself as the other arm holds it.
-    """
-    found = []
-    for span in handovers:
-        giver, taker = span.giving.arm, span.taking.arm
-        held = {(giver, span.giving.part), (taker, span.taking.part)}
-        solids = {(solid.carrier, solid.body) for solid in (one, other)}
-        tools = {((giver, span.giving.part), ("", f"{taker}_tool"))}
-        tools.add(((taker, span.taking.part), ("", f"{giver}_tool")))
-        if solids == held or any(solids == set(pair) for pair in tools):
-            found.append((span.start, span.end))
-    return sorted(found)
+def _touching(
+    touches: Sequence[Touch], one: Solid, other: Solid, *, gripped: bool = False
+) -> list[Span]:
+    """Returns when two solids may touch, where one grips the other or where it does not [s]; sorted."""
+    bodies = {(solid.carrier, solid.body) for solid in (one, other)}
+    mine = [touch for touch in touches if touch.gripped is gripped and touch.bodies == bodies]
+    return sorted({(touch.start, touch.end) for touch in mine})
 
 
 def _carried(schedule: Schedule, job: Job, solid: Solid) -> list[Span]:

@@ -42,7 +42,7 @@ def line_spans(schedule: Schedule, job: Job, model: ToolModel) -> tuple[LineSpan
     """Returns the span of every event that is one of the job's stops, in the order of the events.
 
     The line of a stop is the tool's negative z axis where it is at the event, as long as the job asks, moving with the
-    conveyor where there is one. An approach begins the last time that the tool is at the outer end of this line before
+    target where that moves. An approach begins the last time that the tool is at the outer end of this line before
     the event, or as far out as it is without leaving the line; a retract ends the first time after the dwell.
 
     Args:
@@ -103,8 +103,7 @@ def _on_line(
 ) -> tuple[FloatArray, BoolArray]:
     """Returns how far out a tool is along its line (m,) [m], and whether it is on it at all (m,)."""
     R, p = model.poses(event.arm, schedule.trajectory.at(np.append(event.time, times))[0])
-    velocity = np.zeros(3) if stop.belt is None else stop.belt.conveyor.velocity
-    moved = p[1:] - p[0] - (times - event.time)[:, None] * velocity
+    moved = p[1:] - p[0] - (times - event.time)[:, None] * np.array(stop.velocity)
     local = moved @ R[0]
     turned = rotation_angle(R[0].T @ R[1:])
     beside = np.hypot(local[:, 0], local[:, 1])

@@ -10,6 +10,9 @@ from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 
+NO_TASKS = "no task file was given (--tasks)"
+"""Why something of a job is not checked."""
+
 
 def check_finite(trajectory: Trajectory) -> Check:
     """Checks that every number is finite."""

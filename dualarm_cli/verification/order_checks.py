@@ -11,13 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from dualarm_cli.model.job import Dwell, Job, Task
-from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.as_done import in_time
+from dualarm_cli.verification.as_done import in_time, is_change
 from dualarm_cli.verification.line_spans import LineSpan
 from dualarm_cli.verification.motion_checks import judge, not_checked
-from dualarm_cli.verification.tool_change_checks import is_change
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -150,7 +149,7 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         schedule: what is judged.
         job: as its file leaves it.
     """
-    # Tool changes are no tasks of the file: they have a check of their own.
+    # What no task of the file asks for has a check of its own.
     events = tuple(event for event in schedule.events if not is_change(event, job))
     schedule = replace(schedule, events=events)
     if job.is_decided:
@@ -211,11 +210,11 @@ def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
     faults = []
     for task in job.tasks:
         arms = [arm for arm, events in rows.items() if any(e.task == task.id for e in events)]
-        if task.handover is not None:
-            faults += _wrong_share(rows, task)
-        elif task.alone:
+        if task.alone:
             if arms and task.arm not in arms:
                 faults.append(f"{task.id} is the {task.arm} arm's too, which does not do it")
+        elif task.shared:
+            faults += _wrong_share(rows, task)
         elif len(arms) > 1:
             faults.append(f"{task.id} is done by {' and '.join(arms)}; one arm does all of a task")
         elif arms and not task.allows(arms[0]):
@@ -224,7 +223,7 @@ def _wrong_arms(rows: dict[str, list[Event]], job: Job) -> list[str]:
 
 
 def _wrong_share(rows: dict[str, list[Event]], task: Task) -> list[str]:
-    """Returns that an arm's share of a hand-over is done by several arms, or by one that may not."""
+    """Returns that an arm's share of a task is done by several arms, or by one that may not."""
     actions = {stop.action for stop in task.stops}
     arms = [
         arm
@@ -323,9 +322,9 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         name = span.event.task
         begin[name] = min(span.start, begin.get(name, span.start))
         over[name] = max(span.end, over.get(name, span.end))
-    # A path is on its way before its event, which is its end; that it is the path is for the check of paths.
+    # Work on the way may begin before the first event; that it is this work is for the checks of its kind.
     for s in schedule.segments:
-        if s.kind == "path":
+        if s.kind in WORK_ENDS:
             begin[s.task] = min(s.start, begin.get(s.task, s.start))
     worst = Worst(where="every task after those that are to be done before")
     for task, name in ((one.id, name) for one in job.tasks for name in one.after):

@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Stop, StopKey, Task
-from dualarm_cli.model.schedule import Event, Schedule, Segment
+from dualarm_cli.model.schedule import WORK_ENDS, Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import contains, events_by_stage, in_time, stages_of_arm
@@ -19,15 +19,13 @@ from dualarm_cli.verification.tool_checks import Worst, dense_times
 
 NAME = "segment_kinds"
 """Name of the check."""
-ENDS = {"path": "path", "seam": "seam_end"}
-"""The action of the event that a path or a seam leads to."""
 
 
 def check_segment_kinds(schedule: Schedule) -> Check:
     """Checks that every segment is what the motion and the events show.
 
-    An arm stands still while it waits; its transfers lead to its next event, its returns come after the last one; paths
-    and seams belong to events of their own. Only waits have reasons, and one for the end of the work has no work
+    An arm stands still while it waits; its transfers lead to its next event, its returns come after the last one; work
+    on the way belongs to events of its own. Only waits have reasons, and one for the end of the work has no work
     behind it.
 
     Args:
@@ -98,8 +96,8 @@ def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
         # An arm that only makes room may be on its way beyond the last event, but it leaves before.
         if not any(key) and events.last < segment.start + tol.SAME_TIME:
             return "nothing follows; a way back is a return"
-    elif segment.kind in ENDS:
-        due = (segment.task, ENDS[segment.kind])
+    elif segment.kind in WORK_ENDS:
+        due = (segment.task, WORK_ENDS[segment.kind])
         if key != due or due not in events.keys:
             return f"the arm has no event {' '.join(due)} that it leads to"
     return ""
@@ -275,8 +273,8 @@ def _early(
 
 
 def _at_rest(schedule: Schedule, span: LineSpan) -> float:
-    """Returns when an arm has come to rest after a stop [s]: beyond the line where it moves with a conveyor."""
-    if span.stop.belt is None:
+    """Returns when an arm has come to rest after a stop [s]: beyond the line where its target moves."""
+    if not span.stop.moves:
         return span.end
     trajectory = schedule.trajectory
     names = schedule.robot.arms[span.event.arm].joints
@@ -310,7 +308,7 @@ def _wrong_tasks(schedule: Schedule, asked: list[list[str]]) -> str:
     """
     for number, stage in enumerate(schedule.stages, start=1):
         due = asked[number - 1] if number <= len(asked) else []
-        # Both arms may follow one path: it is one task.
+        # Both arms may do one task together.
         if sorted(stage.tasks) != sorted(due) and set(stage.tasks) != set(due):
             said, wanted = (", ".join(names) or "no task" for names in (stage.tasks, due))
             return f"stage {number} names {said}; the tasks are {wanted}"

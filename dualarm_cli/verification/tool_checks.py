@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.job import Job, JointTarget, PoseTarget, SeamTarget, Stop
+from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
@@ -108,7 +108,7 @@ def check_events(schedule: Schedule, model: ToolModel) -> list[Check]:
         pose = model.pose(event.arm, schedule.trajectory.at(np.array([event.time]))[0][0])
         distance.add(float(np.linalg.norm(pose.translation - event.pose.translation)), where)
         angle.add(float(rotation_angle(event.pose.rotation.T @ pose.rotation)), where)
-        # With a conveyor it moves: see conveyor_checks.
+        # What moves has checks of its own.
         if event.dwell > 0 and not event.moves:
             times = dense_times(knots, event.time, event.time + event.dwell)
             _measure(schedule, model, event, times, (still_distance, still_angle), where)
@@ -142,23 +142,24 @@ def check_targets(schedule: Schedule, job: Job) -> Check:
     stops = job.stops_by_key()
     for event in schedule.events:
         stop = stops.get((event.arm, event.task, event.action))
-        if stop is None or isinstance(stop.target, SeamTarget) or stop.belt is not None:
-            continue  # check_order names it; seams and what moves have checks of their own
+        if stop is None or stop.moves or not isinstance(stop.target, PoseTarget | JointTarget):
+            continue  # check_order names it; other targets and what moves have checks of their own
         where = f"{event.task} ({event.action})"
-        worst.add(_target_error(schedule, job, event, stop), where)
+        worst.add(_target_error(schedule, job, event, stop.target), where)
     nothing = "no event is one of the job's"
     return worst.judge("events_at_targets", tol.POSE_DISTANCE, "m, rad", nothing)
 
 
-def _target_error(schedule: Schedule, job: Job, event: Event, stop: Stop) -> float:
+def _target_error(
+    schedule: Schedule, job: Job, event: Event, target: PoseTarget | JointTarget
+) -> float:
     """Returns how far an event is from its target within the target's freedoms [m, rad]."""
-    assert not isinstance(stop.target, SeamTarget)
-    if isinstance(stop.target, JointTarget):
+    if isinstance(target, JointTarget):
         names = job.cell.robot.arm(event.arm).joints
         columns = [schedule.trajectory.joints.index(name) for name in names]
         q = schedule.trajectory.at(np.array([event.time]))[0][0, columns]
-        return float(np.abs(stop.target.configurations - q).max(axis=1).min())
-    return pose_error(stop.target.pose, stop.target, event.pose)
+        return float(np.abs(target.configurations - q).max(axis=1).min())
+    return pose_error(target.pose, target, event.pose)
 
 
 def pose_error(nominal: pin.SE3, target: PoseTarget, pose: pin.SE3) -> float:
@@ -197,7 +198,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
             continue
         event = events[key]
         if event.moves:
-            continue  # straight in its conveyor's frame: see conveyor_checks
+            continue  # straight in the frame of its target, which has checks of its own
         _measure_line(
             schedule, model, segment, event, stops.get(key), (beside, turned, length), where
         )
@@ -251,8 +252,8 @@ def _missing_lines(lines: list[Segment], stops: dict[tuple[str, str, str], Stop]
     """Returns which line that the job asks for is not in the schedule, or an empty string."""
     there = {(s.arm, s.task, s.action, s.kind) for s in lines}
     for (arm, task, action), stop in stops.items():
-        if stop.belt is not None:
-            continue  # see conveyor_checks
+        if stop.moves:
+            continue
         for kind, length in (("approach", stop.approach), ("retract", stop.retract)):
             if length > 0 and (arm, task, action, kind) not in there:
                 return f"{kind} of {task} ({action}) is missing"

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dualarm_cli.cli.run import run
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.buffer.checks import check_buffers
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
@@ -26,7 +27,6 @@ from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.plan.section_plans import section_orders
 from dualarm_cli.stages.serving import cell_model
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.buffer_checks import check_buffers
 
 QUICK = PlanSettings(effort="quick")
 

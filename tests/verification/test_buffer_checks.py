@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dualarm_cli.kinds.buffer.checks import check_buffers
 from dualarm_cli.model.buffer import Buffer
-from dualarm_cli.verification.buffer_checks import check_buffers
 
 
 @pytest.fixture(scope="module")

@@ -12,13 +12,14 @@ import pytest
 from dualarm_cli.collision.solids import Pair, cell_solids, pairs_that_must_keep_apart
 from dualarm_cli.files.robots.meshes import read_hull
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.seam.checks import seam_touches
 from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _worked
+from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _touching
 
 
 @pytest.fixture(scope="module")
@@ -345,12 +346,17 @@ def test_a_tool_may_touch_any_of_what_its_seam_names():
         return SimpleNamespace(event=event, start=start, end=end, over=event.time)
 
     spans = [span("seam_start", 1.0, 2.0), span("seam_end", 3.0, 4.0)]
+
+    def worked(one, other, spans):
+        solids = (SimpleNamespace(carrier="", body=body) for body in (one, other))
+        return _touching(seam_touches(job, spans), *solids)
+
     for body, found in (("jig", [(1.0, 4.0)]), ("right_tool", [(1.0, 4.0)]), ("table", [])):
-        assert _worked(job, ("left_tool", body), spans) == found
-        assert _worked(job, (body, "left_link_t"), spans) == []
+        assert worked("left_tool", body, spans) == found
+        assert worked(body, "left_link_t", spans) == []
     # Done twice, or the end before the start, it makes no room at all.
-    assert _worked(job, ("left_tool", "jig"), [*spans, spans[0]]) == []
-    assert _worked(job, ("left_tool", "jig"), [span("seam_start", 5, 6), spans[1]]) == []
+    assert worked("left_tool", "jig", [*spans, spans[0]]) == []
+    assert worked("left_tool", "jig", [span("seam_start", 5, 6), spans[1]]) == []
 
 
 def test_lines_that_follow_on_or_overlap_are_one_span():

@@ -11,12 +11,12 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.handover.checks import handover_spans, handover_touches
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _handed
-from dualarm_cli.verification.handover_checks import handover_spans
+from dualarm_cli.verification.clearance_checks import _touching
 
 NAMES = ("handover_order", "handover_grip", "handover_still")
 
@@ -239,7 +239,8 @@ def test_only_tools_and_the_part_itself_may_touch_what_changes_hands(
     flip, schedule, measured_lines
 ):
     """Of every pair of things there are: the giver's part and the taker's tool, the reverse, and both parts."""
-    [span] = handover_spans(flip, measured_lines(schedule, flip))
+    spans = measured_lines(schedule, flip)
+    [span], touches = handover_spans(flip, spans), handover_touches(flip, spans)
     mine, yours = ("left", "bracket"), ("right", "bracket@flip-1")
     things = [mine, yours, *(("", name) for name in ("left_tool", "right_tool", "table"))]
     things += [("", "right_link_b"), ("right", "bracket"), ("left", "bracket@flip-1")]
@@ -247,4 +248,5 @@ def test_only_tools_and_the_part_itself_may_touch_what_changes_hands(
     for one, other in permutations(things, 2):
         solids = [SimpleNamespace(carrier=carrier, body=body) for carrier, body in (one, other)]
         expected = [(span.start, span.end)] if {one, other} in allowed else []
-        assert _handed([span], *solids) == expected
+        assert _touching(touches, *solids, gripped=True) == expected
+        assert _touching(touches, *solids) == []

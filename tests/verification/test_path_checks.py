@@ -10,17 +10,17 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.plan.planner import plan_without_bound
-from dualarm_cli.verification import verify
-from dualarm_cli.verification.path_checks import (
+from dualarm_cli.kinds.path.checks import (
     NAMES,
     _dawdling,
     _double_s,
     along_path,
     check_paths,
 )
+from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.verification import verify
 from dualarm_cli.verification.tool_model import ToolModel
 
 CELL = """\

@@ -11,6 +11,14 @@ import pytest
 from scipy.special import erf
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.seam.checks import (
+    NAMES,
+    _part_off,
+    _turned_away,
+    check_seams,
+    on_seam,
+    seam_touches,
+)
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.seam import Hold, SeamTool
 from dualarm_cli.model.settings import PlanSettings
@@ -18,15 +26,7 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.clearance_checks import _worked
 from dualarm_cli.verification.line_spans import line_spans
-from dualarm_cli.verification.seam_checks import (
-    NAMES,
-    _part_off,
-    _turned_away,
-    check_seams,
-    on_seam,
-)
 from dualarm_cli.verification.tool_model import ToolModel
 
 SDA10F = """\
@@ -579,13 +579,10 @@ def test_a_dwell_of_no_length_elsewhere_is_found_and_hides_no_contact(entry):
     schedule = dataclasses.replace(entry.schedule, segments=(early, *segments))
     assert failed(schedule, entry.job) == {"seam_progress"}
     for some in (schedule, entry.schedule):
-        [(start, end)] = _worked(
-            entry.job,
-            ("left_tool", "right_tool"),
-            line_spans(some, entry.job, ToolModel(some)),
-        )
-        assert start == min(s.start for s in segments if s.kind == "approach")
-        assert end == max(s.end for s in segments if s.kind == "retract")
+        [touch] = seam_touches(entry.job, line_spans(some, entry.job, ToolModel(some)))
+        assert touch.bodies == {("", "left_tool"), ("", "right_tool")}
+        assert touch.start == min(s.start for s in segments if s.kind == "approach")
+        assert touch.end == max(s.end for s in segments if s.kind == "retract")
 
 
 def test_a_seam_that_creeps_to_its_speed_is_found(line):

@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.kinds.path.checks import check_torques
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.model.robot import Arm
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.verification.path_checks import check_torques
 
 MASS, LENGTH, GRAVITY = 2.0, 0.5, 9.81
 URDF = """\

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import subprocess
 import sys
 import warnings
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import InputError
+from dualarm_cli.kinds.handover.checks import NAMES as HANDOVER_NAMES
+from dualarm_cli.kinds.path.checks import NAME
+from dualarm_cli.kinds.path.checks import NAMES as PATH_NAMES
+from dualarm_cli.kinds.seam.checks import NAMES as SEAM_NAMES
 from dualarm_cli.model.cell import Tool
 from dualarm_cli.verification import verify
-from dualarm_cli.verification.handover_checks import NAMES as HANDOVER_NAMES
-from dualarm_cli.verification.path_checks import NAME
-from dualarm_cli.verification.path_checks import NAMES as PATH_NAMES
-from dualarm_cli.verification.seam_checks import NAMES as SEAM_NAMES
 
 NAMES = (*PATH_NAMES, *SEAM_NAMES, *HANDOVER_NAMES)
 """Checks of paths, seams and hand-overs."""
@@ -126,15 +128,36 @@ def test_garbage_of_finite_numbers_is_judged_and_never_passes(clean, moved, seed
     assert all(c.measured is None or np.isfinite(c.measured) for c in verification.checks)
 
 
-def test_the_verifier_loads_no_solver():
-    """It shares readers, nouns and pinocchio with the planner: a solver's fault cannot hide in its judge."""
+def test_the_verifier_loads_no_solver(clean, tmp_path):
+    """A solver's fault cannot hide in its judge: of the planner it shares readers, model, pinocchio and coal."""
+    path = tmp_path / "case.pickle"
+    with path.open("wb") as file:
+        pickler = pickle.Pickler(file)
+        pickler.dispatch_table = {MappingProxyType: lambda proxy: (dict, (dict(proxy),))}
+        pickler.dump((clean.schedule, clean.job))
     code = (
-        "import sys, dualarm_cli.verification; "
-        "print([m for m in sys.modules if m.split('.')[:2] in "
-        "[['dualarm_cli', n] for n in ('planning', 'timing', 'platform_angle', 'redundancy', "
-        "'kinematics')] or m in ('ruckig', 'toppra', 'casadi', 'scipy')])"
+        "import pathlib, pickle, sys; from dualarm_cli.verification import verify; "
+        f"schedule, job = pickle.loads(pathlib.Path({str(path)!r}).read_bytes()); "
+        "assert verify(schedule, job, clearance=True).passed; "
+        "print(*sorted(m for m in sys.modules if not m.startswith('_')))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert result.stdout.strip() == "[]"
+    loaded = [name.split(".") for name in result.stdout.split()]
+    assert not {"ruckig", "toppra", "casadi", "piqp", "ortools", "scipy"} & {m[0] for m in loaded}
+    rooms = {m[1] for m in loaded if m[0] == "dualarm_cli" and len(m) > 1}
+    assert rooms <= {
+        *(
+            "collision",
+            "errors",
+            "geometry",
+            "kinds",
+            "model",
+            "refusals",
+            "registry",
+            "verification",
+        )
+    }
+    of_kinds = {m[3] for m in loaded if m[:2] == ["dualarm_cli", "kinds"] and len(m) > 3}
+    assert of_kinds == {"checks"}

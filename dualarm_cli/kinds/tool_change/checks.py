@@ -8,18 +8,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dualarm_cli.model.job import AT_STANDS, Action, Dwell, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.job import Action, Dwell, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
-from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.as_done import is_change
+from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked
 
 NAME = "tool_changes"
 """Name of the check."""
-
-
-def is_change(event: Event, job: Job) -> bool:
-    """Returns whether an event takes a tool or leaves one, of an arm that may: no task of the file."""
-    return event.action in AT_STANDS and event.arm in job.cell.tool_changes
 
 
 def tool_at(event: Event, job: Job) -> str:
@@ -55,7 +52,7 @@ def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
     return list(found.values())
 
 
-def check_tool_changes(schedule: Schedule, job: Job) -> Check:
+def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
     """Checks that each arm does every task with its tool on, and changes tools in a way that can be, never for nothing.
 
     A tool is taken where none is on, and left at its own stand, never within a task; in a cycle that of the
@@ -63,8 +60,10 @@ def check_tool_changes(schedule: Schedule, job: Job) -> Check:
 
     Args:
         schedule: what is judged.
-        job: as its file leaves it.
+        job: as its file leaves it; None where there is no task file.
     """
+    if job is None:
+        return not_checked(NAME, NO_TASKS)
     if not job.cell.tool_changes:
         return not_checked(NAME, "the cell has no tools to change")
     faults: list[str] = []
@@ -141,3 +140,8 @@ class _Hand:
 
     def _note(self, fault: str) -> None:
         self.faults.append(f"{self.arm} arm: {fault}")
+
+
+CHECKS = KindChecks(
+    {"order": lambda case: [check_tool_changes(case.schedule, case.job)]}, added=change_tasks
+)

@@ -12,8 +12,9 @@ from dualarm_cli.model.job import Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -73,7 +74,7 @@ def check_handovers(
         spans: of the job's stops.
     """
     if job is None or not job.has_handovers:
-        why = "no task file was given (--tasks)" if job is None else "the job has no hand-overs"
+        why = NO_TASKS if job is None else "the job has no hand-overs"
         return [not_checked(name, why) for name in NAMES]
     order, grip, still = Worst(), Worst(), Worst()
     for giving, taking in _shares(job):
@@ -168,3 +169,26 @@ def _judge_still(
     off = np.maximum(np.linalg.norm(p - p[0], axis=1), turned)
     k = int(np.argmax(off))
     worst.add(float(off[k]), f"{what} tool moves, {arm} arm at {instants[k]:.4f} s")
+
+
+def handover_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
+    """Returns when a part that goes from arm to arm may touch the other arm's tool, and itself as that one holds it.
+
+    Args:
+        job: as it was done.
+        spans: of the job's stops.
+    """
+    found = []
+    for span in handover_spans(job, spans):
+        giver, taker = span.giving.arm, span.taking.arm
+        given, taken = (giver, span.giving.part), (taker, span.taking.part)
+        tools = {arm: ("", f"{arm}_tool") for arm in (giver, taker)}
+        for pair in ((given, taken), (given, tools[taker]), (taken, tools[giver])):
+            found.append(Touch(frozenset(pair), span.start, span.end, gripped=True))
+    return found
+
+
+CHECKS = KindChecks(
+    {"work": lambda case: check_handovers(case.known, case.done, case.model, case.spans)},
+    handover_touches,
+)

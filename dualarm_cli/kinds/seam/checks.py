@@ -15,8 +15,9 @@ from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.model.seam import SeamWork, longest_ramp
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.kind_checks import KindChecks, Touch
 from dualarm_cli.verification.line_spans import LineSpan, spans_of
-from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -147,7 +148,7 @@ def check_seams(
         lines: spans of the job's stops.
     """
     if job is None or not job.has_seams:
-        why = "no task file was given (--tasks)" if job is None else "the job has no seams"
+        why = NO_TASKS if job is None else "the job has no seams"
         return [not_checked(name, why) for name in NAMES]
     worst = {name: Worst() for name in NAMES}
     for section in job.sections():
@@ -376,3 +377,35 @@ def _part_off(found: OnSeam, work: SeamWork) -> FloatArray:
     away = np.linalg.norm(found.p_part - p, axis=1)
     turned = rotation_angle(np.swapaxes(R, -1, -2) @ found.R_part)
     return np.maximum(away, turned)
+
+
+def seam_touches(job: Job, spans: Sequence[LineSpan]) -> list[Touch]:
+    """Returns when a seam's tool works on the bodies that it may touch, its approach and retract included.
+
+    Args:
+        job: as it was done.
+        spans: of the job's stops.
+    """
+    found = []
+    for task in job.tasks:
+        work = task.seam
+        if work is None or task.arm != work.slave:
+            continue
+        begins, ends = (
+            spans_of(spans, task.arm, task.id, action) for action in ("seam_start", "seam_end")
+        )
+        # One that is not there once is found with the order; from the one to the other the tool is on the seam.
+        if len(begins) != 1 or len(ends) != 1 or begins[0].over > ends[0].event.time:
+            continue
+        tool = ("", f"{work.slave}_tool")
+        for body in work.touches:
+            if ("", body) != tool:
+                bodies = frozenset({tool, ("", body)})
+                found.append(Touch(bodies, begins[0].start, ends[0].end, gripped=False))
+    return found
+
+
+CHECKS = KindChecks(
+    {"work": lambda case: check_seams(case.schedule, case.done, case.model, case.spans)},
+    seam_touches,
+)

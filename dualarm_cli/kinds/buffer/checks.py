@@ -8,7 +8,8 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.motion_checks import NO_TASKS, judge, not_checked
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class _Change:
     """What does it."""
 
 
-def check_buffers(schedule: Schedule, job: Job) -> Check:
+def check_buffers(schedule: Schedule, job: Job | None) -> Check:
     """Checks that every pick finds a part in its buffer, and every place room.
 
     A place has its room from its event on, and its part can be taken when its dwell is over; a pick takes its part at
@@ -33,8 +34,10 @@ def check_buffers(schedule: Schedule, job: Job) -> Check:
 
     Args:
         schedule: what is judged: its events.
-        job: its tasks and buffers.
+        job: its tasks and buffers; None where there is no task file.
     """
+    if job is None:
+        return not_checked("buffers", NO_TASKS)
     if not any(stop.buffer for task in job.tasks for stop in task.stops):
         return not_checked("buffers", "no task uses a buffer")
     rows = _changes(schedule, job)
@@ -93,3 +96,6 @@ def _in_time(changes: list[_Change]) -> list[_Change]:
         return change.time - (tol.SAME_TIME if gives else 0.0)
 
     return sorted(changes, key=due)
+
+
+CHECKS = KindChecks({"parts": lambda case: [check_buffers(case.schedule, case.job)]})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from dualarm_cli.model.job import Job, PoseTarget, Stop, StopKey
 from dualarm_cli.model.schedule import Event, Schedule
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
+from dualarm_cli.verification.kind_checks import KindChecks
 from dualarm_cli.verification.tool_checks import Worst, dense_times, pose_error
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -47,25 +48,6 @@ class _Found:
             self.turned.judge("conveyor_lines_steady", tol.LINE_ANGLE, "rad", NO_JOB),
             self.length.judge("conveyor_line_lengths", tol.LINE_DISTANCE, "m", NO_JOB),
         ]
-
-
-def with_belts(schedule: Schedule, job: Job) -> Schedule:
-    """Returns a schedule whose events move as the job's targets do: what it states itself is not believed.
-
-    Args:
-        schedule: what is judged.
-        job: each task with the arm that did it.
-    """
-    stops = job.stops_by_key()
-
-    def moving(event: Event) -> Event:
-        stop = stops.get(_key(event))
-        x, y, z = (0.0,) * 3
-        if stop is not None and stop.belt is not None:
-            x, y, z = stop.belt.conveyor.velocity.tolist()
-        return replace(event, velocity=(x, y, z))
-
-    return replace(schedule, events=tuple(moving(event) for event in schedule.events))
 
 
 def check_conveyors(
@@ -185,3 +167,8 @@ def _measure_lines(
         found.turned.add(float(angle[line].max()), where)
         back = float((np.maximum.accumulate(depth[line]) - depth[line]).max())
         found.length.add(max(back, -float(depth[line].min()), abs(float(depth[0]))), where)
+
+
+CHECKS = KindChecks(
+    {"lines": lambda case: check_conveyors(case.known, case.stated, case.done, case.model)}
+)

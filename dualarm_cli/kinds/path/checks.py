@@ -16,7 +16,8 @@ from dualarm_cli.model.path_work import PathWork
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
-from dualarm_cli.verification.motion_checks import not_checked
+from dualarm_cli.verification.kind_checks import KindChecks
+from dualarm_cli.verification.motion_checks import NO_TASKS, not_checked
 from dualarm_cli.verification.tool_checks import Worst, dense_times
 from dualarm_cli.verification.tool_model import ToolModel, rotation_angle
 
@@ -110,7 +111,7 @@ def check_paths(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         model: where the tools are.
     """
     if job is None or not job.has_paths:
-        why = "no task file was given (--tasks)" if job is None else "the job has no paths"
+        why = NO_TASKS if job is None else "the job has no paths"
         return [not_checked(name, why) for name in NAMES]
     distance, angle, progress, speed, slow, together = (Worst() for _ in NAMES)
     events = {(e.arm, e.task): e for e in schedule.events if e.action == "path"}
@@ -258,3 +259,11 @@ def along_path(schedule: Schedule, model: ToolModel, segment: Segment, path: Too
     R_here, p_here = path.at(s)
     angle = np.linalg.norm(log_rotation(R @ np.swapaxes(R_here, -1, -2)), axis=1)
     return Along(time, s, np.linalg.norm(p - p_here, axis=1), angle)
+
+
+CHECKS = KindChecks(
+    {
+        "work": lambda case: check_paths(case.schedule, case.done, case.model),
+        "joints": lambda case: [check_torques(case.schedule, case.done)],
+    }
+)

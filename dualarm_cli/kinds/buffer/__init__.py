@@ -1,0 +1,1 @@
+"""Room for parts on the way from one task to another."""

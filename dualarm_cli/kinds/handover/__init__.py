@@ -1,0 +1,1 @@
+"""Parts that go from one arm's tool into the other's."""

@@ -1,0 +1,1 @@
+"""Tools that arms take from stands and leave there."""
