@@ -366,3 +366,10 @@ EFFORTS: Mapping[str, EffortSettings] = {
     ),
 }
 """By the words of `--effort`; more of everything gives plans that are as fast or faster."""
+
+
+def less_effort(effort: str) -> str | None:
+    """Returns the next word below one of `--effort`; None below the least."""
+    words = list(EFFORTS)
+    place = words.index(effort)
+    return words[place - 1] if place else None

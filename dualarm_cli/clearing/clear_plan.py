@@ -10,6 +10,7 @@ import numpy as np
 from dualarm_cli.clearing.clearing import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.collision.lying import too_near
+from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
 from dualarm_cli.motion.motion import Motion, realise
@@ -202,6 +203,9 @@ SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
 RIVALS = 0.08
 """Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
+UNLUCKY = 0.03
+"""Share of the cycle time; where keeping clear costs more, the plan of less effort, which begins elsewhere, may do
+better."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
@@ -327,7 +331,23 @@ def quickest_clear(
         simpler = Decided([], alternatives=tuple(decided.simpler()))
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
-        return found
+        less = less_effort(problem.effort)
+        if less is None or (found.cost or 0.0) <= UNLUCKY * found.blind:
+            return found
+        progress("looking at the plan of less effort")
+        try:
+            other = quickest_clear(
+                replace(problem, effort=less),
+                solve,
+                timing,
+                progress,
+                clear=clear,
+                crossing=crossing,
+            )
+        except InfeasibleError:
+            return found
+        quicker = min(found, other, key=lambda one: _badness(one.cleared))
+        return replace(quicker, blind=min(found.blind, other.blind))
     blocked = () if found is None else found.cleared.blocked
     reasons = why_blocked(clearing, None if found is None else found.cleared)
     alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)

@@ -16,6 +16,7 @@ from dualarm_cli.model.cell import Obstacle
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.stages import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -342,3 +343,32 @@ def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
     quick, slow = found(True), found(False)
     assert not quick.cleared.blocked
     assert quick.cost < slow.cost - 1.0
+
+
+@pytest.mark.parametrize("lesser", ["quicker", "slower", "none"])
+def test_where_keeping_clear_is_dear_more_effort_is_no_slower_than_less(tasks_folder, lesser):
+    """The plan of normal effort waits for 2 s, that of quick effort not at all, for longer, or there is none."""
+    job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
+    job = dataclasses.replace(job, tasks=job.tasks[:4])
+    model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
+
+    def found(effort):
+        def solve(asked):
+            if asked.effort == "quick" and lesser == "none":
+                raise InfeasibleError(Refusal("no_plan_on_grid"))
+            plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
+            wait = {"normal": 2.0, "quick": 0.0 if lesser == "quicker" else 4.0}[asked.effort]
+            if asked.holding is not None:
+                plans = [dataclasses.replace(plan, waits={"left": wait}) for plan in plans]
+            return Decided(plans)
+
+        problem = MethodProblem(model, job, "arm_angle", effort=effort)
+        return quickest_clear(problem, solve, timing, lambda _: None)
+
+    normal = found("normal").cleared.motion.trajectory.duration
+    if lesser == "none":
+        assert normal > 2.0 * len(job.stages())
+    else:
+        quick = found("quick").cleared.motion.trajectory.duration
+        assert normal <= quick
+        assert (normal == quick) is (lesser == "quicker")
