@@ -214,19 +214,17 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
 
 
 def _print(document: dict[str, Any]) -> None:
+    from dualarm_cli.kinds import of_kinds
     from dualarm_cli.report.comparison.comparison_table import comparison_table, reason_lines
-    from dualarm_cli.report.path_measures import paths_table
-    from dualarm_cli.report.seam_measures import seams_table
 
     console = stdout_console()
     clock = document["wall_clock"]
     for section in document["comparisons"]:
         mine, clock = clock[: len(section["rows"])], clock[len(section["rows"]) :]
         console.print(comparison_table(section, mine))
-        if (paths := paths_table(section)) is not None:
-            console.print(paths)
-        if (seams := seams_table(section)) is not None:
-            console.print(seams)
+        for kind in of_kinds("measures"):
+            if (table := kind.table(section)) is not None:
+                console.print(table)
         for line in (*reason_lines(section), section["sentence"]):
             console.print(line, markup=False, soft_wrap=True)
 

@@ -10,10 +10,10 @@ KINDS = ("path", "seam", "conveyor", "handover", "tool_change", "buffer")
 """The kinds, each a folder here. Picks, places and bare moves are the core's own."""
 
 
-def parts(name: str) -> list[Any]:
+def of_kinds(name: str) -> list[Any]:
     """Returns what the kinds have under one name, in the order of their list.
 
-    `parts("checks")` is the constant CHECKS of each `kinds/<kind>/checks.py`. They are imported only here, when they
+    `of_kinds("checks")` is the constant CHECKS of each `kinds/<kind>/checks.py`. They are imported only here, when they
     are asked for, so that the verifier loads checks and no planner, and a room can use what is built upon it.
 
     Args:
@@ -23,4 +23,4 @@ def parts(name: str) -> list[Any]:
     return [getattr(import_module(one), name.upper()) for one in modules if find_spec(one)]
 
 
-__all__ = ["KINDS", "parts"]
+__all__ = ["KINDS", "of_kinds"]

@@ -8,10 +8,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.report.buffer_use import buffer_lines
-from dualarm_cli.report.conveyor_measures import conveyor_lines
-from dualarm_cli.report.path_measures import path_lines
-from dualarm_cli.report.seam_measures import seam_lines
+from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.schedule import WORK_ENDS
 
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
@@ -68,21 +66,14 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "
             f"lines {use['approach'] + use['retract']:.2f} s, dwells {use['dwell']:.2f} s"
             f"{_shares(use['dwell_shares'])}, "
-            + (f"paths {use['path']:.2f} s, " if use["path"] > 0 else "")
-            + (f"seams {use['seam']:.2f} s, " if use["seam"] > 0 else "")
+            + "".join(f"{kind}s {use[kind]:.2f} s, " for kind in WORK_ENDS if use[kind] > 0)
             + (f"return {use['return']:.2f} s, " if use["return"] > 0 else "")
             + f"waits {use['waiting']:.2f} s"
         )
-    lines += [
-        f"{name} arm: {use['changes']} tool change{'s' if use['changes'] != 1 else ''}: {use['visits']} visits to "
-        f"stands, {use['time']:.2f} s with the ways there"
-        for name, use in report["tool_changes"].items()
-    ]
+    lines += _kind_lines("arms", report)
     lines += wait_lines(report)
-    lines += buffer_lines(report)
-    lines += path_lines(report)
-    lines += seam_lines(report)
-    lines += conveyor_lines(report)
+    lines += _kind_lines("waits", report)
+    lines += _kind_lines("work", report)
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")
@@ -106,6 +97,12 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
             else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
         )
     return lines
+
+
+def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
+    """Returns what the kinds of work say, of those that stand beside one thing."""
+    kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
+    return [line for kind in kinds for line in kind.lines(report)]
 
 
 def bound_line(report: dict[str, Any]) -> str:

@@ -9,14 +9,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dualarm_cli.model.schedule import Schedule
+from dualarm_cli.model.schedule import WORK_ENDS, Schedule
 from dualarm_cli.report.stage_parts import PLATFORM, StageParts, overlap, stage_parts
 
 ELBOW = 3
 """Place of the elbow among the joints of a 7-axis arm."""
 AXES = 7
-LINES, DWELLS, PATHS, SEAMS, OTHER = "lines", "dwells", "paths", "seams", "other"
-NO_TRANSFERS = (LINES, DWELLS, PATHS, SEAMS, OTHER)
+LINES, DWELLS, OTHER = "lines", "dwells", "other"
+WORK = {kind: f"{kind}s" for kind in WORK_ENDS}
+"""What work on the way is called, by its kind of segment."""
+NO_TRANSFERS = (LINES, DWELLS, *WORK.values(), OTHER)
 """What decides a stretch of time that is no transfer; `other` is waiting inside an arm's work."""
 LEAST_OTHER = 1e-6
 """Less than this is rounding [s]."""
@@ -117,10 +119,9 @@ def _shares(part: StageParts) -> dict[str, float]:
         LINES: part.length(arm, "approach", "retract"),
         DWELLS: part.length(arm, "dwell"),
     }
-    if (paths := part.length(arm, "path")) > 0.0:
-        shares[PATHS] = paths
-    if (seams := part.length(arm, "seam")) > 0.0:
-        shares[SEAMS] = seams
+    for kind, name in WORK.items():
+        if (time := part.length(arm, kind)) > 0.0:
+            shares[name] = time
     transfer = part.length(arm, "transfer", "return")
     if part.group:
         shares[part.group] = transfer

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from dualarm_cli.model.job import AT_STANDS, Job
-from dualarm_cli.model.schedule import Schedule, Stage
+from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
-from dualarm_cli.report.buffer_use import buffer_rows
-from dualarm_cli.report.conveyor_measures import conveyor_rows
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
-from dualarm_cli.report.path_measures import path_measures
-from dualarm_cli.report.seam_measures import seam_measures
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.waits import drawn_out, wait_rows, waited
 from dualarm_cli.verification.budget_checks import judge_budget
@@ -53,18 +49,16 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
         "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
-        "paths": path_measures(schedule, job),
-        "seams": seam_measures(schedule, job),
-        "conveyors": conveyor_rows(schedule, job),
+        **_kind_rows("work", schedule, job),
         "stages": [_stage_row(stage) for stage in schedule.stages],
         "bottlenecks": _bottlenecks(schedule),
         "arms": {
             name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}
             for name in schedule.robot.arms
         },
-        "tool_changes": _tool_changes(schedule, job),
+        **_kind_rows("arms", schedule, job),
         "waits": wait_rows(schedule, job),
-        "buffers": buffer_rows(schedule, job),
+        **_kind_rows("waits", schedule, job),
         "limits_used": _limits_used(schedule),
         "platform_travel": platform_travel(schedule) or 0.0,
         "elbow_imbalance": elbow_imbalance(schedule),
@@ -77,6 +71,12 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "settings": dict(schedule.provenance.settings),
         "notes": list(schedule.notes),
     }
+
+
+def _kind_rows(beside: str, schedule: Schedule, job: Job) -> dict[str, Any]:
+    """Returns what the kinds of work measure, of those that stand beside one thing."""
+    kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
+    return {key: rows(schedule, job) for kind in kinds for key, rows in kind.rows.items()}
 
 
 def count_parts(job: Job) -> int:
@@ -161,25 +161,6 @@ def _stage_row(stage: Stage) -> dict[str, Any]:
     }
 
 
-def _tool_changes(schedule: Schedule, job: Job) -> dict[str, dict[str, float]]:
-    """Returns, by arm that may change tools, how often it does, its visits to stands, and how long that takes [s].
-
-    Visits one right after the other are one change. The time is that of transfers to stands, lines and dwells there;
-    what a detour over the stands costs on the way to the next task is not in it.
-    """
-    found = {}
-    for arm in job.cell.tool_changes:
-        events = sorted((e for e in schedule.events if e.arm == arm), key=lambda e: e.time)
-        at_stand = [event.action in AT_STANDS for event in events]
-        own = [s for s in schedule.segments if s.arm == arm and s.action in AT_STANDS]
-        found[arm] = {
-            "changes": sum(b and not a for a, b in pairwise([False, *at_stand])),
-            "visits": sum(at_stand),
-            "time": sum(s.end - s.start for s in own if s.kind != "wait"),
-        }
-    return found
-
-
 def _bottlenecks(schedule: Schedule) -> dict[str, int]:
     """Returns how many stages each joint decides, most first."""
     names = [stage.bottleneck for stage in schedule.stages if stage.bottleneck]
@@ -189,9 +170,7 @@ def _bottlenecks(schedule: Schedule) -> dict[str, int]:
 
 def _arm_use(schedule: Schedule, arm: str) -> dict[str, Any]:
     """Returns how long one arm does what [s], and the share of the time in which it works."""
-    times = dict.fromkeys(
-        ("transfer", "approach", "dwell", "retract", "return", "path", "seam"), 0.0
-    )
+    times = dict.fromkeys(("transfer", "approach", "dwell", "retract", "return", *WORK_ENDS), 0.0)
     shares = dict.fromkeys(("gripper", "settle", "handshake"), 0.0)
     for segment in schedule.segments:
         if segment.arm != arm:

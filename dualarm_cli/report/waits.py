@@ -6,10 +6,10 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Schedule, Segment, WaitReason
 from dualarm_cli.motion.waiting import MOVES, SAME_TIME
-from dualarm_cli.report.buffer_use import served_by
 from dualarm_cli.report.stage_parts import stage_parts
 
 REASONS: tuple[str, ...] = get_args(WaitReason)[1:]
@@ -37,6 +37,7 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
         (s for s in schedule.segments if s.kind == "wait" and s.end - s.start > SAME_LENGTH),
         key=lambda part: (part.start, part.arm),
     )
+    ends = {why: find for kind in of_kinds("measures") for why, find in kind.waits.items()}
     rows = []
     for wait in waits:
         found: Segment | Event | None = None
@@ -44,8 +45,8 @@ def wait_rows(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
             found = _meanwhile(wait, work)
         elif wait.reason == "after":
             found = _before(wait, after.get(wait.task, ()), work)
-        elif wait.reason == "buffer":
-            found = served_by(wait, schedule, job)
+        elif wait.reason in ends:
+            found = ends[wait.reason](wait, schedule, job)
         rows.append(
             {
                 "arm": wait.arm,

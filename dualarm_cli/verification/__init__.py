@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.errors import Diagnostic, InputError
-from dualarm_cli.kinds import parts
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
@@ -105,9 +105,9 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         check_arms(schedule),
         *check_events(stops, model),
         *check_lines(known, done, model),
-        *_of_kinds("lines", evidence),
-        *_of_kinds("work", evidence),
-        *_of_kinds("joints", evidence),
+        *_kind_checks("lines", evidence),
+        *_kind_checks("work", evidence),
+        *_kind_checks("joints", evidence),
         check_platform_still(
             schedule, [(s.start, s.end, f"lines of {s.event.task}") for s in spans]
         ),
@@ -158,9 +158,9 @@ def _moving(schedule: Schedule, job: Job) -> Schedule:
     return replace(schedule, events=tuple(moving(event) for event in schedule.events))
 
 
-def _of_kinds(subject: Subject, evidence: Evidence) -> list[Check]:
+def _kind_checks(subject: Subject, evidence: Evidence) -> list[Check]:
     """Returns the checks that the kinds of work have of one subject."""
-    judges = [kind.judge[subject] for kind in parts("checks") if subject in kind.judge]
+    judges = [kind.judge[subject] for kind in of_kinds("checks") if subject in kind.judge]
     return [check for judge in judges for check in judge(evidence)]
 
 
@@ -174,7 +174,13 @@ def _job_checks(evidence: Evidence) -> list[Check]:
         second = [check_precedence(schedule, job, spans), check_windows(schedule, job)]
         third = [check_pairing(schedule, done, spans), check_dwells(schedule, done)]
         third += check_ends(schedule, job)
-    return [*first, *_of_kinds("order", evidence), *second, *_of_kinds("parts", evidence), *third]
+    return [
+        *first,
+        *_kind_checks("order", evidence),
+        *second,
+        *_kind_checks("parts", evidence),
+        *third,
+    ]
 
 
 __all__ = ["verify"]

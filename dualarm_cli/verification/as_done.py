@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dualarm_cli.kinds import parts
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import ANY, AT_STANDS, Job, StopKey, Task
 from dualarm_cli.model.schedule import Event, Schedule, Stage
 from dualarm_cli.verification import tolerances as tol
@@ -24,7 +24,7 @@ def job_as_done(schedule: Schedule, job: Job) -> Job:
         schedule: who does what when.
         job: as its file leaves it.
     """
-    changes = [task for kind in parts("checks") for task in kind.added(schedule, job)]
+    changes = [task for kind in of_kinds("checks") for task in kind.added(schedule, job)]
     if job.is_decided:
         return replace(job, tasks=_with_changes(schedule, job, changes)) if changes else job
     arms = {arm.name for arm in job.cell.robot.arms}

@@ -18,7 +18,7 @@ from dualarm_cli.collision.solids import (
     pairs_that_must_keep_apart,
 )
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinds import parts
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import AT_STANDS, GIVES, LYING, TAKES, Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, StageClearance
@@ -167,7 +167,7 @@ def _pairs_and_windows(
     """Returns the pairs, and when each counts; a part's pairs with obstacles twice, in transfers and on lines."""
     pairs: list[Pair] = []
     windows: list[Windows] = []
-    touches = [touch for kind in parts("checks") for touch in kind.touches(job, spans)]
+    touches = [touch for kind in of_kinds("checks") for touch in kind.touches(job, spans)]
     for pair in pairs_that_must_keep_apart(model, solids, job.cell):
         one, other = solids[pair.first], solids[pair.second]
         carriers = [solid for solid in (one, other) if solid.carrier]

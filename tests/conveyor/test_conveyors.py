@@ -16,11 +16,11 @@ from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.conveyor import plan as conveyor_plan
+from dualarm_cli.kinds.conveyor.measures import conveyor_lines, conveyor_rows
 from dualarm_cli.kinds.conveyor.stages import MeetingTime
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.plan.planner import plan, plan_without_bound
-from dualarm_cli.report.conveyor_measures import conveyor_lines, conveyor_rows
 from dualarm_cli.report.report import build_report
 from dualarm_cli.stages.platform_moves import stage_move
 from dualarm_cli.verification import verify

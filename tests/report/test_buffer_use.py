@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.kinds.buffer.measures import buffer_lines, buffer_rows
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.schedule import Event
-from dualarm_cli.report.buffer_use import buffer_lines, buffer_rows
 from dualarm_cli.report.waits import wait_rows
 
 

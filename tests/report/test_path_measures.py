@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.path.measures import path_curves, path_lines, path_measures, path_samples
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.report.figures import path_figure
 from dualarm_cli.report.figures.path_figure import draw_paths
-from dualarm_cli.report.path_measures import path_curves, path_lines, path_measures, path_samples
 from dualarm_cli.verification import verify
 
 CELL = """\

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.plan.comparison import Outcome
@@ -12,21 +13,18 @@ from dualarm_cli.report.measures import (
     DWELLS,
     LINES,
     NO_TRANSFERS,
-    PATHS,
-    SEAMS,
+    WORK,
     Bottlenecks,
     bottlenecks,
     elbow_imbalance,
     platform_travel,
 )
-from dualarm_cli.report.path_measures import path_curves, path_measures
 from dualarm_cli.report.report import (
     count_parts,
     relative_gap,
     smallest_clearance,
     throughput,
 )
-from dualarm_cli.report.seam_measures import seam_measures
 from dualarm_cli.report.stage_parts import PLATFORM
 
 FORMAT = "dualarm.comparison/1"
@@ -121,6 +119,7 @@ def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
     """Returns one case's row; times in s, angles in rad."""
     case, schedule = outcome.case, outcome.schedule
+    compared = {key: rows for kind in of_kinds("measures") for key, rows in kind.compared.items()}
     row: dict[str, Any] = {
         "method": case.method,
         "redundancy": case.redundancy,
@@ -134,9 +133,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             ("clearance", "clearance_cost", "platform_travel", "deciding_stages", "deciding_time"),
             None,
         ),
-        "paths": [],
-        "path_curves": [],
-        "seams": [],
+        **{key: [] for key in compared},
     }
     if schedule is None:
         return row
@@ -152,9 +149,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "platform_travel": platform_travel(schedule),
         "deciding_stages": found.stages,
         "deciding_time": found.time,
-        "paths": path_measures(schedule, job),
-        "path_curves": path_curves(schedule, job),
-        "seams": seam_measures(schedule, job),
+        **{key: rows(schedule, job) for key, rows in compared.items()},
     }
 
 
@@ -219,7 +214,7 @@ def _why_faster(winner: dict[str, Any], other: dict[str, Any], name: str) -> str
     pairs = [("transfers", mine.transfers, theirs.transfers)]
     pairs += [
         (what, mine.time.get(what, 0.0), theirs.time.get(what, 0.0))
-        for what in (LINES, DWELLS, PATHS, SEAMS)
+        for what in (LINES, DWELLS, *WORK.values())
     ]
     saved = [pair for pair in pairs if pair[2] - pair[1] > LEAST_SAVING]
     saved.sort(key=lambda pair: pair[1] - pair[2])

@@ -13,7 +13,7 @@ from dualarm_cli.report.comparison.comparison import (
     share_text,
 )
 from dualarm_cli.report.figures.figures import new_figure, rendered
-from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, OTHER, PATHS, SEAMS
+from dualarm_cli.report.measures import DWELLS, LINES, NO_TRANSFERS, OTHER
 from dualarm_cli.report.stage_parts import PLATFORM
 
 WIDTH = 10.0
@@ -27,8 +27,8 @@ COLOURS = {
     PLATFORM: "#2a7f3f",
     LINES: "#8f8f8f",
     DWELLS: "#d3d3d3",
-    PATHS: "#8a5fb0",
-    SEAMS: "#d98c2b",
+    "paths": "#8a5fb0",
+    "seams": "#d98c2b",
     OTHER: "#f0e0a0",
 }
 """By what decides the time; the arms as in every other figure."""

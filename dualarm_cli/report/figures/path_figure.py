@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dualarm_cli.kinds.path.measures import PathSamples, path_samples
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.report.figures.figures import new_figure, rendered
-from dualarm_cli.report.path_measures import PathSamples, path_samples
 
 WIDTH, HEIGHT = 16.0, 12.0
 """Size of one path's part [inch]."""

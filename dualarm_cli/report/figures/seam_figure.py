@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.seam.measures import SeamSamples, seam_samples
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.report.figures.figures import new_figure, rendered
-from dualarm_cli.report.seam_measures import SeamSamples, seam_samples
 from dualarm_cli.verification.tool_model import ToolModel
 
 PER_SECOND = 100.0

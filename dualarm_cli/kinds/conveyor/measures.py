@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.markup import escape
 
+from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.verification.as_done import job_as_done
@@ -65,3 +66,6 @@ def conveyor_lines(report: dict[str, Any]) -> list[str]:
         + (f"; waited {row['waited']:.2f} s for it" if row["waited"] >= 5e-3 else "")
         for row in report["conveyors"]
     ]
+
+
+MEASURES = KindMeasures("work", {"conveyors": conveyor_rows}, conveyor_lines)

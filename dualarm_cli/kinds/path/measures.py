@@ -13,6 +13,7 @@ from rich.table import Table
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.checks import along_path
 from dualarm_cli.kinds.path.context import PathContext
+from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
@@ -370,3 +371,12 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+MEASURES = KindMeasures(
+    "work",
+    {"paths": path_measures},
+    path_lines,
+    {"paths": path_measures, "path_curves": path_curves},
+    paths_table,
+)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
+from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.kinds.seam.checks import OnSeam, on_seam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
@@ -269,3 +270,8 @@ def _measured(
         "speed_joint": limits.joints[fastest],
         "clearance": min(clear, default=None),
     }
+
+
+MEASURES = KindMeasures(
+    "work", {"seams": seam_measures}, seam_lines, {"seams": seam_measures}, seams_table
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dualarm_cli.kinds.reporting import KindMeasures
 from dualarm_cli.model.job import GIVES, Job
 from dualarm_cli.model.schedule import Event, Schedule, Segment
 
@@ -81,3 +82,8 @@ def _at(schedule: Schedule, job: Job, name: str) -> list[Event]:
     stops = job.stops_by_key()
     keys = {key for key, stop in stops.items() if stop.buffer == name}
     return [e for e in schedule.events if (e.arm, e.task, e.action) in keys]
+
+
+MEASURES = KindMeasures(
+    "waits", {"buffers": buffer_rows}, buffer_lines, waits={"buffer": served_by}
+)
