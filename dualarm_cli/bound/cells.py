@@ -159,7 +159,7 @@ def _least_sine(theta: FloatArray, away: FloatArray) -> FloatArray:
     """Returns the least sine of a polar angle within each box, shape (c, k); 0 if a pole may be in or near it."""
     low, high = theta.min(axis=0) - away, theta.max(axis=0) + away
     sine = np.minimum(np.sin(np.maximum(low, 0.0)), np.sin(np.minimum(high, np.pi)))
-    return np.where((low > 0.0) & (high < np.pi) & (sine > SINGULAR), sine, 0.0)
+    return np.where(sine > SINGULAR, sine, 0.0)
 
 
 def _cap(theta: FloatArray, away: FloatArray) -> FloatArray:

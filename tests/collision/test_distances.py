@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dualarm_cli.collision.hulls import is_rough
+from dualarm_cli.collision.hulls import box_around, is_rough
 from dualarm_cli.collision.quick_test import box_distance, segment_distance
 from dualarm_cli.collision.solids import WORLD, Solid
 
@@ -75,3 +75,13 @@ def test_round_solids_are_exact_with_one_another_and_with_boxes_and_half_spaces(
     both = {("box", "box"), ("box", "floor"), ("floor", "box"), ("floor", "floor")}
     cans = {pair for k in forms for pair in (("can", k), (k, "can"))}
     assert rough == both | cans
+
+
+def test_the_box_around_a_solid_is_about_its_own_middle():
+    """A triangle from 1 to 3, 2 to 6 and -3 to 5 m beside its frame; a box is about its frame."""
+    corners = [np.array(x) for x in ((1.0, 2.0, -3.0), (3.0, 2.0, 5.0), (1.0, 6.0, 3.0))]
+    center, half = box_around(coal.TriangleP(*corners))
+    np.testing.assert_allclose(center, [2.0, 4.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(half, [1.0, 2.0, 4.0], atol=1e-9)
+    center, half = box_around(coal.Box(1.0, 2.0, 4.0))
+    assert (center.tolist(), half.tolist()) == ([0.0, 0.0, 0.0], [0.5, 1.0, 2.0])

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.reach import can_meet
+from dualarm_cli.collision.reach import _ball, can_meet
 from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
@@ -103,3 +103,20 @@ def test_nothing_is_said_of_joints_that_slide():
     arm = model.addJoint(slide, pin.JointModelRZ(), placed(0.1), "arm")
     far = Solid("ball", WORLD, placed(9.0), coal.Sphere(0.05), 9.1)
     assert meets_at(model, ball(arm, 0.1, 0.05), far, 0.0, 0.0)
+
+
+def test_what_the_second_joint_carries_goes_round_on_a_circle_about_the_first_one_s_axis():
+    """Joints about z, y and x: 0.2 m up the first axis, hypot(0.3, 0.4) beside it, 0.1 m on, and the solid's extent."""
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRZ(), placed(0.0, 1.0), "first")
+    at = pin.SE3(np.eye(3), np.array([0.3, 0.4, 0.2]))
+    second = model.addJoint(first, pin.JointModelRY(), at, "second")
+    at = pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0]))
+    third = model.addJoint(second, pin.JointModelRX(), at, "third")
+    solid = ball(third, 0.0, 0.05)
+    found = _ball(model, solid, [first, second, third])
+    np.testing.assert_allclose(found.center, placed(0.0, 1.0, 0.2).translation, atol=1e-12)
+    assert found.radius == pytest.approx(0.5 + 0.1 + solid.extent)
+    alone = _ball(model, ball(first, 0.0, 0.05), [first])
+    np.testing.assert_allclose(alone.center, placed(0.0, 1.0).translation)
+    assert alone.radius == pytest.approx(ball(first, 0.0, 0.05).extent)

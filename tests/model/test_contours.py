@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,23 @@ def test_a_normal_that_is_carried_along_a_helix_turns_against_its_torsion(pitch,
     np.testing.assert_allclose(found, expected, atol=2e-4)
     rate = spline.rate(spline.knots)
     assert np.abs((found * rate).sum(axis=1) / np.linalg.norm(rate, axis=1)).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["saddle", "arc", "ellipse"])
+def test_a_contour_ten_times_as_large_has_ten_times_the_lengths(kind):
+    """Points, all derivatives and the bound of the third are lengths: any wrong power of a length shows."""
+    random = np.random.default_rng(19)
+    t, half = np.linspace(0.05, 0.95, 7), np.full(7, 0.02)
+    for _ in range(10):
+        curve = contour(kind, random)
+        sizes = {
+            name: tuple(10.0 * x for x in value) if isinstance(value, tuple) else 10.0 * value
+            for name, value in vars(curve).items()
+            if name.endswith("radius") or name in ("eccentricity", "semi_axes")
+        }
+        large = dataclasses.replace(curve, **sizes)
+        for name in ("point", "rate", "second"):
+            expected = 10.0 * getattr(curve, name)(t)
+            np.testing.assert_allclose(getattr(large, name)(t), expected, rtol=1e-9, atol=1e-12)
+        expected = 10.0 * curve.third_bound(t, half)
+        np.testing.assert_allclose(large.third_bound(t, half), expected, rtol=1e-9)

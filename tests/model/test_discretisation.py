@@ -167,6 +167,28 @@ def test_curvature_is_enclosed_on_wide_cells_too(parts, monkeypatch):
         assert quality.chord_bound >= quality.chord_error
 
 
+def test_bounds_of_two_steps_of_an_arc_by_hand(monkeypatch):
+    """An arc of radius r over 2 rad in two steps: derivatives of 2r, 4r and 8r; half a step is d = 1/4.
+
+    With P and Q for the first two: |Q| <= 4r + 8r/4 = 6r, r/2 <= |P| <= 7r/2, |P x Q| <= 8r² + 8r/4 · 7r/2 = 15r²:
+    the curvature is at most 120/r. The chord is nearer by the second derivative: 6r (1/2)²/8.
+    """
+    monkeypatch.setattr(discretisation, "CELLS", 1)
+    for r in (0.03, 2.0):
+        arc = FeatureCurve(Ellipse((r, r), 0.3, 2.3), HERE)
+        quality = judge(arc, by_length(arc, r))
+        assert quality.curvature_bound == pytest.approx(120.0 / r)
+        assert quality.chord_bound == pytest.approx(6.0 * r / 32.0)
+    # In 40 steps d is 1/80, and the curvature's bound is the better one.
+    arc = FeatureCurve(Ellipse((2.0, 2.0), 0.3, 2.3), HERE)
+    quality = judge(arc, by_length(arc, 0.1))
+    second = 8.0 + 16.0 / 80.0
+    least, most = 4.0 - second / 80.0, 4.0 + second / 80.0
+    kappa = (32.0 + 16.0 / 80.0 * most) / least**3
+    assert quality.curvature_bound == pytest.approx(kappa)
+    assert quality.chord_bound == pytest.approx(min(kappa * 0.1**2, second / 40.0**2) / 8.0)
+
+
 def test_frames_that_are_given_off_the_curve_are_told():
     """Frames turned by 10 degrees about z against a straight way."""
     poses = [

@@ -214,3 +214,10 @@ def test_stages_are_side_by_side_between_meetings():
     )
     assert stages("", "ab") == ([{"right": "a"}, {"right": "b"}], [])
     assert stages("", "") == ([], [])
+
+
+def test_a_dwell_of_which_nothing_is_said_takes_no_time():
+    """Each of its shares is 0; together they are its total."""
+    assert Dwell() == Dwell(0.0, 0.0, 0.0)
+    assert Dwell().total == 0.0
+    assert Dwell(1.0, 2.0, 4.0).total == 7.0

@@ -10,14 +10,15 @@ from scipy.optimize import linprog
 
 from dualarm_cli.bound import bound as bound_pairs
 from dualarm_cli.bound.bound import Pairs, lower_bound, platform_edges
-from dualarm_cli.bound.cells import pose_cells
-from dualarm_cli.bound.layers import PostureBoxes, line_bounds
+from dualarm_cli.bound.cells import free_cells, point_cells, pose_cells
+from dualarm_cli.bound.layers import PostureBoxes, StopBoxes, line_bounds, stop_boxes
 from dualarm_cli.effort import Resolution
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.model.job import Dwell, Job, JointTarget, Place, PoseTarget, Stop, Task
 from dualarm_cli.postures.platform_reach import AngleCells
+from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.problem import Decisions, SequenceProblem
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.stops import StopTable
@@ -114,6 +115,105 @@ def test_a_hundred_stages_add_up(packing: Job) -> None:
     problem = sequence_problem(CellModel.from_cell(job.cell), job)
     value = lower_bound(problem, "normal").value
     assert 0.99 * 100 * longest < value <= 100 * longest
+
+
+@pytest.mark.parametrize("start", ["home", "free"])
+@pytest.mark.parametrize("returns", [False, True])
+def test_a_stage_lasts_as_long_as_the_slower_arm(packing: Job, start: str, returns: bool) -> None:
+    """Nobody moves; the arms dwell 2.0 and 0.1 s, then 0.3 and 1.5 s, then 0.2 and 0.7 s: 2.0 + 1.5 + 0.7 s."""
+    robot = packing.cell.robot
+    tasks = []
+    for arm, dwells in zip(robot.arms, ((2.0, 0.3, 0.2), (0.1, 1.5, 0.7)), strict=True):
+        home = JointTarget(robot.postures["home"][robot.columns(arm.joints)][None])
+        for k, dwell in enumerate(dwells):
+            stop = Stop("move", home, 0.0, 0.0, Dwell(dwell), Place("hand", 1, 1))
+            tasks.append(Task(f"{arm.name}{k}", arm.name, (stop,)))
+    job = replace(packing, tasks=tuple(tasks), start=start, returns=returns)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    value = lower_bound(problem, "quick").value
+    assert 4.2 * (1.0 - 2e-5) < value <= 4.2
+
+
+def _boxes(problem: SequenceProblem, tilt: float, **changes: object) -> StopBoxes:
+    """Returns the cells of the first arm's first stop, changed, its tool tilted, over two platform cells."""
+    work = problem.arms[0]
+    stop = replace(work.stops[0], **changes)
+    R = pin.rpy.rpyToMatrix(tilt, 0.0, 0.0) @ work.R_tool_flange
+    work = replace(work, R_tool_flange=R, stops=(stop, *work.stops[1:]))
+    problem = replace(problem, arms=(work, *problem.arms[1:]))
+    table = transfer_table(problem, work)
+    edges = np.array([-0.5, 0.0, 0.5])
+    return stop_boxes(problem, 0, StopTable.of(work), table, 0, edges, Resolution(0.5, 9, 1))
+
+
+def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) -> None:
+    """Given configurations are points unless there is a line; yaw that is free is joint 7's, or anything, if tilted.
+
+    What may be anything has one cell for each of the platform's, its ranges the joint limits.
+    """
+    problem = random_problem(0, (1, 1), line=0.05)
+    work = problem.arms[0]
+    lower, upper = work.closed_form.lower, work.closed_form.upper
+    everything = [
+        box[:7, :1]
+        for box in transfer_table(problem, work).box(
+            *(np.append(x, 0.0)[None] for x in (lower, upper))
+        )
+    ]
+
+    def is_anything(boxes: StopBoxes) -> bool:
+        ends = (boxes.approach, boxes.retract)
+        return all(
+            end.index.tolist() == [0, 1]
+            and (end.low[:7] == everything[0]).all()
+            and (end.high[:7] == everything[1]).all()
+            for end in ends
+        )
+
+    given = {"configurations": np.stack([work.start, work.start + 0.1, work.start - 0.1])}
+    bare = {"approach": 0.0, "retract": 0.0}
+    three = {"yaw": 2.0 * np.pi / 3.0 * np.arange(3.0), "free_yaw": False}
+    free = {"yaw": np.zeros(1), "free_yaw": True}
+    points = _boxes(problem, 0.0, **given, **bare)
+    assert points.approach.index.tolist() == [0, 0, 0, 1, 1, 1]
+    assert (points.approach.high[:7] - points.approach.low[:7]).max() <= 1  # steps of the table
+    assert points.same
+    assert not points.free_last
+    for line in ({"approach": 0.0}, {"retract": 0.0}, {}):
+        for tilt in (0.0, 0.3):
+            boxes = _boxes(problem, tilt, **given, **line)
+            assert is_anything(boxes)
+            assert (boxes.same, boxes.free_last) == (False, False)
+            assert not is_anything(_boxes(problem, tilt, **line))
+    assert is_anything(_boxes(problem, 0.3, **free))
+    assert not _boxes(problem, 0.3, **free).free_last
+    one = _boxes(problem, 0.0)
+    for yaws in (free, three):
+        boxes = _boxes(problem, 0.0, **yaws)
+        assert boxes.free_last
+        assert len(boxes.approach.index) <= len(one.approach.index)
+        assert (boxes.approach.low[6] == everything[0][6]).all()
+        assert (boxes.approach.high[6] == everything[1][6]).all()
+    tilted, turned = _boxes(problem, 0.3), _boxes(problem, 0.3, **three)
+    assert not turned.free_last
+    assert set(turned.approach.kind.tolist()) > set(tilted.approach.kind.tolist())
+
+
+def test_cells_of_anything_and_of_points_by_hand(random_problem: Problems) -> None:
+    """Three platform cells: all limits and the cell's edges; two configurations in each."""
+    arm = random_problem(0, (1, 1)).arms[0].closed_form
+    edges = np.array([-1.0, 0.0, 0.5, 2.0])
+    cells = free_cells(arm, edges)
+    assert cells.index.tolist() == [0, 1, 2]
+    assert cells.low.tolist() == [[*arm.lower, edge] for edge in edges[:3]]
+    assert cells.high.tolist() == [[*arm.upper, edge] for edge in edges[1:]]
+    q = np.arange(14.0).reshape(2, 7)
+    cells = point_cells(q, edges)
+    assert cells.index.tolist() == [0, 0, 1, 1, 2, 2]
+    assert cells.kind.tolist() == [0, 1, 0, 1, 0, 1]
+    assert cells.low.tolist() == [[*row, edge] for edge in edges[:3] for row in q]
+    assert cells.high.tolist() == [[*row, edge] for edge in edges[1:] for row in q]
+    assert not cells.line.any()
 
 
 @pytest.mark.parametrize(

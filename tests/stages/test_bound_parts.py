@@ -282,6 +282,21 @@ def test_azimuths_and_sines_within_a_cap_are_those_of_its_rim():
         assert sine[k, 0] == pytest.approx(np.sin(np.linspace(*polar, 500)).min())
 
 
+@pytest.mark.parametrize("pole", [0.0, np.pi])
+@pytest.mark.parametrize(("near", "told"), [(0.9e-3, False), (1.1e-3, True), (-0.2, False)])
+def test_near_a_pole_nothing_is_divided_by_a_sine(pole, near, told):
+    """A vector that may come within a thousandth of the pole, or over it: no sine; nor a cap about a corner there."""
+    towards = 1.0 if pole == 0.0 else -1.0
+    theta, away = np.full((4, 1, 1), np.pi / 2), np.full((1, 1), 0.3)
+    theta[1] = pole + towards * (near + 0.3)
+    sine = bound_enclosures._least_sine(theta, away)[0, 0]
+    assert sine == (pytest.approx(np.sin(near)) if told else 0.0)
+    theta[1], away = pole + towards * abs(near), np.full((1, 1), 1e-5)
+    cap = bound_enclosures._cap(theta, away)[0, 0]
+    known = np.arcsin(np.sin(1e-5) / np.sin(abs(near)))
+    assert cap == (np.inf if near == 0.9e-3 else pytest.approx(known))
+
+
 @pytest.mark.parametrize("parts", [24, 90])
 def test_at_one_platform_angle_the_elbow_s_circle_alone_widens_enclosures(arm, parts):
     """A vector on a circle of radius b has a first rate of b and a second one of b, its frame one of 1 and 1.
@@ -333,6 +348,58 @@ def test_at_one_platform_angle_the_elbow_s_circle_alone_widens_enclosures(arm, p
                         offset = arm.canonical.offset[middle]
                         assert own == pytest.approx(np.array(expected) - offset, abs=1e-7)
     assert told > 100
+
+
+@pytest.mark.parametrize(("half", "parts"), [(0.002, 90), (0.1, 90), (0.03, 800), (0.002, 2000)])
+def test_a_turn_of_the_platform_widens_enclosures_by_the_rates_of_the_shape(arm, half, parts):
+    """Over (phi, psi) a vector with rates a_1, a_2 by phi and b, b by psi (1, 1 for the link's frame) by the docstring.
+
+    d = a_1 h_phi + b h_psi; the least sine s is d beyond the corners; a polar angle is within
+    min(d, ((a_2 + a_1²) h_phi² + (b + b²) h_psi²) / 2s) of its corners', an azimuth within the least of d / s,
+    asin(sin d / sin theta) and ((a_2/s + 2 a_1²/s²) h_phi² + (r/s + 2 r²/s²) h_psi²) / 2, with r for b.
+    """
+    random = np.random.default_rng(29)
+    told = np.zeros(5, dtype=int)
+    for _ in range(10):
+        R, p = arm.forward(random.uniform(np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)))
+        cell = one_cell(-half, half)
+        rates = shape_rates(arm, arm.wrist_center(R, p), cell)
+        found = enclosures(arm, R, p, cell, rates, parts)
+        corners = bound_enclosures._corners(arm, R, p, cell, parts)[:, :, 0]
+        h = np.pi / parts
+        for (outer, middle, along), a_1, a_2, b in (
+            ((0, 1, 2), rates.shoulder_first, rates.shoulder_second, rates.sin_upper),
+            ((6, 5, 4), rates.wrist_first, rates.wrist_second, rates.sin_fore),
+        ):
+            one, two, sine = float(a_1[0]), float(a_2[0]), float(b[0])
+            for k in random.integers(0, parts, 20):
+                theta = corners[:, middle, k]
+                d = one * half + sine * h
+                if theta.min() - d < 0.05 or theta.max() + d > np.pi - 0.05:
+                    continue
+                s = np.sin([theta.min() - d, theta.max() + d]).min()
+                bent = ((two + one**2) * half**2 + (sine + sine**2) * h**2) / (2.0 * s)
+                slack = min(d, bent)
+                told[0 if bent < d else 1] += 1
+                low = max(theta.min() - slack, 0.0) - arm.canonical.offset[middle]
+                assert found.low[middle, 0, 0, k] == pytest.approx(low, abs=1e-9)
+                for joint, rate in ((outer, sine), (along, 1.0)):
+                    d = one * half + rate * h
+                    pole = np.minimum(theta, np.pi - theta).min()
+                    bent = ((two / s + 2.0 * one**2 / s**2) * half**2) / 2.0
+                    bent += ((rate / s + 2.0 * rate**2 / s**2) * h**2) / 2.0
+                    cap = np.arcsin(min(np.sin(d) / np.sin(pole), 1.0)) if d < pole else np.inf
+                    straight = min(d / s, cap)
+                    if straight > 1.5:
+                        continue
+                    told[2 if bent < straight else 3] += 1
+                    told[4] += cap < min(bent, d / s)
+                    step = np.diff(corners[:, joint, k])
+                    step -= 2.0 * np.pi * np.round(step / (2.0 * np.pi))
+                    own = np.ptp(np.concatenate([[0.0], np.cumsum(step)]))
+                    width = (found.high - found.low)[joint, :, 0, k]
+                    assert width == pytest.approx(own + 2.0 * min(bent, straight), abs=1e-8)
+    assert told[[0, 2]].min() > 50 or told[[1, 3]].min() > 20
 
 
 def test_enclosures_shrink_to_the_corners_with_the_square_of_their_cells(arm):

@@ -46,6 +46,16 @@ def test_a_clearance_is_kept_down_to_its_figure(planned):
     assert kept(schedule, job, clearance=least + 1e-5, cycle_time=1.0) == [False, False]
 
 
+def test_what_was_not_proven_is_missed_whatever_pairs_have_to_keep(planned):
+    """Without a verification; pairs with a clearance of their own change nothing of it."""
+    job, schedule = planned
+    own = replace(job, cell=replace(job.cell, clearances=(("left_link_t", "right_link_t", 0.1),)))
+    bare = replace(schedule, verification=None)
+    for asked in (job, own):
+        assert least_clearance(bare, asked) is None
+        assert kept(bare, asked, clearance=0.0) == [False]
+
+
 def test_it_is_the_distance_that_counts_and_not_what_is_left_of_it(planned):
     """A cell that demands 10 mm everywhere has the same least distance; its margin is 10 mm less."""
     job, schedule = planned

@@ -64,6 +64,23 @@ def test_what_lacks_a_part_or_room_is_named(made, rows, capacity, initial, detai
     assert check.detail == (detail or "a part for every pick, and room for every place")
 
 
+@pytest.mark.parametrize("action", [PUT, TAKE])
+def test_each_event_that_lacks_a_part_or_room_is_one_fault(made, action):
+    """Three alike, half a second each, at a buffer that serves one of them, then one the other way: two are faults."""
+    other = PUT if action == TAKE else TAKE
+    rows = [(float(t), 0.5, action, "left") for t in (1, 2, 3)] + [(4.0, 0.5, other, "right")]
+    check = check_buffers(*made(rows, 1, int(action == TAKE)))
+    assert (check.verdict, check.measured) == ("failed", 2)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.9, "passed"), (1.1, "failed")])
+@pytest.mark.parametrize(("one", "other", "initial"), [(PUT, TAKE, 0), (TAKE, PUT, 1)])
+def test_what_gives_may_be_a_nanosecond_late(made, share, expected, one, other, initial):
+    """A part is there, or room is, when a dwell is over, and is needed that much earlier."""
+    rows = [(1.0, 0.5, one, "left"), (1.5 - share * 1e-9, 0.5, other, "right")]
+    assert check_buffers(*made(rows, 1, initial)).verdict == expected
+
+
 def test_who_does_it_is_for_the_order_to_judge(made):
     """A part counts whichever arm put it there; what any arm may do too."""
     rows = [(1.0, 0.5, PUT, "left"), (1.4, 0.5, TAKE, "right")]

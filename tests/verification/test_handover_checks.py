@@ -11,12 +11,14 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.kinds.handover.checks import handover_spans, handover_touches
+from dualarm_cli.kinds.handover.checks import _judge_still, handover_spans, handover_touches
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _touching
+from dualarm_cli.verification.tool_checks import Worst
+from dualarm_cli.verification.tool_model import ToolModel
 
 NAMES = ("handover_order", "handover_grip", "handover_still")
 
@@ -250,3 +252,37 @@ def test_only_tools_and_the_part_itself_may_touch_what_changes_hands(
         expected = [(span.start, span.end)] if {one, other} in allowed else []
         assert _touching(touches, *solids, gripped=True) == expected
         assert _touching(touches, *solids) == []
+
+
+@pytest.mark.parametrize(("start", "end", "off"), [(0.8, 1.2, 0.05), (0.0, 0.8, 0.7)])
+def test_how_far_a_tool_moves_is_measured_from_where_it_stands_at_first(clean, start, end, off):
+    """On an approach of 50 mm, in metres; on a transfer over 0.4 rad of the platform and 0.3 of the arm, in radians."""
+    worst = Worst()
+    model = ToolModel(clean.schedule)
+    _judge_still(clean.schedule, "left", (start, end), model, worst, "the giving")
+    assert worst.value == pytest.approx(off, abs=1e-9)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.9, "passed"), (1.1, "failed")])
+def test_tolerances_of_hand_overs(flip, schedule, share, expected):
+    """The taker grips so much of a nanosecond after the giver lets go; the grip is so much of a micrometre off."""
+    took, gave = event(schedule, "take"), event(schedule, "give")
+    late = with_event(schedule, "take", dwell=gave.time + share * 1e-9 - took.time)
+    own = {c.name: c.verdict for c in verify(late, flip).checks}
+    assert own["handover_order"] == expected
+    # Where the tools are exactly: the plan's own error does not count.
+    model = ToolModel(schedule)
+    poses = [
+        model.pose(e.arm, schedule.trajectory.at(np.array([took.time]))[0][0]) for e in (gave, took)
+    ]
+    grip = poses[0].actInv(poses[1])
+    for off in (
+        pin.SE3(np.eye(3), np.array([0.0, share * 1e-6, 0.0])),
+        pin.SE3(pin.utils.rotate("x", share * 1e-6), np.zeros(3)),
+    ):
+        tasks = tuple(
+            dataclasses.replace(t, handover=dataclasses.replace(t.handover, grip=grip * off))
+            for t in flip.tasks
+        )
+        own = verify(schedule, dataclasses.replace(flip, tasks=tasks)).checks
+        assert {c.name: c.verdict for c in own}["handover_grip"] == expected

@@ -127,6 +127,19 @@ def test_a_stage_of_an_arm_that_the_robot_does_not_have_is_a_finding(by_clocks):
     assert "turn (move) at 0.800 s" in failures["stages"]
 
 
+def test_without_a_job_one_stage_of_one_arm_tells_that_arms_go_by_their_own_clocks(clean):
+    """A stage of both arms from 0 to 1 s, the left one's until the end, the right one's for a second."""
+    end = clean.schedule.duration
+    spans = (("", 0.0, 1.0), ("left", 1.0, end), ("right", 1.0, 2.0))
+    template = clean.schedule.stages[0]
+    stages = tuple(
+        dataclasses.replace(template, arm=arm, start=start, end=over) for arm, start, over in spans
+    )
+    schedule = dataclasses.replace(clean.schedule, stages=stages, events=())
+    assert check_stages(schedule).verdict == "passed"
+    assert check_stages(schedule, clean.job).verdict == "failed"
+
+
 def test_paired_arms_have_no_stages_of_their_own(by_clocks, clean, measured_lines):
     """Overlapping they fail as before; one after the other they are still no pairs."""
     paired = dataclasses.replace(by_clocks.job, mode="paired")
