@@ -15,16 +15,12 @@ from dualarm_cli.files.source.fields import (
     Duration,
     FramedPose,
     Name,
-    Pose,
     Quantity,
     Section,
-    Size,
     SpeedFraction,
     refuse,
 )
 from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.files.tasks.schema_paths import PathSection
-from dualarm_cli.files.tasks.schema_seams import CoordinateSection
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.place import Place
 
@@ -58,40 +54,9 @@ def read_budget(document: Document, section: BudgetSection | None) -> Budget | N
     return Budget(section.cycle_time, section.clearance, places["cycle_time"], places["clearance"])
 
 
-MOST_PARTS = 1_000_000
-"""Most parts of a buffer."""
-
-
-class BufferSection(Section):
-    """Room for parts that are all alike, on the way from one task to another."""
-
-    capacity: Annotated[int, Field(ge=1, le=MOST_PARTS)] = Field(
-        description="How many parts it has room for."
-    )
-    initial: Annotated[int, Field(ge=0, le=MOST_PARTS)] = Field(
-        default=0, description="How many parts are in it at the start."
-    )
-
-    @model_validator(mode="after")
-    def _room_for_all(self) -> BufferSection:
-        if self.initial > self.capacity:
-            text = (
-                f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
-            )
-            raise refuse(text, "initial")
-        return self
-
-
 CONFIGURATIONS: JsonDict = {
     "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
     "type": "array",
-}
-_KINDS = ("pick", "handover", "place", "move", "coordinate", "path")
-_HANDOVER = ["pick", "handover", "place"]
-_NO_FREEDOM = {
-    "joints": "two tools meet there, so it has to be a pose; give xyz, with rpy or quat",
-    "free": "the taking tool's pose follows from the giving one's, so that both are fixed",
-    "symmetry": "the taking tool's pose follows from the giving one's, so that both are fixed",
 }
 
 
@@ -129,42 +94,6 @@ class TargetSection(FramedPose):
         description="Joint configurations instead of a pose.",
         json_schema_extra=CONFIGURATIONS,
     )
-    buffer: Name | None = Field(
-        default=None,
-        description="Buffer that a place puts its part into, or a pick takes one out of.",
-    )
-    conveyor: Name | None = Field(
-        default=None, description="Conveyor of the cell that the target moves with."
-    )
-    passes: Duration | None = Field(
-        default=None,
-        description="When what is on the conveyor passes this pose, after the start [s].",
-    )
-    within: Size | None = Field(
-        default=None,
-        description="How far beyond this pose along the conveyor the tool may still come to it [m].",
-    )
-
-    @model_validator(mode="after")
-    def _whole_conveyor(self) -> TargetSection:
-        given = [key for key in ("passes", "within") if getattr(self, key) is not None]
-        if self.conveyor is None:
-            if given:
-                raise refuse(f"'{given[0]}' is of a target on a conveyor; add 'conveyor'", given[0])
-            return self
-        if self.joints is not None:
-            raise refuse(
-                "'conveyor' does not go with 'joints', which stand still; give xyz, with rpy or quat",
-                "conveyor",
-            )
-        missing = [key for key in ("passes", "within") if key not in given]
-        if missing:
-            what = {
-                "passes": "when the part passes this pose",
-                "within": "how far beyond it it may be met",
-            }
-            raise refuse(f"'{missing[0]}' is missing: {what[missing[0]]}", "conveyor", code="E202")
-        return self
 
     @model_validator(mode="after")
     def _pose_or_joints(self) -> TargetSection:
@@ -179,40 +108,8 @@ class TargetSection(FramedPose):
         return self
 
 
-class HandoverSection(FramedPose):
-    """Where a part goes from one arm's tool into the other's."""
-
-    at: Name | None = Field(
-        default=None, description="Named frame that the pose is given in; same as `in`."
-    )
-    grip: Pose = Field(
-        description="Pose of the taking tool's centre point in the frame of the giving tool's."
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _a_pose(cls, value: Any) -> Any:
-        for key, why in _NO_FREEDOM.items():
-            if isinstance(value, dict) and key in value:
-                raise refuse(f"'{key}' does not go with 'handover': {why}", key)
-        return value
-
-    @model_validator(mode="after")
-    def _whole(self) -> HandoverSection:
-        if self.xyz is None:
-            raise refuse("no place to meet; give xyz, with rpy or quat, of the giving tool")
-        if self.in_ is not None and self.at is not None:
-            raise refuse("'in' and 'at' both name the frame; keep one", "in")
-        if self.grip.xyz is None and self.grip.rpy is None and self.grip.quat is None:
-            raise refuse(
-                "both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame",
-                "grip",
-            )
-        return self
-
-
-class TaskSection(Section):
-    """One thing to be done: a pick and a place, a part handed from arm to arm, or a bare move."""
+class TaskHead(Section):
+    """The keys of a task that messages list first, before those of the kinds of work."""
 
     id: Name = Field(description="Unique name.")
     arm: Literal["left", "right", "any"] | None = Field(
@@ -230,19 +127,13 @@ class TaskSection(Section):
         description="The tool is at the last target no later than this after the start [s].",
     )
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
-    handover: HandoverSection | None = Field(
-        default=None,
-        description="Where the part goes into the other arm's tool: the giving tool's pose, and the grip.",
-    )
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
     move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
-    coordinate: CoordinateSection | None = Field(
-        default=None,
-        description="Both arms on one part: one holds it, the other works along a curve.",
-    )
-    path: PathSection | None = Field(
-        default=None, description="A path that one tool or both follow at a speed."
-    )
+
+
+class TaskSection(TaskHead):
+    """One thing to be done: a pick and a place, a bare move, or work of another kind."""
+
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
@@ -255,35 +146,6 @@ class TaskSection(Section):
     dwell: Dwell | None = Field(
         default=None, description="Time at each target [s], one number or its shares."
     )
-    tool: Name | None = Field(
-        default=None,
-        description="The tool that it is done with, of those that the cell's tool_changes name; none for no tool.",
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> TaskSection:
-        given = [key for key in _KINDS if getattr(self, key) is not None]
-        if not given:
-            raise refuse("nothing to do; give pick and place, move, path, or coordinate")
-        if self.handover is not None and given != _HANDOVER:
-            missing = [key for key in _HANDOVER if key not in given]
-            if missing:
-                raise refuse(
-                    f"'{missing[0]}' is missing: a hand-over has pick, handover and place",
-                    code="E202",
-                )
-            raise refuse(f"'{given[-1]}' does not go with 'handover'; make two tasks", given[-1])
-        if len(given) > 1 and given not in (["pick", "place"], _HANDOVER):
-            raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two tasks", given[1])
-        if (
-            self.path is not None
-            and (self.arm or self.path.arm) is None
-            and self.path.both is False
-        ):
-            raise refuse("'arm' is missing", code="E202")
-        if self.arm is None and given[0] not in ("coordinate", "path"):
-            raise refuse("'arm' is missing", code="E202")
-        return self
 
 
 class DefaultsSection(Section):
@@ -298,9 +160,6 @@ class DefaultsSection(Section):
     dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
-    )
-    tool: Name | None = Field(
-        default=None, description="The tool that tasks are done with; none for no tool."
     )
     straight: Distance | None = Field(
         default=None, description="How much of a line must be straight [m]."
@@ -342,10 +201,6 @@ class TasksFile(Section):
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,
         description="Lists of tasks that one arm does one right after the other, for order: optimise.",
-    )
-    buffers: dict[Name, BufferSection] = Field(
-        default_factory=dict,
-        description="Room for parts on the way from one task to another, by name.",
     )
     tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
         description="The tasks, in order."

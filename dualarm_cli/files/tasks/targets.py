@@ -9,18 +9,17 @@ from dualarm_cli.files.cells.cell_frames import frame_pose
 from dualarm_cli.files.robots.robot_joints import joint_position
 from dualarm_cli.files.robots.urdf import UrdfJoint
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import to_se3
-from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.fields import FramedPose, to_se3
+from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.files.tasks.schema_tasks import HandoverSection, TargetSection
+from dualarm_cli.files.tasks.schema_tasks import TargetSection
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import JointTarget, PoseTarget, Target
 from dualarm_cli.model.robot import Robot
 
 
 class TargetReader:
-    """Turns the targets of one task file into nouns."""
+    """Turns the targets of one task file into data."""
 
     def __init__(self, document: Document, cell: Cell, findings: Findings) -> None:
         """Prepares for a file and its cell.
@@ -32,7 +31,6 @@ class TargetReader:
         """
         self._document, self._findings = document, findings
         self._frames = dict(cell.frames)
-        self._conveyors = dict(cell.conveyors)
         self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
 
     def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
@@ -45,50 +43,22 @@ class TargetReader:
         """
         if section.joints is not None:
             return self._configurations(section.joints, (*loc, "joints"), self._joints[arm])
-        pose = self._pose(section, loc)
+        pose = self.pose(section, section.at, loc)
         if pose is None:
             return None
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
 
-    def meeting(self, section: HandoverSection, loc: Loc) -> pin.SE3 | None:
-        """Returns the giving tool's pose in a hand-over in the world, or None after noting what is wrong.
+    def pose(self, section: FramedPose, at: str | None, loc: Loc) -> pin.SE3 | None:
+        """Returns a pose in the world, or None after noting a frame that there is not.
 
         Args:
-            section: the hand-over as the file has it.
+            section: the pose as the file has it.
+            at: its frame where that is not named by `in`.
             loc: where it stands.
         """
-        return self._pose(section, loc)
-
-    def _pose(self, section: TargetSection | HandoverSection, loc: Loc) -> pin.SE3 | None:
-        """Returns a pose in the world, or None after noting a frame that there is not."""
-        key = "at" if section.at is not None else "in"
-        name = section.at if section.at is not None else section.in_
+        key, name = ("at", at) if at is not None else ("in", section.in_)
         T_world_frame = frame_pose(self._document, (*loc, key), name, self._frames, self._findings)
         return None if T_world_frame is None else T_world_frame * to_se3(section)
-
-    def belt(self, section: TargetSection, loc: Loc, action: str) -> OnBelt | None:
-        """Returns how a target moves with a conveyor, or None where it does not or after noting what is wrong.
-
-        Args:
-            section: the target as the file has it.
-            loc: where it stands.
-            action: what is done there.
-        """
-        if section.conveyor is None or section.passes is None or section.within is None:
-            return None
-        place: Loc = (*loc, "conveyor")
-        if action == "move":
-            message = "a move goes to a place that stands; 'conveyor' goes with pick and place"
-            self._findings.add(self._document, place, message)
-            return None
-        if section.conveyor not in self._conveyors:
-            known = list(self._conveyors)
-            hint = suggest(section.conveyor, known, "it has") if known else "; it has none"
-            message = f"the cell has no conveyor {quote(section.conveyor)}{hint}"
-            self._findings.add(self._document, place, message)
-            return None
-        conveyor = self._conveyors[section.conveyor]
-        return OnBelt(conveyor, section.passes, section.within, section.passes)
 
     def _configurations(
         self, values: list[object], loc: Loc, joints: list[UrdfJoint]

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 
 from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile
+from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import Task
 
 NOT_AVAILABLE = "E310"
 """Code of what the format has and this version has not."""
 FREE_START = "free"
 """What a file says where the planner shall choose the start posture."""
+WINDOW = ("not_before", "not_after")
+"""Keys of a task's window."""
+
+
+def apart(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
+    """Returns the tasks that do not go with a kind of work or a setting in this version, by the list of kinds."""
+    keys = [kind.key for kind in of_kinds("reading", what)]
+    return [task for task in tasks if any(getattr(task, key) is not None for key in keys)]
+
+
+def listed_nouns(what: str) -> str:
+    """Returns what messages call the kinds of work that do not go with a kind or a setting."""
+    *first, last = [kind.noun for kind in of_kinds("reading", what)]
+    return f"{', '.join(first)} and {last}" if first else str(last)
 
 
 def check_tasks(document: Document, tasks: Mapping[int, TaskSection], findings: Findings) -> None:
@@ -48,34 +62,23 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
         model: its content.
         findings: where errors are noted.
     """
-    alone = [task for task in model.tasks if task.path is not None or task.coordinate is not None]
+    alone = apart("free", model.tasks)
     if model.mode == "free" and alone:
         message = (
-            f"mode: free does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; use "
+            f"mode: free does not go with {listed_nouns('free')} (task {quote(alone[0].id)}) in this version; use "
             "mode: paired, or plan them in files of their own"
         )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
-    for index, task in enumerate(model.tasks if alone else ()):
-        for key in ("not_before", "not_after"):
-            if getattr(task, key) is not None and task not in alone:
+    timed = apart("window", model.tasks)
+    for index, task in enumerate(model.tasks if timed else ()):
+        for key in WINDOW:
+            if getattr(task, key) is not None and task not in timed:
                 message = (
-                    f"{key} does not go with paths and coordinate tasks (task {quote(alone[0].id)}) in this version; "
+                    f"{key} does not go with {listed_nouns('window')} (task {quote(timed[0].id)}) in this version; "
                     "plan them in files of their own"
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)
-    handed = [task for task in model.tasks if task.handover is not None]
-    for index, task in enumerate(model.tasks if alone or handed else ()):
-        for action in ("pick", "place"):
-            target = getattr(task, action)
-            if target is not None and target.conveyor is not None:
-                other = (alone or handed)[0].id
-                message = (
-                    f"conveyors do not go with paths, coordinate tasks and hand-overs (task {quote(other)}) in this "
-                    "version; plan them in files of their own"
-                )
-                loc = ("tasks", index, action, "conveyor")
-                findings.add(document, loc, message, NOT_AVAILABLE)
-    names = {task.id for task in (*alone, *handed)}
+    names = {task.id for task in apart("sequence", model.tasks)}
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):
             if name in names:
@@ -109,9 +112,9 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
                 "joint configurations belong to one arm; use arm: left or right, or give a pose"
             )
             findings.add(document, ("tasks", index, action, "joints"), message)
-    for kind in ("path", "coordinate"):
-        if getattr(task, kind) is not None:
-            message = f"arm: any does not go with '{kind}'; it says itself which arms it takes"
+    for kind in of_kinds("reading", "any"):
+        if getattr(task, kind.key) is not None:
+            message = f"arm: any does not go with '{kind.key}'; it says itself which arms it takes"
             findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
 
 
@@ -121,36 +124,10 @@ def _check_window(document: Document, index: int, task: TaskSection, findings: F
     if early is not None and late is not None and late < early:
         message = f"not_after: {late:g} s is before not_before: {early:g} s"
         findings.add(document, ("tasks", index, "not_after"), message)
-    for key in ("not_before", "not_after"):
-        if getattr(task, key) is not None and (task.path is not None or task.coordinate):
+    for key in WINDOW:
+        if getattr(task, key) is not None and apart("window", [task]):
             message = f"'{key}' goes with picks, places and moves only; remove it"
             findings.add(document, ("tasks", index, key), message)
-
-
-def check_belt_windows(document: Document, loc: Loc, task: Task, findings: Findings) -> None:
-    """Notes a window that has nothing in common with the time in which a part on a conveyor may be met.
-
-    Args:
-        document: the task file.
-        loc: where the task stands.
-        task: as it was read.
-        findings: where errors are noted.
-    """
-    for stop in task.stops:
-        belt = stop.belt
-        if belt is None:
-            continue
-        if task.not_before > belt.last:
-            key, says = "not_before", f"not_before: {task.not_before:g} s is after"
-        elif task.not_after < belt.passes:
-            key, says = "not_after", f"not_after: {task.not_after:g} s is before"
-        else:
-            continue
-        message = (
-            f"{says} the part of the {stop.action} may be met on conveyor {quote(belt.conveyor.name)}, from "
-            f"{belt.passes:g} s (passes) to {belt.last:.3f} s (within)"
-        )
-        findings.add(document, (*loc, key), message)
 
 
 def check_sequences(

@@ -3,13 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import Field, model_validator
 
 from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.fields import Name, Section, refuse
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.files.source.yaml_source import Document
-from dualarm_cli.files.tasks.schema_tasks import TaskSection, TasksFile
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
+from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.model.buffer import Buffer
+from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.place import Place
+
+MOST_PARTS = 1_000_000
+"""Most parts of a buffer."""
+
+
+class BufferSection(Section):
+    """Room for parts that are all alike, on the way from one task to another."""
+
+    capacity: Annotated[int, Field(ge=1, le=MOST_PARTS)] = Field(
+        description="How many parts it has room for."
+    )
+    initial: Annotated[int, Field(ge=0, le=MOST_PARTS)] = Field(
+        default=0, description="How many parts are in it at the start."
+    )
+
+    @model_validator(mode="after")
+    def _room_for_all(self) -> BufferSection:
+        if self.initial > self.capacity:
+            text = (
+                f"{self.initial} parts at the start; there is room for {self.capacity} (capacity)"
+            )
+            raise refuse(text, "initial")
+        return self
+
+
+class BufferTarget(TargetSection):
+    """A target that may be at a buffer."""
+
+    buffer: Name | None = Field(
+        default=None,
+        description="Buffer that a place puts its part into, or a pick takes one out of.",
+    )
+
+
+class BuffersFile(TasksFile):
+    """A task file that may have buffers."""
+
+    buffers: dict[Name, BufferSection] = Field(
+        default_factory=dict,
+        description="Room for parts on the way from one task to another, by name.",
+    )
+
 
 USES = ("place", "pick")
 """Who puts parts into a buffer, and who takes them out."""
@@ -33,7 +82,7 @@ def check_buffers(
     known = [name for name in raw if isinstance(name, str)] if isinstance(raw, dict) else []
     all_known = True
     for index, task in tasks.items():
-        if task.move is not None and task.move.buffer is not None:
+        if _buffer(task, "move") is not None:
             message = "'buffer' goes with picks and places only; remove it"
             findings.add(document, ("tasks", index, "move", "buffer"), message)
         for action in USES:
@@ -43,14 +92,14 @@ def check_buffers(
                 findings.add(document, ("tasks", index, action, "buffer"), message)
                 all_known = False
     # What a misspelt name puts or takes would be missing in the numbers.
-    if model is not None and all_known:
+    if isinstance(model, BuffersFile) and all_known:
         _check_numbers(document, model, findings)
 
 
-def _check_numbers(document: Document, model: TasksFile, findings: Findings) -> None:
+def _check_numbers(document: Document, model: BuffersFile, findings: Findings) -> None:
     """Notes buffers that end with fewer parts than none, with more than there is room for, or not as they began."""
     for name, buffer in model.buffers.items():
-        puts, takes = counted(model, name)
+        puts, takes = _counted(model, name)
         end = buffer.initial + puts - takes
         numbers = f"{buffer.initial} at the start, puts: {puts}, takes: {takes}"
         if end < 0:
@@ -74,32 +123,49 @@ def _check_numbers(document: Document, model: TasksFile, findings: Findings) -> 
         findings.add(document, ("buffers", name), message)
 
 
-def counted(model: TasksFile, name: str) -> tuple[int, int]:
+def _counted(model: BuffersFile, name: str) -> tuple[int, int]:
     """Returns how often parts are put into a buffer, and how often they are taken out."""
     puts, takes = (sum(_buffer(task, action) == name for task in model.tasks) for action in USES)
     return puts, takes
 
 
-def read_buffers(document: Document, model: TasksFile) -> tuple[dict[str, Buffer], list[str]]:
-    """Returns the buffers of a file by name, and notes on those that nobody uses.
+def with_buffers(document: Document, model: TasksFile, job: Job) -> Job:
+    """Returns a job with the buffers of its file, and notes on those that nobody uses.
 
     Args:
         document: the task file.
         model: its content, in which everything has been checked.
+        job: without them.
     """
+    assert isinstance(model, BuffersFile)  # as the list of kinds has it
     found, notes = {}, []
     for name, section in model.buffers.items():
         line, column = document.place(("buffers", name))
         where = Place(document.source.name, line, column)
         found[name] = Buffer(section.capacity, section.initial, where)
-        if counted(model, name) == (0, 0):
+        if _counted(model, name) == (0, 0):
             notes.append(
                 f"buffer {quote(name)}: no task uses it; a pick or place does with buffer: {name}"
             )
-    return found, notes
+    return replace(job, buffers=found, notes=(*job.notes, *notes))
+
+
+def at_buffer(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) -> Stop:
+    """Returns a stop at the buffer that its target names."""
+    assert isinstance(section, BufferTarget)  # as the list of kinds has it
+    return replace(stop, buffer=section.buffer or "")
 
 
 def _buffer(task: TaskSection, action: str) -> str | None:
-    """Returns the buffer that the pick or place of a task names; None for none."""
+    """Returns the buffer that one of a task's targets names; None for none."""
     target = getattr(task, action)
-    return None if target is None else target.buffer
+    return target.buffer if isinstance(target, BufferTarget) else None
+
+
+READING = KindReading(
+    target_keys=BufferTarget,
+    file_keys=BuffersFile,
+    check=check_buffers,
+    stop=at_buffer,
+    job=with_buffers,
+)

@@ -23,7 +23,8 @@ from dualarm_cli.files.source.fields import (
     Vector3,
     refuse,
 )
-from dualarm_cli.files.tasks.schema_paths import Component, CurveSection, PathAcceleration
+from dualarm_cli.files.tasks.schema_curves import Component, CurveSection, PathAcceleration
+from dualarm_cli.files.tasks.schema_tasks import TaskHead
 
 Tilt = Annotated[float, Quantity(quantities.ANGLE, 0.0, 1.0)]
 Downhand = Annotated[float, Quantity(quantities.ANGLE, 0.01, 3.1)]
@@ -278,3 +279,12 @@ class CoordinateSection(Section):
         if self.master is None and self.downhand is not None:
             raise refuse("'downhand' needs a master that can turn the part", "downhand")
         return self
+
+
+class SeamTask(TaskHead):
+    """A task that may be worked by both arms on one part."""
+
+    coordinate: CoordinateSection | None = Field(
+        default=None,
+        description="Both arms on one part: one holds it, the other works along a curve.",
+    )

@@ -1,16 +1,18 @@
-"""Schema of paths in task files: what one tool or both follow, how fast, and how."""
+"""Paths of task files: what one tool or both follow, how fast, and how."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     Angle,
     Distance,
-    FramedPose,
     Length,
     Name,
     Quantity,
@@ -21,96 +23,16 @@ from dualarm_cli.files.source.fields import (
     refuse,
 )
 from dualarm_cli.files.source.quantities import Dimension
+from dualarm_cli.files.source.yaml_source import Loc
+from dualarm_cli.files.tasks.schema_curves import CurveSection, PathAcceleration
+from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection
+from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.job import Dwell, PoseTarget, Stop, Task
+from dualarm_cli.model.path_work import PathWork
 
-PathAcceleration = Annotated[float, Quantity(quantities.ACCELERATION, 1e-6)]
 PathJerk = Annotated[float, Quantity(quantities.JERK, 1e-6)]
-Component = Annotated[float, Quantity(Dimension("component", {"": 1.0}, 1e6))]
 Stiffness = Annotated[float, Quantity(Dimension("stiffness", {"": 1.0}, 1e3), 0.0)]
-PATH_PIECES = ("arc", "turn", "spline")
-"""Pieces of a path besides straight lines to a pose."""
-
-
-class PointSection(Section):
-    """A point in the world or in a named frame."""
-
-    xyz: Vector3 = Field(description="Where it is [m].")
-    in_: Name | None = Field(
-        default=None, alias="in", description="Named frame that it is given in; default world."
-    )
-
-
-class ArcSection(Section):
-    """A circular arc from where the path is by a point to a pose."""
-
-    via: PointSection = Field(description="A point on the arc.")
-    to: FramedPose = Field(
-        description="Where it ends; without rpy or quat the tool keeps its rotation."
-    )
-
-
-class TurnSection(Section):
-    """A turn about a fixed axis: a circle of the tool about it."""
-
-    about: Vector3 = Field(description="A point of the axis [m].")
-    axis: Annotated[list[Component], Field(min_length=3, max_length=3)] = Field(
-        description="Direction of the axis."
-    )
-    angle: Angle = Field(description="By how much it turns, positive by the right hand [rad].")
-    tool: Literal["turns", "keeps"] = Field(
-        default="turns",
-        description="turns: the tool turns with it, as on a rigid part; keeps: it keeps its rotation.",
-    )
-    in_: Name | None = Field(
-        default=None, alias="in", description="Named frame of point and axis; default world."
-    )
-
-    @model_validator(mode="after")
-    def _axis_has_length(self) -> TurnSection:
-        if sum(value**2 for value in self.axis) < 1e-12:
-            raise refuse("an axis needs a direction; allowed: for example [0, 0, 1]", "axis")
-        return self
-
-
-class PieceSection(FramedPose):
-    """The next piece of a path: a pose to go straight to, or an arc, a turn, or a spline."""
-
-    arc: ArcSection | None = Field(default=None, description="A circular arc.")
-    turn: TurnSection | None = Field(default=None, description="A turn about an axis.")
-    spline: Annotated[list[FramedPose], Field(min_length=1, max_length=10_000)] | None = Field(
-        default=None, description="Poses that a smooth curve goes through, from where the path is."
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> PieceSection:
-        given = [kind for kind in PATH_PIECES if getattr(self, kind) is not None]
-        if len(given) > 1:
-            raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two pieces", given[1])
-        if given:
-            for key in ("xyz", "rpy", "quat", "in_"):
-                if getattr(self, key) is not None:
-                    name = key.rstrip("_")
-                    raise refuse(f"'{name}' does not go with '{given[0]}'", name)
-        elif self.xyz is None:
-            raise refuse(f"no pose; give xyz, with rpy or quat, or one of {', '.join(PATH_PIECES)}")
-        return self
-
-
-class CurveSection(Section):
-    """The path of one tool: pieces, or poses from a file."""
-
-    through: Annotated[list[PieceSection], Field(min_length=1, max_length=10_000)] | None = Field(
-        default=None, description="Where it starts, then piece by piece."
-    )
-    poses: Name | None = Field(
-        default=None,
-        description="CSV file of poses that a smooth curve goes through: columns x, y, z [m], qx, qy, qz, qw.",
-    )
-
-    @model_validator(mode="after")
-    def _one_way(self) -> CurveSection:
-        if self.through is not None and self.poses is not None:
-            raise refuse("'poses' does not go with 'through'; keep one", "poses")
-        return self
 
 
 class CriticalPoint(Section):
@@ -206,3 +128,111 @@ class PathSection(CurveSection):
         elif not own:
             raise refuse("no path; give 'through' or 'poses', or 'left' and 'right' for both arms")
         return self
+
+
+class PathTask(TaskHead):
+    """A task that may follow a path."""
+
+    path: PathSection | None = Field(
+        default=None, description="A path that one tool or both follow at a speed."
+    )
+
+    @model_validator(mode="after")
+    def _follower(self) -> PathTask:
+        if self.path is not None and not (self.arm or self.path.arm or self.path.both):
+            raise refuse("'arm' is missing", code="E202")
+        return self
+
+
+def followers(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
+    """Returns each arm's share of a path task: where its tool ends is its one stop.
+
+    Args:
+        reader: of the file.
+        section: the task as the file has it.
+        loc: where it stands.
+    """
+    assert isinstance(section, PathTask) and section.path is not None  # asked for by its key
+    path, place = section.path, (*loc, "path")
+    wrong = _wrong_arms(reader.arms, path, section.arm)
+    if section.arm == "any":
+        return []
+    if wrong:
+        reader.note(place, wrong)
+        return []
+    for key in ("approach", "retract", "dwell", "part"):
+        if getattr(section, key) is not None:
+            reader.note((*loc, key), f"'{key}' does not go with a path; remove it")
+    work = _work(reader, path, place, section.arm or path.arm)
+    if work is None:
+        return []
+    found = []
+    for arm, way in work.paths.items():
+        end = PoseTarget(way.pose(way.length))
+        stop = Stop("path", end, 0.0, 0.0, Dwell(), work.place)
+        found.append(Task(section.id, arm, (stop,), tuple(section.after), path=work))
+    return found
+
+
+def _work(reader: TaskReader, section: PathSection, loc: Loc, arm: str | None) -> PathWork | None:
+    """Returns what is followed and how, or None after noting what is wrong."""
+    if reader.curves.frame(section.in_, (*loc, "in")) is None:
+        return None
+    curves: dict[str, tuple[CurveSection, Loc]] = {}
+    if section.both:
+        for name in ("left", "right"):
+            curves[name] = (getattr(section, name), (*loc, name))
+    elif arm is not None:
+        curves[arm] = (section, loc)
+    paths = {
+        name: reader.curves.way(curve, place, section.in_)
+        for name, (curve, place) in curves.items()
+    }
+    good = {name: path for name, path in paths.items() if path is not None}
+    reader.check_posture(section.posture, (*loc, "posture"))
+    if len(good) < len(paths):
+        return None
+    points = {
+        name: _critical_point(point)
+        for name in good
+        if (point := getattr(section.critical_points, name)) is not None
+    }
+    return PathWork(
+        paths=good,
+        speed=section.speed,
+        acceleration=section.acceleration,
+        jerk=section.jerk,
+        redundancy=section.redundancy,
+        posture=section.posture,
+        slower=section.slower == "allowed",
+        tolerance=section.tolerance,
+        critical_points=points,
+        stiffness=section.stiffness,
+        torque=section.torque == "limited",
+        place=reader.place(loc),
+    )
+
+
+def _critical_point(section: CriticalPoint) -> FloatArray:
+    if section.xyz is not None:
+        return np.array(section.xyz)
+    radius, angle, height = section.radius or 0.0, section.angle or 0.0, section.height or 0.0
+    return np.array([radius * math.cos(angle), radius * math.sin(angle), height])
+
+
+def _wrong_arms(arms: Sequence[str], section: PathSection, task_arm: str | None) -> str:
+    """Returns what is wrong with the arms that a path and its task name, or nothing."""
+    if section.both:
+        if task_arm is not None:
+            return "'arm' does not go with 'left' and 'right' of the path"
+        missing = [name for name in ("left", "right") if name not in arms]
+        return f"the robot has no {missing[0]} arm" if missing else ""
+    if section.arm is not None and task_arm is not None and section.arm != task_arm:
+        return f"the task's arm is {task_arm}, its path's is {section.arm}; keep one"
+    arm = section.arm or task_arm
+    if arm not in arms:
+        return f"the robot has no {arm} arm; it has {', '.join(arms)}"
+    return ""
+
+
+READING = KindReading(key="path", noun="paths", task_keys=PathTask, shares=followers)

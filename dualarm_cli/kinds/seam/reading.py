@@ -10,11 +10,11 @@ import numpy as np
 
 from dualarm_cli.files.source.fields import to_se3
 from dualarm_cli.files.source.text_source import quote, suggest
-from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.files.tasks.paths import PathReader
-from dualarm_cli.files.tasks.schema_seams import CoordinateSection, FeatureSection, HoldSection
+from dualarm_cli.files.source.yaml_source import Loc
+from dualarm_cli.files.tasks.schema_tasks import TaskSection
+from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.model.cell import Cell
+from dualarm_cli.kinds.seam.schema import CoordinateSection, FeatureSection, HoldSection, SeamTask
 from dualarm_cli.model.curves.contours import Contour, Ellipse, LineContour, Saddle, SphereArc
 from dualarm_cli.model.curves.feature_curve import (
     FeatureCurve,
@@ -25,7 +25,7 @@ from dualarm_cli.model.curves.feature_curve import (
     sharpest_roll,
 )
 from dualarm_cli.model.curves.point_spline import PointSpline
-from dualarm_cli.model.place import Place
+from dualarm_cli.model.job import Dwell, SeamTarget, Stop, Task
 from dualarm_cli.model.seam import Hold, SeamTool, SeamWork
 
 LEAST_LEAN = math.radians(1.0)
@@ -42,18 +42,26 @@ SMALLEST_NORMAL = 1e-9
 FULL_TURN = 2.0 * math.pi
 
 
-class SeamReader:
-    """Turns the coordinate tasks of one task file into nouns."""
+SEAM_KEYS = {
+    "arm": "it names master and slave itself",
+    "approach": "write it into its entry",
+    "retract": "write it into its exit",
+    "dwell": "write it into its entry and exit",
+    "part": "its own part says where the part is held",
+}
+"""What is said of keys that a coordinate task has elsewhere."""
 
-    def __init__(self, document: Document, cell: Cell, paths: PathReader) -> None:
-        """Prepares for a file and its cell.
+
+class SeamReader:
+    """Turns the coordinate tasks of one task file into data."""
+
+    def __init__(self, reader: TaskReader) -> None:
+        """Prepares for a file.
 
         Args:
-            document: the task file.
-            cell: where frames, arms and postures come from.
-            paths: reads poses, ways and files of poses, and notes errors.
+            reader: of its tasks.
         """
-        self._document, self._cell, self._paths = document, cell, paths
+        self._reader, self._curves = reader, reader.curves
 
     def work(self, section: CoordinateSection, loc: Loc) -> SeamWork | None:
         """Returns what is worked on and how, or None after noting what is wrong.
@@ -64,12 +72,11 @@ class SeamReader:
         """
         good = self._known(section, loc)
         curve = self._curve(section.curve, (*loc, "curve"))
-        part = self._paths.placed(section.part, (*loc, "part"))
+        part = self._curves.placed(section.part, (*loc, "part"))
         hold = self._hold(section.hold, (*loc, "hold"))
         if curve is None or part is None or hold is None or not good:
             return None
         tool = section.tool
-        line, column = self._document.place(loc)
         return SeamWork(
             master=section.master,
             slave=section.slave,
@@ -98,34 +105,27 @@ class SeamReader:
             touches=self._touches(section),
             posture=section.posture,
             method=section.method,
-            place=Place(self._document.source.name, line, column),
+            place=self._reader.place(loc),
         )
 
     def _known(self, section: CoordinateSection, loc: Loc) -> bool:
         """Notes arms and postures that the robot does not have."""
-        robot = self._cell.robot
-        arms, good = [arm.name for arm in robot.arms], True
+        cell, arms, good = self._reader.cell, self._reader.arms, True
         for key in ("master", "slave"):
             name = getattr(section, key)
             if name is not None and name not in arms:
-                message = f"{robot.name} has no {name} arm; it has {', '.join(arms)}"
-                self._paths.note((*loc, key), message)
+                message = f"{cell.robot.name} has no {name} arm; it has {', '.join(arms)}"
+                self._reader.note((*loc, key), message)
                 good = False
-        bodies = [f"{arm}_tool" for arm in arms] + [one.name for one in self._cell.obstacles]
+        bodies = [f"{arm}_tool" for arm in arms] + [one.name for one in cell.obstacles]
         for k, name in enumerate(section.touches or ()):
             if name not in bodies:
                 message = (
                     f"there is no body {quote(name)}{suggest(name, bodies, 'tools and obstacles')}"
                 )
-                self._paths.note((*loc, "touches", k), message)
+                self._reader.note((*loc, "touches", k), message)
                 good = False
-        postures = list(robot.postures)
-        if section.posture is not None and section.posture not in postures:
-            message = (
-                f"{robot.name} has no posture {quote(section.posture)}"
-                f"{suggest(section.posture, postures, 'choose one of')}"
-            )
-            self._paths.note((*loc, "posture"), message)
+        if not self._reader.check_posture(section.posture, (*loc, "posture")):
             good = False
         return good
 
@@ -138,12 +138,12 @@ class SeamReader:
         if section.mode is not None:
             return Hold(still=section.mode == "still")
         if section.way is not None:
-            way = self._paths.way(section.way, (*loc, "way"))
+            way = self._curves.way(section.way, (*loc, "way"))
             if way is not None and way.corners:
-                self._paths.note((*loc, "way"), CORNERS)
+                self._reader.note((*loc, "way"), CORNERS)
                 return None
             return None if way is None else Hold(way=way)
-        pose = self._paths.placed(section, loc)
+        pose = self._curves.placed(section, loc)
         return None if pose is None else Hold(pose=pose)
 
     def _curve(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
@@ -152,7 +152,7 @@ class SeamReader:
         wrong = _wrong(section)
         if wrong:
             where, message = wrong
-            self._paths.note((*loc, *where), message)
+            self._reader.note((*loc, *where), message)
             return None
         contour = _contour(section)
         curve = FeatureCurve(contour, to_se3(section))
@@ -164,24 +164,24 @@ class SeamReader:
             message = (
                 "the normal points along the curve somewhere; it has to point out of the surface"
             )
-            self._paths.note(where, message)
+            self._reader.note(where, message)
             return None
         roll, at = sharpest_roll(contour)
         if roll > SHARPEST:
             message = f"the normal turns over at once near {_shown(at)}; give normals of one side"
-            self._paths.note(where, message)
+            self._reader.note(where, message)
             return None
         return curve
 
     def _through(self, section: FeatureSection, loc: Loc) -> MeasuredCurve | None:
         """Returns the curve through the poses of a file, or None after noting what is wrong."""
-        poses = self._paths.poses(str(section.file), loc)
+        poses = self._curves.poses(str(section.file), loc)
         if poses is None:
             return None
         for k, (one, other) in enumerate(pairwise(poses), 1):
             if math.dist(one.translation, other.translation) < SAME_POINT:
                 message = f"its poses {k} and {k + 1} stand at one place; a curve only turns along its way"
-                self._paths.note(loc, message)
+                self._reader.note(loc, message)
                 return None
         curve = PoseCurve.through(poses, to_se3(section))
         return curve if self._smooth(curve, loc) else None
@@ -190,7 +190,7 @@ class SeamReader:
         """Notes a curve of no length, and one with a corner, where the tool would have to stop."""
         bend, at = sharpest_bend(curve.contour)
         if bend > SHARPEST:
-            self._paths.note(
+            self._reader.note(
                 loc,
                 f"the curve turns by {math.degrees(bend):.0f} deg at once near {_shown(at)}, where the tool would have "
                 "to stop; round it, or end the curve there and begin another task",
@@ -198,7 +198,7 @@ class SeamReader:
             return False
         # Only now: where a curve stands still there is no length to be measured by.
         if curve.length < SHORTEST:
-            self._paths.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
+            self._reader.note(loc, f"the curve is {curve.length * 1e3:.3g} mm long; make it longer")
             return False
         return True
 
@@ -297,3 +297,49 @@ def _directions(section: FeatureSection) -> list[tuple[Loc, list[float]]]:
 
 def _near(one: Sequence[float] | None, other: Sequence[float] | None) -> bool:
     return math.dist(one or (), other or ()) < SHORTEST
+
+
+def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
+    """Returns each arm's share of a coordinate task.
+
+    Args:
+        reader: of the file.
+        section: the task as the file has it.
+        loc: where it stands.
+    """
+    assert isinstance(section, SeamTask) and section.coordinate is not None  # asked for by its key
+    for key in ("arm", "approach", "retract", "dwell", "part"):
+        if getattr(section, key) is not None:
+            instead = SEAM_KEYS.get(key, "remove it")
+            message = f"'{key}' does not go with a coordinate task; {instead}"
+            reader.note((*loc, key), message)
+    work = SeamReader(reader).work(section.coordinate, (*loc, "coordinate"))
+    if work is None:
+        return []
+    found = []
+    for arm in work.arms:
+        # The master only holds still while the slave comes, dwells and leaves.
+        works = arm == work.slave
+        first = Stop(
+            "seam_start",
+            SeamTarget(work),
+            work.approach if works else 0.0,
+            0.0,
+            Dwell(gripper=work.dwell_start if works else 0.0),
+            work.place,
+        )
+        last = Stop(
+            "seam_end",
+            SeamTarget(work),
+            0.0,
+            work.retract if works else 0.0,
+            Dwell(gripper=work.dwell_end if works else 0.0),
+            work.place,
+        )
+        found.append(Task(section.id, arm, (first, last), tuple(section.after), seam=work))
+    return found
+
+
+READING = KindReading(
+    key="coordinate", noun="coordinate tasks", task_keys=SeamTask, shares=partners
+)

@@ -1,9 +1,8 @@
-"""Path tasks: pieces in named frames, CSV files of poses, and how they are to be followed."""
+"""Curves of task files, which tools or parts follow: from their pieces, or through the poses of a CSV file."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,10 @@ from dualarm_cli.files.cells.cell_frames import frame_pose
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import QUATERNION_TOLERANCE, FramedPose, to_se3
 from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
-from dualarm_cli.files.source.text_source import TextSource, quote, suggest
+from dualarm_cli.files.source.text_source import TextSource, quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.files.tasks.schema_paths import (
-    CriticalPoint,
+from dualarm_cli.files.tasks.schema_curves import (
     CurveSection,
-    PathSection,
     PieceSection,
     PointSection,
     TurnSection,
@@ -27,8 +24,6 @@ from dualarm_cli.files.tasks.schema_paths import (
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.curves.tool_path import Line, Piece, Spline, ToolPath, Turn
-from dualarm_cli.model.path_work import PathWork
-from dualarm_cli.model.place import Place
 
 SHORTEST = 1e-6
 """Pieces of paths shorter than this are none [m]."""
@@ -96,8 +91,8 @@ def _row(line: str, names: list[str]) -> tuple[pin.SE3 | None, str]:
     return pin.SE3(rotation, np.array([values[name] for name in COLUMNS[:3]])), ""
 
 
-class PathReader:
-    """Turns the paths of one task file into nouns."""
+class CurveReader:
+    """Turns the curves of one task file into data."""
 
     def __init__(
         self, project: Project, path: Path, document: Document, cell: Cell, findings: Findings
@@ -108,77 +103,37 @@ class PathReader:
             project: what files must stay in.
             path: the task file.
             document: its content.
-            cell: where frames, arms and postures come from.
+            cell: where frames come from.
             findings: where errors are noted.
         """
         self._project, self._path = project, path
         self._document, self._findings = document, findings
-        self._cell, self._frames = cell, dict(cell.frames)
+        self._frames = dict(cell.frames)
         self._default: str | None = None
-
-    def work(self, section: PathSection, loc: Loc, arm: str | None) -> PathWork | None:
-        """Returns what is followed and how, or None after noting what is wrong.
-
-        Args:
-            section: the path as the file has it.
-            loc: where it stands.
-            arm: the arm that follows, where only one does.
-        """
-        self._default = None
-        if self._frame(section.in_, (*loc, "in")) is None:
-            return None
-        self._default = section.in_
-        curves: dict[str, tuple[CurveSection, Loc]] = {}
-        if section.both:
-            for name in ("left", "right"):
-                curves[name] = (getattr(section, name), (*loc, name))
-        elif arm is not None:
-            curves[arm] = (section, loc)
-        paths = {name: self._curve(curve, place) for name, (curve, place) in curves.items()}
-        good = {name: path for name, path in paths.items() if path is not None}
-        postures = list(self._cell.robot.postures)
-        if section.posture is not None and section.posture not in postures:
-            message = (
-                f"{self._cell.robot.name} has no posture {quote(section.posture)}"
-                f"{suggest(section.posture, postures, 'choose one of')}"
-            )
-            self.note((*loc, "posture"), message)
-        if len(good) < len(paths):
-            return None
-        line, column = self._document.place(loc)
-        points = {
-            name: _critical_point(point)
-            for name in good
-            if (point := getattr(section.critical_points, name)) is not None
-        }
-        return PathWork(
-            paths=good,
-            speed=section.speed,
-            acceleration=section.acceleration,
-            jerk=section.jerk,
-            redundancy=section.redundancy,
-            posture=section.posture,
-            slower=section.slower == "allowed",
-            tolerance=section.tolerance,
-            critical_points=points,
-            stiffness=section.stiffness,
-            torque=section.torque == "limited",
-            place=Place(self._document.source.name, line, column),
-        )
 
     def note(self, loc: Loc, message: str, code: str = "E300") -> None:
         """Notes what is wrong at a place of the file."""
         self._findings.add(self._document, loc, message, code)
 
-    def way(self, section: CurveSection, loc: Loc) -> ToolPath | None:
-        """Returns a way through poses in the world or named frames, or None after noting what is wrong."""
+    def frame(self, name: str | None, loc: Loc) -> pin.SE3 | None:
+        """Returns a named frame in the world, the world for None; None after noting that there is no such frame."""
         self._default = None
+        return self._frame(name, loc)
+
+    def way(self, section: CurveSection, loc: Loc, frame: str | None = None) -> ToolPath | None:
+        """Returns a way through poses, or None after noting what is wrong.
+
+        Args:
+            section: the curve as the file has it.
+            loc: where it stands.
+            frame: the named frame of poses that name none; None for the world.
+        """
+        self._default = frame
         return self._curve(section, loc)
 
     def placed(self, section: FramedPose, loc: Loc) -> pin.SE3 | None:
         """Returns a pose, in the world where it names a frame, or None after noting that there is no such frame."""
-        self._default = None
-        frame = self._frame(section.in_, (*loc, "in"))
+        frame = self.frame(section.in_, (*loc, "in"))
         return None if frame is None else frame * to_se3(section)
 
     def poses(self, reference: str, loc: Loc) -> list[pin.SE3] | None:
@@ -319,31 +274,3 @@ class PathReader:
             self._findings.extend(error.diagnostics)
             return None
         return None if frame is None else [frame * pose for pose in rows]
-
-
-def _critical_point(section: CriticalPoint) -> FloatArray:
-    if section.xyz is not None:
-        return np.array(section.xyz)
-    radius, angle, height = section.radius or 0.0, section.angle or 0.0, section.height or 0.0
-    return np.array([radius * math.cos(angle), radius * math.sin(angle), height])
-
-
-def check_arms(arms: Mapping[str, object], section: PathSection, task_arm: str | None) -> str:
-    """Returns what is wrong with the arms that a path names, or nothing.
-
-    Args:
-        arms: those of the robot.
-        section: the path.
-        task_arm: the arm that the task names.
-    """
-    if section.both:
-        if task_arm is not None:
-            return "'arm' does not go with 'left' and 'right' of the path"
-        missing = [name for name in ("left", "right") if name not in arms]
-        return f"the robot has no {missing[0]} arm" if missing else ""
-    if section.arm is not None and task_arm is not None and section.arm != task_arm:
-        return f"the task's arm is {task_arm}, its path's is {section.arm}; keep one"
-    arm = section.arm or task_arm
-    if arm not in arms:
-        return f"the robot has no {arm} arm; it has {', '.join(arms)}"
-    return ""

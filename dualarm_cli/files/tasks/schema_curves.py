@@ -1,0 +1,107 @@
+"""Schema of curves in task files: lines, arcs, turns and splines through poses."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.fields import (
+    Angle,
+    FramedPose,
+    Name,
+    Quantity,
+    Section,
+    Vector3,
+    refuse,
+)
+from dualarm_cli.files.source.quantities import Dimension
+
+PathAcceleration = Annotated[float, Quantity(quantities.ACCELERATION, 1e-6)]
+Component = Annotated[float, Quantity(Dimension("component", {"": 1.0}, 1e6))]
+PATH_PIECES = ("arc", "turn", "spline")
+"""Pieces of a path besides straight lines to a pose."""
+
+
+class PointSection(Section):
+    """A point in the world or in a named frame."""
+
+    xyz: Vector3 = Field(description="Where it is [m].")
+    in_: Name | None = Field(
+        default=None, alias="in", description="Named frame that it is given in; default world."
+    )
+
+
+class ArcSection(Section):
+    """A circular arc from where the path is by a point to a pose."""
+
+    via: PointSection = Field(description="A point on the arc.")
+    to: FramedPose = Field(
+        description="Where it ends; without rpy or quat the tool keeps its rotation."
+    )
+
+
+class TurnSection(Section):
+    """A turn about a fixed axis: a circle of the tool about it."""
+
+    about: Vector3 = Field(description="A point of the axis [m].")
+    axis: Annotated[list[Component], Field(min_length=3, max_length=3)] = Field(
+        description="Direction of the axis."
+    )
+    angle: Angle = Field(description="By how much it turns, positive by the right hand [rad].")
+    tool: Literal["turns", "keeps"] = Field(
+        default="turns",
+        description="turns: the tool turns with it, as on a rigid part; keeps: it keeps its rotation.",
+    )
+    in_: Name | None = Field(
+        default=None, alias="in", description="Named frame of point and axis; default world."
+    )
+
+    @model_validator(mode="after")
+    def _axis_has_length(self) -> TurnSection:
+        if sum(value**2 for value in self.axis) < 1e-12:
+            raise refuse("an axis needs a direction; allowed: for example [0, 0, 1]", "axis")
+        return self
+
+
+class PieceSection(FramedPose):
+    """The next piece of a path: a pose to go straight to, or an arc, a turn, or a spline."""
+
+    arc: ArcSection | None = Field(default=None, description="A circular arc.")
+    turn: TurnSection | None = Field(default=None, description="A turn about an axis.")
+    spline: Annotated[list[FramedPose], Field(min_length=1, max_length=10_000)] | None = Field(
+        default=None, description="Poses that a smooth curve goes through, from where the path is."
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> PieceSection:
+        given = [kind for kind in PATH_PIECES if getattr(self, kind) is not None]
+        if len(given) > 1:
+            raise refuse(f"'{given[1]}' does not go with '{given[0]}'; make two pieces", given[1])
+        if given:
+            for key in ("xyz", "rpy", "quat", "in_"):
+                if getattr(self, key) is not None:
+                    name = key.rstrip("_")
+                    raise refuse(f"'{name}' does not go with '{given[0]}'", name)
+        elif self.xyz is None:
+            raise refuse(f"no pose; give xyz, with rpy or quat, or one of {', '.join(PATH_PIECES)}")
+        return self
+
+
+class CurveSection(Section):
+    """The path of one tool: pieces, or poses from a file."""
+
+    through: Annotated[list[PieceSection], Field(min_length=1, max_length=10_000)] | None = Field(
+        default=None, description="Where it starts, then piece by piece."
+    )
+    poses: Name | None = Field(
+        default=None,
+        description="CSV file of poses that a smooth curve goes through: columns x, y, z [m], qx, qy, qz, qw.",
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> CurveSection:
+        if self.through is not None and self.poses is not None:
+            raise refuse("'poses' does not go with 'through'; keep one", "poses")
+        return self

@@ -1,0 +1,323 @@
+"""The tasks of a file, read with what each kind of work adds to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pydantic import create_model, model_validator
+
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.fields import refuse
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.curves import CurveReader
+from dualarm_cli.files.tasks.schema_tasks import (
+    DefaultsSection,
+    DwellSection,
+    TargetSection,
+    TaskHead,
+    TaskSection,
+    TasksFile,
+)
+from dualarm_cli.files.tasks.targets import TargetReader
+from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import ANY, Action, Dwell, Job, Stop, Task
+from dualarm_cli.model.place import Place
+
+ACTIONS: tuple[Action, ...] = ("pick", "place", "move")
+"""What tasks do by keys of the core's own."""
+
+
+@dataclass(frozen=True)
+class KindReading:
+    """What one kind of work adds to task files."""
+
+    key: str = ""
+    """The key of tasks that are its work; empty where it only adds to others."""
+    noun: str = ""
+    """What messages call such tasks."""
+    beside: tuple[str, ...] = ()
+    """The core's keys that go with it, all of them."""
+    task_keys: type[TaskHead] = TaskHead
+    """The keys that it adds to a task, as a section of its own."""
+    target_keys: type[TargetSection] = TargetSection
+    """Those that it adds to a target."""
+    defaults_keys: type[DefaultsSection] = DefaultsSection
+    """Those that it adds to the defaults."""
+    file_keys: type[TasksFile] = TasksFile
+    """Those that it adds to the file."""
+    check: Callable[[Document, Mapping[int, TaskSection], TasksFile | None, Findings], None] = (
+        lambda document, tasks, model, findings: None
+    )
+    """Notes what is wrong across tasks; the file's content is None where its schema does not accept it."""
+    check_cell: Callable[[Document, TasksFile, Cell, Findings], None] = (
+        lambda document, model, cell, findings: None
+    )
+    """Notes what does not go with the cell."""
+    shares: Callable[[TaskReader, TaskSection, Loc], list[Task]] = lambda reader, section, loc: []
+    """Reads a task that is its work: each arm's share."""
+    stop: Callable[[TaskReader, TargetSection, Loc, Stop], Stop] = (
+        lambda reader, section, loc, stop: stop
+    )
+    """Adds to the stop of a target."""
+    task: Callable[[TaskReader, TaskSection, Loc, Task], Task] = lambda reader, section, loc, task: (
+        task
+    )
+    """Adds to a task of the core's own."""
+    job: Callable[[Document, TasksFile, Job], Job] = lambda document, model, job: job
+    """Adds to the job, once everything has been checked."""
+
+
+@dataclass(frozen=True)
+class Schemas:
+    """Sections of task files with the keys of all kinds of work."""
+
+    file: type[TasksFile]
+    """Of the whole file."""
+    task: type[TaskSection]
+    """Of a task."""
+    defaults: type[DefaultsSection]
+    """Of the defaults."""
+
+
+@cache
+def schemas_of(kinds: tuple[KindReading, ...]) -> Schemas:
+    """Returns the core's sections with the keys of some kinds."""
+    target = _with(TargetSection, [kind.target_keys for kind in kinds])
+    one_kind = model_validator(mode="after")(_one_kind_of(kinds))
+    task = _with(
+        TaskHead,
+        [kind.task_keys for kind in kinds],
+        TaskSection,
+        {"one_kind": one_kind},
+        **{action: target | None for action in ACTIONS},
+    )
+    defaults = _with(DefaultsSection, [kind.defaults_keys for kind in kinds])
+    file = _with(
+        TasksFile,
+        [kind.file_keys for kind in kinds],
+        defaults=defaults,
+        tasks=list[task],  # type: ignore[valid-type]
+    )
+    return Schemas(file, task, defaults)
+
+
+def _with(
+    core: type[Any],
+    kinds: Sequence[type[Any]],
+    rest: type[Any] | None = None,
+    validators: Any = None,
+    **fields: Any,
+) -> Any:
+    """Returns a section of the core with the keys of kinds, then the rest of its own; some fields of other types."""
+    added = [kind for kind in reversed(kinds) if kind is not core]
+    whole = rest or core
+    changed: dict[str, Any] = {
+        name: (type_, core.model_fields[name]) for name, type_ in fields.items()
+    }
+    return create_model(
+        whole.__name__,
+        __base__=(*([rest] if rest else []), *(added or [core])),
+        __doc__=whole.__doc__,
+        __validators__=validators,
+        **changed,
+    )
+
+
+def _one_kind_of(kinds: Sequence[KindReading]) -> Callable[[TaskSection], TaskSection]:
+    """Returns the rule that a task is one thing, done by one arm where it does not say itself which it takes."""
+    own = [kind for kind in kinds if kind.key]
+    beside = {"pick": ("place",), "place": ("pick",), **{kind.key: kind.beside for kind in own}}
+    arms_named = {kind.key for kind in of_kinds("reading", "any")}
+
+    def one_kind(section: TaskSection) -> TaskSection:
+        keys = (*ACTIONS, *(kind.key for kind in own))
+        given = [key for key in keys if getattr(section, key) is not None]
+        if not given:
+            alone = [kind.key for kind in own if not kind.beside]
+            others = ", ".join(["pick and place", "move", *alone[:-1]])
+            raise refuse(f"nothing to do; give {others}, or {alone[-1]}")
+        first = next((kind.key for kind in own if kind.beside and kind.key in given), given[0])
+        more = [key for key in given if key not in (first, *beside.get(first, ()))]
+        if more:
+            raise refuse(f"'{more[0]}' does not go with '{first}'; make two tasks", more[0])
+        if section.arm is None and not arms_named.intersection(given):
+            raise refuse("'arm' is missing", code="E202")
+        return section
+
+    return one_kind
+
+
+class TaskReader:
+    """Turns the tasks of one file into data."""
+
+    def __init__(
+        self,
+        document: Document,
+        cell: Cell,
+        findings: Findings,
+        defaults: DefaultsSection,
+        curves: CurveReader,
+    ) -> None:
+        """Prepares for a file and its cell.
+
+        Args:
+            document: the task file.
+            cell: where arms, frames and parts come from.
+            findings: where errors are noted.
+            defaults: what tasks have that do not say otherwise.
+            curves: reads curves.
+        """
+        self.document, self.cell, self.findings = document, cell, findings
+        self.defaults, self.curves = defaults, curves
+        self.arms = [arm.name for arm in cell.robot.arms]
+        self.targets = TargetReader(document, cell, findings)
+        self._kinds: list[KindReading] = of_kinds("reading")
+
+    def note(self, loc: Loc, message: str, code: str = "E300") -> None:
+        """Notes what is wrong at a place of the file."""
+        self.findings.add(self.document, loc, message, code)
+
+    def place(self, loc: Loc) -> Place:
+        """Returns where in the file something is written."""
+        return Place(self.document.source.name, *self.document.place(loc))
+
+    def tasks(self, sections: Mapping[int, TaskSection]) -> tuple[Task, ...]:
+        """Returns the tasks in file order.
+
+        Args:
+            sections: those that their schema accepts, by their index in the file.
+        """
+        found: list[Task] = []
+        for index, section in sections.items():
+            loc: Loc = ("tasks", index)
+            own = [
+                kind for kind in self._kinds if kind.key and getattr(section, kind.key) is not None
+            ]
+            if own:
+                found += own[0].shares(self, section, loc)
+                continue
+            arm = self.arm(section, loc)
+            if arm is None:
+                continue
+            stops = self.stops(section, loc, arm)
+            task = self.task(section, loc, arm, stops, self.part(section, loc))
+            for kind in self._kinds:
+                task = kind.task(self, section, loc, task)
+            found.append(task)
+        return tuple(found)
+
+    def arm(self, section: TaskSection, loc: Loc) -> str | None:
+        """Returns the arm that does a task, ANY for either; None after noting one that the robot does not have.
+
+        Args:
+            section: the task as the file has it.
+            loc: where it stands.
+        """
+        if section.arm not in (None, ANY, *self.arms):
+            name = self.cell.robot.name
+            message = f"{name} has no {section.arm} arm; it has {', '.join(self.arms)}"
+            self.note((*loc, "arm"), message)
+            return None
+        # What only one arm can do is that arm's.
+        return self.arms[0] if section.arm == ANY and len(self.arms) == 1 else section.arm
+
+    def task(
+        self, section: TaskSection, loc: Loc, arm: str, stops: tuple[Stop, ...], part: str
+    ) -> Task:
+        """Returns a task with what its file says of order and times.
+
+        Args:
+            section: the task as the file has it.
+            loc: where it stands.
+            arm: that does it.
+            stops: its targets.
+            part: that it carries.
+        """
+        return Task(
+            section.id,
+            arm,
+            stops,
+            tuple(section.after),
+            part,
+            not_before=section.not_before or 0.0,
+            not_after=math.inf if section.not_after is None else section.not_after,
+            place=self.place(loc),
+        )
+
+    def part(self, section: TaskSection, loc: Loc) -> str:
+        """Returns the name of the part that is carried, after noting one that the cell does not have.
+
+        Args:
+            section: the task as the file has it.
+            loc: where it stands.
+        """
+        carries = section.pick is not None and section.place is not None
+        if section.part is not None and not carries:
+            message = "only a pick with its place carries a part; remove 'part'"
+            self.note((*loc, "part"), message)
+        part = section.part if section.part is not None else self.defaults.part
+        if part is None or not carries:
+            return ""
+        if part not in self.cell.parts:
+            place: Loc = (*loc, "part") if section.part is not None else ("defaults", "part")
+            message = (
+                f"the cell has no part {quote(part)}{suggest(part, list(self.cell.parts), 'parts')}"
+            )
+            self.note(place, message)
+        return part
+
+    def check_posture(self, name: str | None, loc: Loc) -> bool:
+        """Returns whether the robot has a posture, after noting that it has not; True for none."""
+        known = list(self.cell.robot.postures)
+        if name is None or name in known:
+            return True
+        hint = suggest(name, known, "choose one of")
+        self.note(loc, f"{self.cell.robot.name} has no posture {quote(name)}{hint}")
+        return False
+
+    def stops(
+        self, section: TaskSection, loc: Loc, arm: str, taker: str | None = None
+    ) -> tuple[Stop, ...]:
+        """Returns the stops of a task by keys of the core's own.
+
+        Args:
+            section: the task as the file has it.
+            loc: where it stands.
+            arm: that does it.
+            taker: the arm that takes over what this one picks, and places it; None where it does so itself.
+        """
+        stops = []
+        for action in ACTIONS:
+            target_section, place = getattr(section, action), (*loc, action)
+            if target_section is None:
+                continue
+            if target_section.joints is not None and arm == ANY:
+                continue  # the rules across tasks have said so
+            by = taker if action == "place" and taker is not None else arm
+            target = self.targets.target(target_section, place, by)
+            if target is None:
+                continue
+            around = self._surroundings(section, action == "move")
+            stop = Stop(action, target, *around, self.place(place))
+            for kind in self._kinds:
+                stop = kind.stop(self, target_section, place, stop)
+            stops.append(stop)
+        return tuple(stops)
+
+    def _surroundings(self, section: TaskSection, bare: bool) -> tuple[float, float, Dwell]:
+        """Returns approach, retract and dwell; defaults are for picks and places only."""
+        approach = 0.0 if bare else self.defaults.approach
+        retract = 0.0 if bare else self.defaults.retract
+        dwell = DwellSection() if bare else self.defaults.dwell
+        dwell = section.dwell if section.dwell is not None else dwell
+        return (
+            section.approach if section.approach is not None else approach,
+            section.retract if section.retract is not None else retract,
+            Dwell(dwell.gripper, dwell.settle, dwell.handshake),
+        )

@@ -1,0 +1,158 @@
+"""Hand-overs of task files: where a part goes from the giving tool into the taking one, and how that grips it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from dualarm_cli.files.source.fields import FramedPose, Name, Pose, refuse, to_se3
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
+from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
+from dualarm_cli.model.handover import Handover, taken_part, with_taken_part
+from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
+from dualarm_cli.model.place import Place
+
+_NO_FREEDOM = {
+    "joints": "two tools meet there, so it has to be a pose; give xyz, with rpy or quat",
+    "free": "the taking tool's pose follows from the giving one's, so that both are fixed",
+    "symmetry": "the taking tool's pose follows from the giving one's, so that both are fixed",
+}
+
+
+class HandoverSection(FramedPose):
+    """Where a part goes from one arm's tool into the other's."""
+
+    at: Name | None = Field(
+        default=None, description="Named frame that the pose is given in; same as `in`."
+    )
+    grip: Pose = Field(
+        description="Pose of the taking tool's centre point in the frame of the giving tool's."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _a_pose(cls, value: Any) -> Any:
+        for key, why in _NO_FREEDOM.items():
+            if isinstance(value, dict) and key in value:
+                raise refuse(f"'{key}' does not go with 'handover': {why}", key)
+        return value
+
+    @model_validator(mode="after")
+    def _whole(self) -> HandoverSection:
+        if self.xyz is None:
+            raise refuse("no place to meet; give xyz, with rpy or quat, of the giving tool")
+        if self.in_ is not None and self.at is not None:
+            raise refuse("'in' and 'at' both name the frame; keep one", "in")
+        if self.grip.xyz is None and self.grip.rpy is None and self.grip.quat is None:
+            raise refuse(
+                "both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame",
+                "grip",
+            )
+        return self
+
+
+class HandoverTask(TaskHead):
+    """A task whose part may go from arm to arm."""
+
+    handover: HandoverSection | None = Field(
+        default=None,
+        description="Where the part goes into the other arm's tool: the giving tool's pose, and the grip.",
+    )
+
+    @model_validator(mode="after")
+    def _picked_and_placed(self) -> HandoverTask:
+        missing = [key for key in ("pick", "place") if getattr(self, key) is None]
+        if self.handover is not None and missing:
+            raise refuse(
+                f"'{missing[0]}' is missing: a hand-over has pick, handover and place", code="E202"
+            )
+        return self
+
+
+def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
+    """Returns each arm's share of a hand-over: pick and give, take and place.
+
+    Args:
+        reader: of the file.
+        section: the task as the file has it.
+        loc: where it stands.
+    """
+    assert (
+        isinstance(section, HandoverTask) and section.handover is not None
+    )  # asked for by its key
+    handover, place = section.handover, (*loc, "handover")
+    arm = reader.arm(section, loc)
+    if arm is None:
+        return []
+    if len(reader.arms) < 2:
+        message = f"{reader.cell.robot.name} has one arm only; a hand-over takes two"
+        reader.note(place, message)
+        return []
+    taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)
+    meets = reader.targets.pose(handover, handover.at, place)
+    stops = {stop.action: stop for stop in reader.stops(section, loc, arm, taker)}
+    whole = reader.task(section, loc, arm, (), reader.part(section, loc))
+    if meets is None or len(stops) < 2:
+        return []
+    picks = stops["pick"], stops["place"]
+    return handover_shares(whole, taker, picks, (meets, to_se3(handover.grip)), reader.place(place))
+
+
+def handover_shares(
+    whole: Task,
+    taker: str,
+    stops: tuple[Stop, Stop],
+    meeting: tuple[pin.SE3, pin.SE3],
+    place: Place,
+) -> list[Task]:
+    """Returns the giver's share of a hand-over, pick and give, and the taker's, take and place.
+
+    The taker approaches and grips while the giver stands still; then the giver lets go and retracts.
+
+    Args:
+        whole: the task with the giving arm and the part as it is picked, without stops.
+        taker: the taking arm.
+        stops: the pick and the place.
+        meeting: the giving tool's pose in the world, and the taking tool's in the giving one's frame.
+        place: where the hand-over is written.
+    """
+    pick, put = stops
+    pose, grip = meeting
+    work = Handover(whole.arm, taker, grip, place)
+    give = Stop("give", PoseTarget(pose), 0.0, pick.retract, pick.dwell, place)
+    take = Stop("take", PoseTarget(pose * grip), pick.approach, 0.0, pick.dwell, place)
+    return [
+        replace(whole, stops=(pick, give), handover=work),
+        replace(
+            whole,
+            arm=taker,
+            stops=(take, put),
+            part=taken_part(whole.part, whole.id),
+            handover=work,
+        ),
+    ]
+
+
+def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
+    """Returns a job whose cell knows every part that is handed over also as it hangs in the taking tool."""
+    cell = job.cell
+    for task in job.tasks:
+        work = task.handover
+        # The giver's share comes first; the taker's part is the one that is made here.
+        if work is not None and task.stops[0].action == "pick" and task.part:
+            cell = with_taken_part(cell, task.part, task.id, work.grip)
+    return replace(job, cell=cell)
+
+
+READING = KindReading(
+    key="handover",
+    noun="hand-overs",
+    beside=("pick", "place"),
+    task_keys=HandoverTask,
+    shares=handed,
+    job=with_taken_parts,
+)

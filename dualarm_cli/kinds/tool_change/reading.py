@@ -1,0 +1,177 @@
+"""With which tool a task is done, and its targets as the arm's own tool frame sees them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from dualarm_cli.files.cells.tool_changes import NO_TOOL
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.fields import Name
+from dualarm_cli.files.source.text_source import quote, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc
+from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TaskHead, TaskSection, TasksFile
+from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
+from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
+from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import ANY, PoseTarget, Target, Task
+
+COAXIAL = 1e-6
+"""How far a tool's z axis may be beside that of the arm's own where a target leaves turns about it open [m]."""
+
+
+class ToolTask(TaskHead):
+    """A task that may say with which tool it is done."""
+
+    tool: Name | None = Field(
+        default=None,
+        description="The tool that it is done with, of those that the cell's tool_changes name; none for no tool.",
+    )
+
+
+class ToolDefaults(DefaultsSection):
+    """Defaults that may say with which tool tasks are done."""
+
+    tool: Name | None = Field(
+        default=None, description="The tool that tasks are done with; none for no tool."
+    )
+
+
+def check_tool_changes(
+    document: Document, model: TasksFile, cell: Cell, findings: Findings
+) -> None:
+    """Notes what does not go with tools that are changed.
+
+    Args:
+        document: the task file.
+        model: its content.
+        cell: its cell.
+        findings: where errors are noted.
+    """
+    if not cell.tool_changes:
+        if _default(model.defaults) is not None:
+            message = "the cell has no tool_changes; remove 'tool'"
+            findings.add(document, ("defaults", "tool"), message)
+        return
+    for index, task in enumerate(model.tasks):
+        for kind in of_kinds("reading", "tool_change"):
+            if getattr(task, kind.key) is not None:
+                message = (
+                    f"'{kind.key}' does not go with a cell that has tool_changes in this version; plan it with a cell "
+                    "in which the tool is always on (tools:)"
+                )
+                findings.add(document, ("tasks", index, kind.key), message, NOT_AVAILABLE)
+        _check_name(document, index, task.id, cell, findings)
+    if model.limits.tool_speed is not None:
+        message = (
+            "a cap on the tools' speed does not go with a cell that has tool_changes in this version: it is measured "
+            "at what is always on the arm; remove it"
+        )
+        findings.add(document, ("limits", "tool_speed"), message, NOT_AVAILABLE)
+
+
+def _check_name(document: Document, index: int, name: str, cell: Cell, findings: Findings) -> None:
+    """Notes an id that could be taken for a visit to a stand."""
+    for changes in cell.tool_changes.values():
+        for tool in changes.tools:
+            if name.startswith((f"take {tool} (", f"leave {tool} (")):
+                message = f"{quote(name)} is what a visit to a stand is called; choose another id"
+                findings.add(document, ("tasks", index, "id"), message)
+                return
+
+
+def with_tool(reader: TaskReader, section: TaskSection, loc: Loc, task: Task) -> Task:
+    """Returns a task with its tool, by an arm that has it, its targets as the arm's own tool frame reaches them.
+
+    Args:
+        reader: of the file.
+        section: the task as the file has it.
+        loc: where it stands.
+        task: without a tool.
+    """
+    assert isinstance(section, ToolTask)  # as the list of kinds has it
+    arm, tool = _choose(reader, section, loc, task.arm)
+    stops = [
+        replace(stop, target=_seen(reader, stop.target, (*loc, stop.action), arm, tool))
+        for stop in task.stops
+    ]
+    return replace(task, arm=arm, stops=tuple(stops), tool=tool)
+
+
+def _default(defaults: DefaultsSection) -> str | None:
+    """Returns the tool of tasks that name none."""
+    return defaults.tool if isinstance(defaults, ToolDefaults) else None
+
+
+def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[str, str]:
+    """Returns the arm that does a task (ANY for either) and the tool, empty for none; notes what is wrong."""
+    cell, changes = reader.cell, reader.cell.tool_changes
+    arms = reader.arms if arm == ANY else [arm]
+    if not any(name in changes for name in arms):
+        if section.tool not in (None, NO_TOOL):
+            whose = "the cell has no tool_changes" if not changes else f"{arm} changes no tools"
+            _note(reader, loc, section, f"{whose}; remove 'tool'")
+        return arm, ""
+    said = section.tool if section.tool is not None else _default(reader.defaults)
+    known = {tool for name in arms if name in changes for tool in changes[name].tools}
+    if said is None:
+        message = (
+            f"task {quote(section.id)} does not say with which tool it is done; say tool: or "
+            f"defaults: {{tool: …}}, one of {', '.join([*sorted(known), NO_TOOL])}"
+        )
+        reader.note(loc, message, "E202")
+        return arm, ""
+    if said == NO_TOOL:
+        return arm, ""
+    able = [name for name in arms if said in cell.tool_names(name)]
+    if not able:
+        hint = suggest(said, [*sorted(known), NO_TOOL], "tools")
+        whose = "no arm has a" if arm == ANY else f"the {arm} arm has no"
+        _note(reader, loc, section, f"{whose} tool {quote(said)}{hint}")
+        return arm, ""
+    if len(able) == len(arms) > 1:
+        first, second = (cell.T_own_tool(name, said) for name in able)
+        if not first.isApprox(second, COAXIAL):
+            message = (
+                f"tool {quote(said)} is not the same on both arms (its tcp as the arm's own tcp has it), so that "
+                "its targets are not either: say arm: left or right"
+            )
+            _note(reader, loc, section, message)
+    return (arm if len(able) == len(arms) else able[0]), said
+
+
+def _seen(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: str) -> Target:
+    """Returns a target as the arm's own tool frame reaches it while a changed tool's centre point is there.
+
+    T_world_own = T_world_target T_tool_own. Joint configurations say all themselves.
+    """
+    if not tool or not isinstance(target, PoseTarget):
+        return target
+    able = [name for name in reader.arms if tool in reader.cell.tool_names(name)]
+    T_own_tool = reader.cell.T_own_tool(able[0] if arm == ANY else arm, tool)
+    beside = float(np.hypot(*T_own_tool.translation[:2]))
+    if beside > COAXIAL and (target.free_yaw or target.symmetry > 1):
+        key = "free" if target.free_yaw else "symmetry"
+        message = (
+            f"turns about the z axis of tool {quote(tool)} are left open here, but that axis is "
+            f"{beside * 1e3:.3g} mm beside the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
+            "two coaxial"
+        )
+        reader.note((*loc, key), message)
+    return replace(target, pose=target.pose * T_own_tool.inverse())
+
+
+def _note(reader: TaskReader, loc: Loc, section: ToolTask, message: str) -> None:
+    place: Loc = (*loc, "tool") if section.tool is not None else ("defaults", "tool")
+    reader.note(place, message)
+
+
+READING = KindReading(
+    task_keys=ToolTask,
+    defaults_keys=ToolDefaults,
+    check_cell=check_tool_changes,
+    task=with_tool,
+)
