@@ -13,7 +13,8 @@ from dualarm_cli.clearing.clearing import Clearing
 from dualarm_cli.clearing.stage_samples import arm_ways, combined, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.files.tasks.tasks import handover_shares, load_job
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.handover.reading import handover_shares
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.buffer import Buffer
 from dualarm_cli.model.job import PoseTarget
