@@ -330,19 +330,21 @@ def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]
     problem = MethodProblem(model, job, "arm_angle")
 
-    def found(with_simpler):
+    def found(simpler):
         def solve(asked):
             plans = choose_stages(model, job, "exact", "arm_angle", holding=asked.holding)
             if asked.holding is None:
                 return Decided(plans)
             late = [dataclasses.replace(plan, waits={"left": 2.0}) for plan in plans]
-            return Decided(late, simpler=(lambda: [plans]) if with_simpler else None)
+            return Decided(late, simpler=simpler and (lambda: simpler(plans)))
 
         return quickest_clear(problem, solve, timing, lambda _: None)
 
-    quick, slow = found(True), found(False)
+    quick, slow = found(lambda plans: [plans]), found(None)
     assert not quick.cleared.blocked
     assert quick.cost < slow.cost - 1.0
+    # Where the simpler methods have no plan, the method's own one counts.
+    assert found(lambda _: []).cost == slow.cost
 
 
 @pytest.mark.parametrize("lesser", ["quicker", "slower", "none"])
