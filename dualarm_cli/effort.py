@@ -264,10 +264,6 @@ class EffortSettings:
     """The method `ipopt`."""
     continuous: NonlinearEffort
     """The method `continuous`."""
-    failed_trees: int
-    """Searches of random trees that may fail in a job."""
-    failed_trees_by_stop: float
-    """So many more for each stop."""
     hopeless_orders: int
     """No other order is tried after so many in which an arm touches something whatever the other one does."""
     section_orders: int
@@ -296,8 +292,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
         bound=Resolution(np.radians(20.0), 9, 2),
         ipopt=NonlinearEffort(100, (np.inf, 0.3)),
         continuous=NonlinearEffort(60, (0.1, 0.02)),
-        failed_trees=1,
-        failed_trees_by_stop=0.1,
         hopeless_orders=2,
         section_orders=2,
         section_starts=1,
@@ -321,8 +315,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
         bound=Resolution(np.radians(15.0), 9, 3),
         ipopt=NonlinearEffort(300, (np.inf, 0.6, 0.3, 0.1)),
         continuous=NonlinearEffort(150, (0.3, 0.1, 0.03, 0.01)),
-        failed_trees=3,
-        failed_trees_by_stop=0.2,
         hopeless_orders=4,
         section_orders=4,
         section_starts=4,
@@ -356,8 +348,6 @@ EFFORTS: Mapping[str, EffortSettings] = {
         bound=Resolution(np.radians(5.0), 36, 3),
         ipopt=NonlinearEffort(1500, (np.inf, 0.6, 0.6, 0.3, 0.3, 0.1, 0.1, 0.03)),
         continuous=NonlinearEffort(500, (0.6, 0.3, 0.3, 0.1, 0.1, 0.03, 0.03, 0.01, 0.003)),
-        failed_trees=12,
-        failed_trees_by_stop=1.0,
         hopeless_orders=12,
         section_orders=24,
         section_starts=12,

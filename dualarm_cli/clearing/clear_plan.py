@@ -165,9 +165,9 @@ def bars_of(clearing: Clearing, tried: Cleared) -> list[Barred]:
     if thought > 0.0:
         slow = max(slow, tried.motion.trajectory.duration / thought)
     for k, (plan, stage) in enumerate(zip(tried.plans, tried.motion.stages, strict=True)):
-        if not plan.detours and not plan.waits and plan.path is None:
+        if not plan.detours and not plan.waits:
             continue
-        straight = clearing.alone(replace(plan, detours={}, waits={}, path=None))
+        straight = clearing.alone(replace(plan, detours={}, waits={}))
         cost = stage.end - stage.start - straight.trajectory.duration
         if cost > COSTLY * slow:
             found.append(Barred(k, everything, plan.start, plan.arrival, cost))
@@ -274,7 +274,7 @@ def quickest_clear(
     reference = timed[0][1].trajectory.duration
     if holding is None:
         return ClearedPlan(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
-    clearing = Clearing(model, job, holding, timing, problem.seed, known, problem.paths)
+    clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
         if best is not None and best.is_done_within(motion.trajectory.duration):
@@ -422,11 +422,8 @@ def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
     done = []
     for k, stage in enumerate(found.cleared.plans, first):
         done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
-        for arm, detour in stage.detours.items():
-            waits = f" and waits there {detour.pause:.2f} s" if detour.pause else ""
-            done.append(f"{arm} makes a detour{waits} in stage {k}")
-        if stage.path is not None:
-            done.append(f"all joints follow a free path in stage {k}")
+        for arm in stage.detours:
+            done.append(f"{arm} makes a detour in stage {k}")
     if found.replanned:
         done.insert(0, "other postures or platform angles were taken")
     if found.cost is None or (not done and abs(found.cost) < SHOWN):
@@ -445,7 +442,7 @@ def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
             f"clearance costs {found.cost / found.blind:.0%} of the cycle time: other methods, see `dualarm compare "
             "solvers`, or another cell layout may do better"
         )
-    if any(stage.waits or stage.detours or stage.path is not None for stage in found.cleared.plans):
+    if any(stage.waits or stage.detours for stage in found.cleared.plans):
         notes.append(
             "sensitivity: transfers that wait or are bent to keep clear count as straight ones there, and what "
             "they take longer as constant"

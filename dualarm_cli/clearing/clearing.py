@@ -1,4 +1,4 @@
-"""Stages that do not keep clear when they are timed: waits, curves, stopovers, and paths of the whole robot."""
+"""Stages that do not keep clear when they are timed: waits, curves, and postures on the way."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from dualarm_cli.clearing.stage_samples import (
     KEPT,
-    ArmWay,
     StageContext,
     StageSamples,
     alone_clear,
@@ -23,7 +22,6 @@ from dualarm_cli.clearing.stage_samples import (
     tool_times,
     which_keep_clear,
 )
-from dualarm_cli.clearing.transfer_paths import transfer_path
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -34,7 +32,6 @@ from dualarm_cli.motion.stop_motion import Known
 from dualarm_cli.motion.transfers import largest_tool_speed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
-from dualarm_cli.stages.method import PathBudget
 from dualarm_cli.timing import TimingSolver
 
 SPREADS = (0.2, 0.4, 0.7, 1.1)
@@ -45,12 +42,6 @@ LEG_SAMPLES = 13
 """Points of each way to and from a posture that is stopped at."""
 STOPS = 24
 """So many postures that are stopped at, nearest first, are timed."""
-WAITED = 12
-"""So many postures to wait at, nearest first, are timed."""
-SHARES = (0.0, 0.5, 1.0)
-"""Shares of the way to the posture after which the other arm leaves."""
-PAUSE = 25
-"""Pauses are found to so many instants."""
 
 
 def quickest_stop(
@@ -73,68 +64,12 @@ def quickest_stop(
     best, least = None, np.inf
     order = np.argsort(np.where(lack == 0.0, length, np.inf), kind="stable")
     for k in order[: min(STOPS, int((lack == 0.0).sum()))]:
-        detour = Detour(posture[k : k + 1], 0.0)
+        detour = Detour(posture[k : k + 1], stops=True)
         ways = {**context.ways, name: context.way_by(name, detour)}
         stage = combined(context.model, context.samples, ways, {})
         if len(stage.position) < least and clear(stage):
             least = len(stage.position)
             best = replace(context.plan, detours={**context.plan.detours, name: detour})
-    return best
-
-
-def quickest_stopover(context: StageContext, name: str) -> StagePlan | None:
-    """Returns the stage in which an arm waits aside while the other one passes, None where nothing tried keeps clear.
-
-    The arm goes to a posture that is free while the other one does what it does; the other one leaves meanwhile; then
-    the arm goes on. Of postures, shares and pauses the shortest stage is taken.
-
-    Args:
-        context: the stage.
-        name: the arm that makes way.
-    """
-    [other] = [key for key in context.model.arms if key != name]
-    cell, passing = context.cell, context.ways[other].end
-    best, least = None, np.iinfo(np.int64).max
-    for posture in _asides(context, name):
-        there = context.way_by(name, Detour(posture[None], 0.0))
-        turn = int(np.argmin(np.abs(there.q - posture).max(axis=1)))
-
-        def stage(pause: int, delay: int, there: ArmWay = there, turn: int = turn) -> StageSamples:
-            q = np.concatenate(
-                [there.q[:turn], np.repeat(there.q[turn : turn + 1], pause, 0), there.q[turn:]]
-            )
-            held = np.concatenate(
-                [
-                    there.held[:turn],
-                    np.repeat(there.held[turn : turn + 1], pause),
-                    there.held[turn:],
-                ]
-            )
-            meets = None if there.meets is None else there.meets + pause
-            ways = {**context.ways, name: ArmWay(q, held, there.arrival + pause, meets)}
-            return combined(context.model, context.samples, ways, {other: delay})
-
-        for share in SHARES:
-            delay = round(share * turn)
-            longest = PAUSE * (1 + (passing + delay) // PAUSE)
-            if len(stage(0, delay).position) >= least or not apart(cell, stage(longest, delay)):
-                continue
-            low, high = 0, longest
-            while high - low > PAUSE:
-                middle = (low + high) // 2
-                if apart(cell, stage(middle, delay)):
-                    high = middle
-                else:
-                    low = middle
-            length = len(stage(high, delay).position)
-            if length < least:
-                least = length
-                waits = {other: delay * context.samples.step} if delay else {}
-                best = replace(
-                    context.plan,
-                    waits=waits,
-                    detours={name: Detour(posture[None], high * context.samples.step)},
-                )
     return best
 
 
@@ -147,24 +82,6 @@ def _drawn(context: StageContext, name: str) -> tuple[FloatArray, FloatArray, Fl
     spread = np.repeat(SPREADS, DRAWN)[:, None]
     posture = start + share * (goal - start) + random.normal(size=(len(share), len(start))) * spread
     return start, goal, posture
-
-
-def _asides(context: StageContext, name: str) -> list[FloatArray]:
-    """Returns postures of one arm that are free while the other one does what it does, the nearest ones first."""
-    arm = context.model.arms[name]
-    limits = context.job.cell.robot.limits.select(arm.arm.joints)
-    start, goal, drawn = _drawn(context, name)
-    home = context.job.cell.robot.postures["home"][arm.columns]
-    every = np.clip(np.vstack([start, home, drawn]), limits.lower, limits.upper)
-    way = np.maximum(np.abs(every - start), np.abs(goal - every)) / limits.velocity
-    every = every[np.argsort(way.max(axis=1), kind="stable")]
-    times = np.linspace(0, len(context.samples.position) - 1, 12).astype(int)
-    rows = np.tile(context.samples.position[times], (len(every), 1))
-    rows[:, arm.columns] = np.repeat(every, len(times), axis=0)
-    held = np.tile(context.samples.held[times], (len(every), 1))
-    held[:, context.cell.arms.index(name)] = context.ways[name].held[0]
-    free = (context.cell.margins(rows, held) >= KEPT).reshape(len(every), -1).all(axis=1)
-    return list(every[np.flatnonzero(free)[:WAITED]])
 
 
 TIMED = 3
@@ -199,7 +116,7 @@ def quickest_curve(
         found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed, tool)
         timed = []
         for controls in found[:TIMED]:
-            detour = Detour(controls, None)
+            detour = Detour(controls, stops=False)
             try:
                 timed.append(context.way_by(name, detour))
             except InfeasibleError:
@@ -255,8 +172,6 @@ class Clearing:
     """Of what is tried at random."""
     known: Known = field(default_factory=Known)
     """What is timed already: mended stages keep their lines."""
-    paths: PathBudget | None = None
-    """How many searches for paths may fail; None for as many as there are."""
     seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
     """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
 
@@ -333,14 +248,9 @@ class Clearing:
             if found is tried and (tried is plan or self._within_cap(tried)):
                 return tried
             if found is None or found is tried:
-                break
+                return None
             tried = found
-        # On a path all arrive together: where their lines then meet there is no use in looking for one.
-        path = self._path(plan, k) if _lines_apart(first) else None
-        if path is None:
-            return None
-        samples = self._context(path, k).samples
-        return path if keeps_clear(self.holding.cell, samples) else None
+        return None
 
     def _within_cap(self, plan: StagePlan) -> bool:
         """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
@@ -402,27 +312,11 @@ class Clearing:
         free = [name for name in context.cell.arms if name not in context.plan.detours]
         curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
         tries += [one for one in curves if one is not None]
-        if not tries and not context.plan.detours:
-            stopovers = (quickest_stopover(context, name) for name in free)
-            tries += [one for one in stopovers if one is not None]
         tries = [one for one in tries if self._within_cap(one)]
         if not tries:
             return None
         lengths = [self.alone(one).trajectory.duration for one in tries]
         return tries[int(np.argmin(lengths))]
-
-    def _path(self, plan: StagePlan, k: int) -> StagePlan | None:
-        """Returns the stage with all joints along one path found by random trees, None where none was found."""
-        if self.paths is not None and self.paths.left <= 0:
-            return None
-        last = len(self.holding.before) - 1
-        held = self.holding.before[k] if k <= last else self.holding.after[last]
-        path = transfer_path(self.model, self.job, self.holding.cell, plan, held, self.seed)
-        if path is None:
-            if self.paths is not None:
-                self.paths.left -= 1
-            return None
-        return replace(plan, path=path, waits={}, detours={})
 
 
 def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:

@@ -22,7 +22,6 @@ from dualarm_cli.motion.transfers import (
 )
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.timing.composition import hold
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.problem import LineProblem
 
@@ -163,7 +162,7 @@ CURVE_KNOTS = 48
 def detour_pieces(
     drive: Drive, plan: StagePlan, name: str, platform: Trajectory | None
 ) -> list[Trajectory]:
-    """Returns an arm's way by a posture: there, a pause, and on; or in one curve that does not stop there.
+    """Returns an arm's way by a via point, there and on, or in one curve that does not stop there.
 
     Args:
         drive: of the job.
@@ -176,7 +175,7 @@ def detour_pieces(
     """
     detour, index = plan.detours[name], drive.columns[name]
     joints = drive.joints(name)
-    if detour.pause is None:
+    if not detour.stops:
         points = curve(plan.start[index], detour.points, plan.arrival[index], CURVE_POINTS)
         late = plan.waits.get(name, 0.0)
 
@@ -197,21 +196,7 @@ def detour_pieces(
         alone = StagePlan(start, end, end, {}, plan.solver, 0.0)
         moved = transfers_within_tool_speed(drive, alone)
         legs.append([moved.motion[name]] if name in moved.motion else [])
-    # The posture may be the start itself: the pause comes first then.
-    pause = [hold(joints, detour.points[0], detour.pause)] if detour.pause > 0.0 else []
-    return [*legs[0], *pause, *legs[1]]
-
-
-def path_pieces(drive: Drive, plan: StagePlan) -> dict[str, Trajectory]:
-    """Returns the motion of every joint group along a stage's common path; arguments as of `detour_pieces`."""
-    assert plan.path is not None  # asked for only where there is one
-
-    def position_at(piece: Trajectory, time: FloatArray) -> FloatArray:
-        q: FloatArray = piece.at(time)[0]
-        return q
-
-    whole = _along(drive, list(drive.model.arms), drive.limits.joints, plan.path, position_at)
-    return {name: whole.select(list(drive.joints(name))) for name in drive.columns}
+    return [*legs[0], *legs[1]]
 
 
 def _along(

@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.bent_transfers import detour_pieces, path_pieces
+from dualarm_cli.motion.bent_transfers import detour_pieces
 from dualarm_cli.motion.stop_motion import (
     Key,
     Known,
@@ -108,8 +108,7 @@ def stage_waits(
         return StageWaits()
     held: dict[str, float] = {}
     there = arrivals(held)
-    # On one path all joints move together: nobody is held back.
-    if len(meets) > 1 and plan.path is None:
+    if len(meets) > 1:
         for _ in range(ROUNDS):
             spare = {name: at - there[name] for name, at in meets.items()}
             least = min(spare.values())
@@ -149,7 +148,6 @@ def moves_to_lines(
     plan: StagePlan,
     name: str,
     transfers: Transfers,
-    together: Mapping[str, Trajectory],
     platform_end: float,
     held: float = 0.0,
 ) -> list[Move]:
@@ -160,7 +158,6 @@ def moves_to_lines(
         plan: the stage.
         name: the group.
         transfers: the stage's straight transfers.
-        together: by group, where all joints move along one path.
         platform_end: when the platform is there, counted from the stage's start [s].
         held: how long it stands first, for what a conveyor brings [s].
     """
@@ -170,11 +167,9 @@ def moves_to_lines(
     if held > 0.0:
         moves.insert(0, Move(hold(joints, plan.start[index], held), "conveyor"))
         late += held
-    if name in together:
-        moves.append(Move(together[name]))
-    elif name in plan.detours:
+    if name in plan.detours:
         pieces = detour_pieces(drive, plan, name, transfers.motion.get(PLATFORM))
-        moves += [Move(piece, "shared_zone" if _stands(piece) else "") for piece in pieces]
+        moves += [Move(piece) for piece in pieces]
         # Its line begins when the platform is there as well.
         rest = platform_end - (late + sum(piece.duration for piece in pieces))
         if name in plan.stops and rest > 0.0:
@@ -289,11 +284,10 @@ def _add_stage(
     `after` has the next stops of arms that wait for a task to be over.
     """
     begin, ends = record.clock, dict.fromkeys(drive.columns, 0.0)
-    together = {} if plan.path is None else path_pieces(drive, plan)
     kind: SegmentKind = "transfer" if plan.stops else "return"
     for name in drive.columns:
         there = ends.get(PLATFORM, 0.0)
-        moves = moves_to_lines(drive, plan, name, transfers, together, there, held.get(name, 0.0))
+        moves = moves_to_lines(drive, plan, name, transfers, there, held.get(name, 0.0))
         for reason, run in groupby(moves, key=lambda move: move.reason):
             pieces = [move.motion for move in run]
             record.pieces[name] += pieces

@@ -32,7 +32,7 @@ from dualarm_cli.plan.section_plans import quickest_of_sections
 from dualarm_cli.plan.sections import SectionPlanner
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.method import MethodProblem, PathBudget
+from dualarm_cli.stages.method import MethodProblem
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.stages.search.problem import Decisions
 from dualarm_cli.stages.serving import (
@@ -185,9 +185,6 @@ def _not_slower_than_filed(
     """Returns the schedule of a job, in the order of its file where no quicker plan was found of an open one."""
     found: Schedule | None = None
     failure: InfeasibleError | None = None
-    if not job.is_decided:
-        # What no order can mend must not take much longer than a plan.
-        problem = replace(problem, paths=PathBudget.of(job, settings.effort))
     try:
         found = _planned(job, settings, problem, replaced, watch, clear=clear)
     except InfeasibleError as error:
@@ -197,8 +194,7 @@ def _not_slower_than_filed(
         filed = None  # the search for its arms would meet the same again
     if filed is not None and (found is None or not watch.stop()):
         watch.tell("planning the file's order")
-        paths = None if filed.is_decided else PathBudget.of(job, settings.effort)
-        own = replace(problem, job=filed, paths=paths)
+        own = replace(problem, job=filed)
         with suppress(InfeasibleError):
             given = _planned(filed, settings, own, replaced, watch, clear=clear)
             if found is None or given.duration < found.duration:

@@ -33,12 +33,12 @@ class ArmStop:
 
 @dataclass(frozen=True)
 class Detour:
-    """What bends an arm's transfer: a posture that it stops at, or control points of one curve."""
+    """What bends an arm's transfer: a via point that it stops at, or control points of one curve."""
 
     points: FloatArray
-    """The arm's joints there [rad], shape (1, 7) for a posture, (c, 7) for control points."""
-    pause: float | None
-    """How long it waits at the posture [s]; None for a curve, on which it does not stop."""
+    """The arm's joints there [rad], shape (1, 7) for a via point, (c, 7) for control points."""
+    stops: bool
+    """Whether the arm stops at the via point; on a curve it does not."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,6 @@ class StagePlan:
     """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
     detours: Mapping[str, Detour] = field(default_factory=dict)
     """What an arm passes by on its transfer, to keep clear of the cell or the other arm; by arm."""
-    path: FloatArray | None = None
-    """All joints along the transfer's path [rad], shape (m, n), where all of them move along one together."""
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dualarm_cli.effort import EFFORTS
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.model.job import Job
@@ -13,20 +12,6 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.search.clearance import Barred
 from dualarm_cli.stages.search.problem import Decisions
 from dualarm_cli.stages.stages import StagePlan
-
-
-@dataclass
-class PathBudget:
-    """How many more searches for a free path of all joints may fail: each takes as long as many plans without one."""
-
-    left: int
-    """So many more."""
-
-    @classmethod
-    def of(cls, job: Job, effort: str) -> PathBudget:
-        """Returns what trying the orders of a job may take in all."""
-        how, stops = EFFORTS[effort], sum(len(task.stops) for task in job.tasks)
-        return cls(how.failed_trees + round(how.failed_trees_by_stop * stops))
 
 
 @dataclass(frozen=True)
@@ -56,9 +41,6 @@ class MethodProblem:
     patient: bool = True
     """Whether stages in which arms touch while they work side by side are mended and decided once more; else the order
     will be changed, which is what helps most."""
-
-    paths: PathBudget | None = None
-    """How many searches for paths may fail; None for as many as there are."""
 
     @property
     def turns_for_both(self) -> bool:

@@ -12,7 +12,7 @@ LEFT, RIGHT = 1.0, 1.5
 """When the arms are at their targets in the stage if nobody is held back [s]."""
 
 
-def stage(left=None, right=None, opens=0.0, path=None):
+def stage(left=None, right=None, opens=0.0):
     """Returns a stage in which parts are met at some times; the right arm's task may have a window."""
 
     def stop(meets, not_before):
@@ -21,7 +21,7 @@ def stage(left=None, right=None, opens=0.0, path=None):
         task = SimpleNamespace(not_before=not_before, stops=(target,))
         return SimpleNamespace(stop=target, task=task, tracked=belt)
 
-    return SimpleNamespace(stops={"left": stop(left, 0.0), "right": stop(right, opens)}, path=path)
+    return SimpleNamespace(stops={"left": stop(left, 0.0), "right": stop(right, opens)})
 
 
 def waits(plan, clock):
@@ -55,9 +55,6 @@ def test_two_parts_hold_one_arm_back():
     # By itself, too, so that what is looked at for clearance is what will be done.
     alone = waits(stage(left=8.0, right=10.0), None)
     assert (alone.common, alone.held) == (0.0, pytest.approx({"left": 0.0, "right": 1.5}))
-    # All joints along one path: nobody is held back, and the left arm is late.
-    together = waits(stage(left=8.0, right=10.0, path=object()), 3.5)
-    assert (together.held, together.common) == ({}, pytest.approx(5.0))
 
 
 def test_the_longest_wait_counts_and_has_its_own_reason():

@@ -124,24 +124,6 @@ def test_an_arm_that_leaves_late_waits_for_the_other_one_to_be_away(first_pick):
     assert right.end - right.start == pytest.approx(0.5, abs=1e-6)
 
 
-@pytest.mark.parametrize("at", ["start", "middle"])
-def test_a_pause_on_the_way_is_a_wait_where_the_arm_stands(first_pick, at):
-    """At a posture half way, or at the start itself: 0.3 s in which no joint of the arm moves."""
-    job, model, plans = first_pick
-    columns = model.arms["left"].columns
-    start, goal = plans[0].start[columns], plans[0].arrival[columns]
-    posture = start if at == "start" else (start + goal) / 2.0
-    first = replace(plans[0], detours={"left": Detour(posture[None], 0.3)})
-    motion, left = _left(job, model, [first, *plans[1:]])
-    kinds = [s.kind for s in left]
-    before = ["transfer"] if at == "middle" else []
-    assert kinds[: len(before) + 3] == [*before, "wait", "transfer", "approach"]
-    pause = left[len(before)]
-    assert (pause.reason, pause.end - pause.start) == ("shared_zone", pytest.approx(0.3))
-    q = motion.trajectory.at(np.linspace(pause.start, pause.end, 7))[0][:, columns]
-    assert np.abs(q - posture).max() < 1e-9
-
-
 def test_a_detour_that_is_over_before_the_platform_is_there_waits_for_it(tasks_folder):
     """Left barely moves, the platform turns by 60 degrees: from the transfer's end until it stands left waits."""
     job = load_job(tasks_folder / "01_first_pick" / "tasks.yaml")
@@ -160,7 +142,7 @@ def test_a_detour_that_is_over_before_the_platform_is_there_waits_for_it(tasks_f
         start=start,
         arrival=arrival,
         end=end,
-        detours={"left": Detour(posture[None], 0.0)},
+        detours={"left": Detour(posture[None], stops=True)},
     )
     motion, left = _left(job, model, [turned])
     assert [(s.kind, s.reason) for s in left[:3]] == [

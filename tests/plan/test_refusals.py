@@ -8,8 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from dualarm_cli.clearing import clearing
-from dualarm_cli.clearing.clearing import Clearing
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
@@ -21,7 +19,6 @@ from dualarm_cli.plan import ordered_plan
 from dualarm_cli.plan.ordered_plan import SEARCHES, TAKEN_APART
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.method import PathBudget
 from dualarm_cli.stages.stages import choose_stages
 
 TOUCHES = Refusal("not_clear")
@@ -78,23 +75,6 @@ def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, ef
         ordered_plan._searched(search, search.orders(), settings, Watch(), search.planned)
     most = SEARCHES + TAKEN_APART + 1
     assert search.tries == (min(most, EFFORTS[effort].hopeless_orders) if alone else most)
-
-
-def test_only_so_many_searches_for_paths_may_fail(monkeypatch):
-    """Two fail; then none is made, but as many as serve are."""
-    made = []
-
-    def transfer_path(*_):
-        made.append(1)
-        return None if len(made) != 2 else "path"
-
-    monkeypatch.setattr(clearing, "transfer_path", transfer_path)
-    monkeypatch.setattr(clearing, "replace", lambda plan, **changes: changes["path"])
-    holding = SimpleNamespace(before=[None, None], after=[None, None], cell=None)
-    tools = Clearing(None, None, holding, None, 0, None, PathBudget(2))
-    found = [tools._path(None, 0) for _ in range(5)]
-    assert found == [None, "path", None, None, None]
-    assert len(made) == 3
 
 
 @pytest.fixture
