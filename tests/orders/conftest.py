@@ -112,6 +112,8 @@ def in_stages() -> Callable[..., StageProblem]:
             move = rng.uniform(0.1, 2.0, (s + 1, s, f, f))
             length[:, :s] = np.maximum(move, turn) + work[:, None, :]
             length[:, s] = np.repeat(rng.uniform(0.1, 2.0, (s + 1, f, 1)), f, 2) if returns else 0.0
+            # The way back is to the first angle: what it would take to others must not count.
+            length[:, s, :, 1:] *= 0.5
             length[:, s + 1] = -np.inf
             lengths.append(length)
             works.append(work)

@@ -15,7 +15,7 @@ from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals
 from dualarm_cli.orders.proof.graph import ENDS, StageGraph, count_nodes
-from dualarm_cli.orders.proof.labels import LabelSearch
+from dualarm_cli.orders.proof.labels import MOST_STOPS, Continuations, LabelSearch, StageSteps
 from dualarm_cli.orders.proof.near import near_orders
 from dualarm_cli.orders.proof.prices import Paths, best_prices, good_prices, needed
 from dualarm_cli.orders.proof.proof import can_prove, keeps_rules, prove_order
@@ -477,3 +477,114 @@ def test_a_proof_that_is_stopped_says_nothing_wrong(in_stages):
         assert proof.bound <= least + CLOSE
         assert least - CLOSE <= proof.order.total <= start.total
         assert len(asked) <= count + 8
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_steps_whose_last_stops_are_known_last_as_long_as_tables_say(in_stages, kind):
+    """Every node after every pair of last stops at every angle, and every way back, from the problem's own tables."""
+    told = 0
+    for seed in range(6):
+        problem = replace(in_stages(seed, kind, 3), not_before=None, not_after=None)
+        graph, s = StageGraph.of(problem, singles=True), problem.stops
+        steps = StageSteps(graph)
+        task = {stop: t for t, own in enumerate(problem.tasks) for stop in own}
+        rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)))]
+        chains = [[stop for t in row for stop in problem.tasks[t]] for row in rows]
+        after = {one: other for chain in chains for one, other in pairwise(chain)}
+        before = {other: one for one, other in after.items()}
+        rng = np.random.default_rng(seed)
+        node = rng.integers(0, graph.nodes, 300)
+        came = rng.integers(0, s + 1, (300, 2))
+        angle = rng.integers(0, len(problem.turn), 300)
+        lengths = steps.lengths(came, angle, node)
+        idle = steps.idle(came, node)
+        then = steps.came(node, idle)
+        back = steps.way_back(node, idle)
+        for k in range(300):
+            stage, g = tuple(graph.stops[node[k]].tolist()), int(graph.angle[node[k]])
+            last = tuple(came[k].tolist())
+            expected = _over(problem, stage, last, int(angle[k]), g, 0.0)
+            for c, stop in zip(last, stage, strict=True):
+                at = IDLE if c == s else c
+                if not _follows(after, before, at, stop):
+                    expected = np.inf
+                if problem.in_file_order and IDLE not in (at, stop) and task[at] > task[stop]:
+                    expected = np.inf
+            assert lengths[k] == pytest.approx(expected, abs=1e-6)
+            now = tuple(c if x == IDLE else x for c, x in zip(last, stage, strict=True))
+            assert tuple(then[k].tolist()) == now
+            assert back[k] == pytest.approx(_back(problem, now, g), abs=1e-6)
+            told += bool(np.isfinite(lengths[k]))
+    assert told > 200
+
+
+@pytest.mark.parametrize("most", [0, 7, 60, 10_000])
+def test_continuations_are_counted_as_one_by_one(most):
+    """Of each label what adds less than its room; where there is too much, all have less room, by as little as will do."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        more = rng.normal(size=(5, 30)) * rng.choice([0.1, 3.0])
+        more[rng.random(more.shape) < 0.2] = np.inf
+        row = rng.integers(0, 5, 12)
+        room = rng.normal(size=12)
+        limit = np.array([room[row == k].max(initial=-np.inf) for k in range(5)])
+        found = Continuations.of(more, limit)
+        for k in range(5):
+            own = found.column[found.begin[k] : found.begin[k + 1]]
+            assert sorted(own.tolist()) == np.flatnonzero(more[k] < limit[k]).tolist()
+            assert (np.diff(more[k, own]) >= 0.0).all()
+        counts, less = found.counts(room, row, most)
+        wanted = [int((more[r] < own - less).sum()) for r, own in zip(row, room, strict=True)]
+        assert counts.tolist() == wanted
+        whole = sum(int((more[r] < own).sum()) for r, own in zip(row, room, strict=True))
+        assert counts.sum() <= most
+        assert (less == 0.0) == (whole <= most)
+        if less > 0.0:
+            # Two thousandths more room would be too much: the halving is that close.
+            wider = less - 2e-3
+            assert (
+                sum(int((more[r] < x - wider).sum()) for r, x in zip(row, room, strict=True))
+                >= most
+            )
+
+
+def test_there_is_room_for_a_proof_of_sixty_two_stops_of_two_arms(in_stages):
+    """Stops are the bits of an integer; no more nodes than told; no proof of nothing."""
+    problem = in_stages(0, "", MOST_STOPS, f=1, one_stop=True)
+    assert MOST_STOPS == 62
+    nodes = count_nodes(problem)
+    assert can_prove(problem, nodes)
+    assert not can_prove(problem, nodes - 1)
+    assert not can_prove(in_stages(0, "", MOST_STOPS + 1, f=1, one_stop=True), 10**9)
+    assert not can_prove(in_stages(0, "", 4, arms=1), 10**9)
+
+
+@pytest.mark.parametrize("kind", ["", "sequences", "file", "sequences file"])
+def test_rules_that_an_order_keeps_are_those_of_its_rows(in_stages, kind):
+    """Random orders: an arm's stops of a task, and tasks of a sequence, side by side; tasks in the file's order."""
+    kept = {True: 0, False: 0}
+    for seed in range(40):
+        problem, rng = in_stages(seed, kind, 3), np.random.default_rng(seed)
+        rows = [*problem.sequences, *((t,) for t in range(len(problem.tasks)))]
+        chains = [[stop for t in row for stop in problem.tasks[t]] for row in rows]
+        first = [own[0] for own in problem.tasks]
+        for _ in range(30):
+            who = rng.integers(0, 2, len(problem.tasks))
+            rows = []
+            for arm in (0, 1):
+                tasks = [t for t in rng.permutation(len(problem.tasks)) if who[t] == arm]
+                row = [stop for t in tasks for stop in problem.tasks[t]]
+                rows.append(row if rng.random() < 0.7 else rng.permutation(row).tolist())
+            slots = np.full((max(map(len, rows)) + 1, 2), IDLE)
+            for arm, row in enumerate(rows):
+                slots[np.sort(rng.choice(len(slots), len(row), replace=False)), arm] = row
+            expected = True
+            for row in rows:
+                for one, other in (pair for chain in chains for pair in pairwise(chain)):
+                    if one in row or other in row:
+                        expected &= (one, other) in list(pairwise(row))
+                begun = [stop for stop in row if stop in first]
+                expected &= not problem.in_file_order or begun == sorted(begun)
+            assert keeps_rules(problem, slots) == expected
+            kept[expected] += 1
+    assert min(kept.values()) > 30

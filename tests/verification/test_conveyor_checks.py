@@ -270,6 +270,40 @@ def test_a_tool_that_turns_at_the_part_is_found(clean):
     assert {"tool_angle_at_events", "conveyor_dwells_steady", "conveyor_lines_steady"} <= found
 
 
+@pytest.mark.parametrize(("share", "expected"), [(0.9, "passed"), (1.1, "failed")])
+def test_tolerances_of_conveyors(clean, share, expected):
+    """Faults of 0.9 and of 1.1 of what is allowed, each in its own check.
+
+    Off the part by a micrometre, off its window by a nanosecond at both ends, off the belt's velocity by 1 mm/s, off
+    the part in the dwell by a micrometre and a microradian, off the line by 0.1 mm, 0.1 mrad and 0.1 mm of length.
+    """
+    [event] = clean.events
+    um, tenth = share * 1e-6, share * 1e-4
+
+    def stated(**changes):
+        return dataclasses.replace(clean, events=(dataclasses.replace(event, **changes),))
+
+    def moved(x, angle=0.0):
+        return event.pose * pin.SE3(pin.utils.rotate("z", angle), np.array([x, 0.0, 0.0]))
+
+    # The part passes so much later than the tool is there, or so much earlier than the window is long, 0.4 m.
+    early, late = MET + share * 1e-9, MET - 0.4 / BELT - share * 1e-9
+    longer = {"approach": LINE + tenth, "retract": LINE}
+    for name, schedule, job in (
+        ("conveyor_part", clean, _job(y=0.5 + um)),
+        ("conveyor_windows", clean, _job(passes=early, y=0.5 - BELT * (early - PASSES))),
+        ("conveyor_windows", clean, _job(passes=late, y=0.5 - BELT * (late - PASSES))),
+        ("conveyor_velocity", stated(velocity=(share * 1e-3, -BELT, 0.0)), _job()),
+        ("conveyor_dwells", stated(pose=moved(um)), _job()),
+        ("conveyor_dwells_steady", stated(pose=moved(0.0, um)), _job()),
+        ("conveyor_lines_straight", stated(pose=moved(tenth)), _job()),
+        ("conveyor_lines_steady", stated(pose=moved(0.0, tenth)), _job()),
+        ("conveyor_line_lengths", clean, _job(**longer)),
+    ):
+        checks = {c.name: c.verdict for c in verify(schedule, job).checks}
+        assert checks[name] == expected, name
+
+
 def test_an_arm_is_at_rest_once_it_has_left_the_belt(clean):
     """The line ends with the retract, RAMP before the motion does; a stop that stands still is over with its line."""
     [span] = line_spans(clean, _job(), ToolModel(clean))
