@@ -14,10 +14,10 @@ from dualarm_cli.effort import ProofEffort
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
 from dualarm_cli.orders.paired.times import totals
-from dualarm_cli.orders.proof.graph import ENDS, StageGraph, count_nodes
+from dualarm_cli.orders.proof.graph import ENDS, AllWays, StageGraph, count_nodes, few_ways, ways_of
 from dualarm_cli.orders.proof.labels import MOST_STOPS, Continuations, LabelSearch, StageSteps
 from dualarm_cli.orders.proof.near import near_orders
-from dualarm_cli.orders.proof.prices import Paths, best_prices, good_prices, needed
+from dualarm_cli.orders.proof.prices import Paths, Prices, best_prices, good_prices, needed
 from dualarm_cli.orders.proof.proof import can_prove, keeps_rules, prove_order
 from dualarm_cli.orders.proof.relaxation import pair_bound
 
@@ -354,6 +354,15 @@ def test_prices_are_of_paths_that_have_as_many_stops_as_there_are(in_stages, see
         )
     both = (to + on[::-1]).min(axis=0)
     np.testing.assert_allclose(both, through, atol=CLOSE)
+    # A node is needed where its least path, at its prices, may be shorter than what is known.
+    whole = through + price.sum()
+    for upper in (
+        0.0,
+        *(np.quantile(whole[np.isfinite(whole)], (0.2, 0.8)) if np.isfinite(best) else ()),
+    ):
+        found = np.isin(np.arange(graph.nodes), needed(graph, Prices(price, 0.0), upper))
+        clear = np.abs(whole - 1e-4 - upper) > CLOSE
+        assert (found == (whole - 1e-4 < upper))[clear].all()
 
 
 def test_steps_of_prices_prove_ever_more(in_stages):
@@ -520,7 +529,7 @@ def test_steps_whose_last_stops_are_known_last_as_long_as_tables_say(in_stages, 
 
 @pytest.mark.parametrize("most", [0, 7, 60, 10_000])
 def test_continuations_are_counted_as_one_by_one(most):
-    """Of each label what adds less than its room; where there is too much, all have less room, by as little as will do."""
+    """Of each label what adds less than its room; where that is too much, all have less room, as little as will do."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
         more = rng.normal(size=(5, 30)) * rng.choice([0.1, 3.0])
@@ -588,3 +597,50 @@ def test_rules_that_an_order_keeps_are_those_of_its_rows(in_stages, kind):
             assert keeps_rules(problem, slots) == expected
             kept[expected] += 1
     assert min(kept.values()) > 30
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_few_ways_are_a_table_of_all_ways(seed):
+    """Every question, of a table with and without holes, rows and columns of none: the answers are the table's."""
+    rng = np.random.default_rng(seed)
+    n, m = 7, 9
+    table = rng.uniform(0.1, 2.0, (n, m)).astype(np.float32)
+    table[rng.random((n, m)) < 0.6] = np.inf
+    table[3], table[:, 5] = np.inf, np.inf
+    goes, came = np.nonzero(np.isfinite(table))
+    order = rng.permutation(len(goes))
+    few = few_ways(goes[order], came[order], table[goes, came][order], n, m)
+    values = rng.uniform(0.0, 3.0, m).astype(np.float32)
+    some_came, some_goes = rng.permutation(m)[:5], rng.permutation(n)[:4]
+    pairs = np.unique(np.column_stack([rng.integers(0, m, 30), rng.integers(0, n, 30)]), axis=0)
+    more = rng.uniform(0.1, 1.0, len(pairs))
+    longer = table.copy()
+    longer[pairs[:, 1], pairs[:, 0]] += more
+    for ways in (few, AllWays(table)):
+        np.testing.assert_allclose(ways.least(values), (table + values).min(axis=1))
+        np.testing.assert_array_equal(ways.rows(some_came), table[:, some_came].T)
+        for node in range(n):
+            np.testing.assert_array_equal(ways.into(node), table[node])
+        found = ways.one_by_one(pairs[:, 0], pairs[:, 1])
+        np.testing.assert_array_equal(found, table[pairs[:, 1], pairs[:, 0]])
+        part = ways.part(some_came, some_goes)
+        expected = table[np.ix_(some_goes, some_came)]
+        np.testing.assert_array_equal(part.rows(np.arange(5)), expected.T)
+        np.testing.assert_array_equal(ways.turned().rows(np.arange(n)), table)
+        found = ways.longer(pairs[:, 0], pairs[:, 1], more).rows(np.arange(m))
+        np.testing.assert_allclose(found, longer.T, rtol=1e-6)
+    square = np.full((9, 9), np.inf, dtype=np.float32)
+    square[:7] = table
+    for whole in (square, np.where(np.isfinite(square), square, np.float32(4.0))):
+        ways = ways_of(iter([whole[:4], whole[4:6], whole[6:]]), 9)
+        np.testing.assert_array_equal(ways.rows(np.arange(9)), whole.T)
+
+
+def test_nodes_are_counted_before_they_are_made(in_stages):
+    """As many as there are where nothing else forbids one: stops of one task are never beside each other."""
+    for seed in range(6):
+        problem = in_stages(seed, "", 5, one_stop=True)
+        graph = StageGraph.of(problem, singles=True)
+        can = [np.isfinite(work) for work in problem.work]
+        alike = int((can[0] & can[1]).sum())
+        assert count_nodes(problem) == graph.nodes + alike

@@ -227,6 +227,40 @@ def test_half_the_job_s_speed_halves_what_is_allowed(planned):
     assert check.measured == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize(("share", "expected"), [(0.9, "passed"), (1.1, "failed")])
+def test_tolerances_of_paths(planned, bumped, share, expected):
+    """Faults of 0.9 and 1.1 of what is allowed: the file's own tolerance, 0.5 % of speed, a nanosecond of the event."""
+    middle = len(planned.schedule.trajectory.time) // 2
+    spoilt = {
+        "path_distance": bumped(planned.schedule, middle, {"left_s": 1e-3}),
+        "path_angle": bumped(planned.schedule, middle, {"left_t": 2e-3}),
+    }
+
+    def asked(**changes):
+        tasks = tuple(
+            dataclasses.replace(t, path=dataclasses.replace(t.path, **changes))
+            for t in planned.job.tasks
+        )
+        return dataclasses.replace(planned.job, tasks=tasks)
+
+    work = planned.job.tasks[0].path
+    for name, schedule in spoilt.items():
+        off = paths(schedule, planned.job)[name].measured
+        job = asked(tolerance=work.tolerance * off / share)
+        assert paths(schedule, job)[name].verdict == expected, name
+    slow = asked(speed=0.5 * work.speed)
+    times = 1.0 + paths(planned.schedule, slow)["path_speed"].measured
+    job = asked(speed=0.5 * work.speed * times / (1.0 + share * 5e-3))
+    assert paths(planned.schedule, job)["path_speed"].verdict == expected
+    for sign in (1.0, -1.0):
+        events = tuple(
+            dataclasses.replace(e, time=e.time + sign * share * 1e-9)
+            for e in planned.schedule.events
+        )
+        schedule = dataclasses.replace(planned.schedule, events=events)
+        assert paths(schedule, planned.job)["path_progress"].verdict == expected
+
+
 def test_a_path_without_a_segment_is_missed(planned):
     """The left arm's share is not in the list; the right one's still is."""
     segments = tuple(s for s in planned.schedule.segments if s.arm == "right")

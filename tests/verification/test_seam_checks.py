@@ -281,6 +281,52 @@ def test_a_standoff_off_by_two_micrometres_fails_the_distance(line):
     assert failed(line.schedule, with_tool(line.job, standoff=0.002 + 2e-6)) == {"seam_distance"}
 
 
+def to_be_off(schedule, asked, name, size, start):
+    """The job by a fault of which a check measures a size: a fault and what is measured grow alike."""
+    fault = start
+    for _ in range(3):
+        fault += size - seams(schedule, asked(fault))[name].measured
+    job = asked(fault)
+    assert seams(schedule, job)[name].measured == pytest.approx(size, rel=0.02)
+    return job
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.9, "passed"), (1.1, "failed")])
+def test_tolerances_of_seams(line, share, expected):
+    """Faults of 0.9 and 1.1 of a micrometre, a microradian, a thousandth of speed, time and acceleration."""
+    schedule, work = line.schedule, line.job.tasks[0].seam
+
+    def beside(off):
+        aside = pin.SE3(np.eye(3), np.array([0.0, off, 0.0]))
+        return with_work(line.job, part=work.part * aside)
+
+    def leaning(angle):
+        return with_tool(line.job, work_angle=work.tool.work_angle + angle)
+
+    lean = work.downhand if work.downhand is not None else 0.1
+    for name, asked, start in (
+        ("seam_distance", beside, 5e-6),
+        ("seam_angle", leaning, 1e-5),
+        ("seam_downhand", lambda less: with_work(line.job, downhand=lean - less), lean),
+    ):
+        job = to_be_off(schedule, asked, name, share * 1e-6, start)
+        assert seams(schedule, job)[name].verdict == expected, name
+    slow = 0.5 * work.speed
+    times = 1.0 + seams(schedule, with_work(line.job, speed=slow))["seam_speed"].measured
+    [own] = [s for s in schedule.segments if (s.kind, s.arm) == ("seam", work.slave)]
+    taken, late = own.end - own.start, own.start + share * 1e-9
+    small = with_work(line.job, acceleration=0.1)
+    most = 0.1 * (1.0 + seams(schedule, small)["seam_as_asked"].measured)
+    off = 1.0 + share * 1e-3
+    for name, changes in (
+        ("seam_speed", {"speed": slow * times / off}),
+        ("seam_as_asked", {"speed": None, "duration": taken / off, "slower": False}),
+        ("seam_as_asked", {"acceleration": most / off}),
+        ("seam_as_asked", {"not_before": late}),
+    ):
+        assert seams(schedule, with_work(line.job, **changes))[name].verdict == expected, changes
+
+
 @pytest.mark.parametrize("angle", ["work_angle", "travel_angle"])
 def test_a_lean_of_ten_microradians_fails_the_angle(line, angle):
     """Ten where one is allowed, forwards or sideways."""

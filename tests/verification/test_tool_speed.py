@@ -43,6 +43,14 @@ def test_the_speed_is_that_of_the_jacobian_and_the_faster_tool_is_named(clean):
     assert above.verdict == "passed"
 
 
+def test_a_tool_may_be_faster_than_its_cap_by_a_ten_thousandth(clean):
+    """0.9 of that passes, 1.1 of it does not."""
+    top = speed_check(clean.schedule, dataclasses.replace(clean.job, tool_speed=1.0)).measured
+    for share, expected in ((0.9, "passed"), (1.1, "failed")):
+        job = dataclasses.replace(clean.job, tool_speed=top / (1.0 + share * 1e-4))
+        assert speed_check(clean.schedule, job).verdict == expected
+
+
 def test_without_a_job_the_cap_is_the_schedules_own(clean, failing):
     """Stated 0.1 m/s; a job that sets none overrules it."""
     robot = dataclasses.replace(clean.schedule.robot, tool_speed=0.1)
