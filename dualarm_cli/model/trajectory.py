@@ -67,7 +67,7 @@ class Trajectory:
             time: instants [s], shape (m,).
         """
         time = np.clip(np.asarray(time, dtype=np.float64), self.time[0], self.time[-1])
-        index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 1)
+        index = np.searchsorted(self.time, time, side="right") - 1
         dt = (time - self.time[index])[:, None]
         q, v, a = self.position[index], self.velocity[index], self.acceleration[index]
         # At the last knot no time passes, so the interval before it may stand for the one behind it.

@@ -103,6 +103,7 @@ def test_nothing_is_said_of_joints_that_slide():
     arm = model.addJoint(slide, pin.JointModelRZ(), placed(0.1), "arm")
     far = Solid("ball", WORLD, placed(9.0), coal.Sphere(0.05), 9.1)
     assert meets_at(model, ball(arm, 0.1, 0.05), far, 0.0, 0.0)
+    assert meets_at(model, ball(slide, 0.1, 0.05), far, 0.0, 0.0)
 
 
 def test_what_the_second_joint_carries_goes_round_on_a_circle_about_the_first_one_s_axis():

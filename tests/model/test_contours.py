@@ -97,3 +97,35 @@ def test_a_contour_ten_times_as_large_has_ten_times_the_lengths(kind):
             np.testing.assert_allclose(getattr(large, name)(t), expected, rtol=1e-9, atol=1e-12)
         expected = 10.0 * curve.third_bound(t, half)
         np.testing.assert_allclose(large.third_bound(t, half), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("half", [0.0, 0.003, 0.1])
+def test_bounds_of_third_derivatives_are_sums_of_sizes(half):
+    """Of an arc z = sqrt(q(beta)), of a saddle x = f(y(beta)), term by term, each at its largest in the interval.
+
+    q = R² - r² - e² - 2 r e cos beta has derivatives of up to 2 r e sin, 2 r e and 2 r e sin. f(y)² = R² - y² gives
+    -y / x, -R² / x³ and -3 R² y / x⁵; y = r sin beta + e gives r cos, r and r cos.
+    """
+    random, t = np.random.default_rng(20), np.linspace(0.0, 1.0, 41)
+    for _ in range(20):
+        arc = contour("arc", random)
+        turn, beta = abs(arc.end - arc.start), arc.start + t * (arc.end - arc.start)
+        R, r, e = arc.main_radius, arc.branch_radius, arc.eccentricity
+        q = R**2 - r**2 - e**2 - 2.0 * r * e * np.cos(beta)
+        one = 2.0 * r * abs(e) * np.minimum(np.abs(np.sin(beta)) + half * turn, 1.0)
+        two = 2.0 * r * abs(e)
+        z = np.sqrt(np.maximum(q - one * half * turn, R**2 - (r + abs(e)) ** 2))
+        size = one / (2.0 * z) + 3.0 * one * two / (4.0 * z**3) + 3.0 * one**3 / (8.0 * z**5)
+        expected = np.hypot(r, size) * turn**3
+        np.testing.assert_allclose(arc.third_bound(t, np.full(41, half)), expected, rtol=1e-9)
+        saddle = contour("saddle", random)
+        turn, beta = abs(saddle.end - saddle.start), saddle.start + t * (saddle.end - saddle.start)
+        R, r, e = saddle.main_radius, saddle.branch_radius, saddle.eccentricity
+        one = r * np.minimum(np.abs(np.cos(beta)) + half * turn, 1.0)
+        y = np.minimum(np.abs(r * np.sin(beta) + e) + one * half * turn, r + abs(e))
+        x = np.sqrt(R**2 - y**2)
+        f = (y / x, R**2 / x**3, 3.0 * R**2 * y / x**5)
+        along = f[2] * one**3 + 3.0 * f[1] * one * r + f[0] * one
+        up = (along * abs(np.cos(saddle.angle)) + r) / abs(np.sin(saddle.angle))
+        expected = np.sqrt(along**2 + r**2 + up**2) * turn**3
+        np.testing.assert_allclose(saddle.third_bound(t, np.full(41, half)), expected, rtol=1e-9)

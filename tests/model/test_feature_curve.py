@@ -329,11 +329,11 @@ def test_normals_that_close_but_for_rounding_are_smooth_where_they_close():
 
 
 def test_normals_of_a_closed_spline_that_do_not_close_stay_as_given():
-    """The last of nine normals leans to the other side than the first one, at the same point: both are kept."""
+    """The last of nine normals leans less than the first one, at the same point: both are kept."""
     turn = np.linspace(0.0, TURN, 9)
     points = 0.1 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(9)])
     points[-1] = points[0]
-    up = np.column_stack([0.3 * (4.0 - np.arange(9.0)) / 4.0, np.zeros(9), np.ones(9)])
+    up = np.column_stack([np.linspace(0.3, 0.2, 9), np.zeros(9), np.ones(9)])
     up /= np.linalg.norm(up, axis=1)[:, None]
     spline = PointSpline(points, up, closed=True)
     assert spline.normal(np.array([0.0, 1.0])) == pytest.approx(up[[0, -1]], abs=1e-9)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
+import pkgutil
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli import model
 from dualarm_cli.model.job import PoseTarget
+from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.trajectory import Trajectory
 
@@ -104,3 +110,34 @@ def test_a_pose_without_freedoms_is_asked_for_as_it_is():
     """Stands of tools and hand-overs name none: half a turn about the tool's axis is another pose."""
     target = PoseTarget(pin.SE3.Identity())
     assert (target.free_yaw, target.symmetry) == (False, 1)
+
+
+def test_an_arm_is_the_same_wherever_its_kind_is_written():
+    """Two files may say the same."""
+    arm = Arm("left", ("a",), "flange", "general")
+    assert arm == dataclasses.replace(arm, place=Place("robot.yaml", 3, 5))
+    assert arm != dataclasses.replace(arm, kind="srs")
+
+
+SOMETHING = {
+    "PoseTarget.symmetry": 1,
+    "Task.not_after": np.inf,
+    "Job.speed": 1.0,
+    "PathWork.tolerance": 1e-4,
+    "PathWork.stiffness": 10.0,
+    "Amount.factor": 1.0,
+}
+"""Numbers that are not 0 where they are left out."""
+
+
+def test_numbers_that_are_left_out_are_none():
+    """No mass, no clearance, no length, no wait, no turn, no freedom: all but a few of the data model's defaults."""
+    found = {}
+    for module in pkgutil.walk_packages(model.__path__, f"{model.__name__}."):
+        for name, noun in vars(importlib.import_module(module.name)).items():
+            if isinstance(noun, type) and dataclasses.is_dataclass(noun):
+                for field in dataclasses.fields(noun):
+                    if type(field.default) in (int, float, bool):
+                        found[f"{name}.{field.name}"] = field.default
+    assert {name: value for name, value in found.items() if value} == SOMETHING
+    assert len(found) > 30

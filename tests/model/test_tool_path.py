@@ -338,6 +338,20 @@ def test_lines_at_an_angle_meet_in_a_corner(degrees):
     assert path.corners == pytest.approx((0.2,), abs=1e-15)
 
 
+@pytest.mark.parametrize(("share", "corners"), [(0.9, 0), (1.1, 1)])
+def test_a_direction_that_changes_by_less_than_a_thousandth_is_none(share, corners):
+    """Two lines at an angle whose sine is that, and a tool that turns by as much per its length of 0.1 m."""
+    away = share * 1e-3
+    along = 0.1 * np.sqrt(1.0 - away**2)
+    first = Line(pose(0, 0, 0), pose(0.2, 0, 0))
+    bent = Line(pose(0.2, 0, 0), pose(0.2 + along, 0.1 * away, 0))
+    assert len(ToolPath((first, bent)).corners) == corners
+    # On 0.1 m it turns by as many radians as makes 0.1 m of it per metre.
+    turning = Line(turned(0, 0.2, 0, 0), turned(away, 0.3, 0, 0))
+    straight = Line(turned(0, 0, 0, 0), turned(0, 0.2, 0, 0))
+    assert len(ToolPath((straight, turning)).corners) == corners
+
+
 def test_an_arc_across_a_line_is_a_corner():
     """The line comes along x, the circle starts along y."""
     arc = Turn.through(pose(0.3, 0, 0), np.array([0.2, 0.1, 0.0]), pose(0.1, 0, 0))
