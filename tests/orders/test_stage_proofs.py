@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from dualarm_cli.effort import ProofEffort
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.paired.search import StageSearch
-from dualarm_cli.orders.paired.times import totals
+from dualarm_cli.orders.paired.times import totals, with_angles
+from dualarm_cli.orders.proof import labels
 from dualarm_cli.orders.proof.graph import ENDS, AllWays, StageGraph, count_nodes, few_ways, ways_of
 from dualarm_cli.orders.proof.labels import MOST_STOPS, Continuations, LabelSearch, StageSteps
 from dualarm_cli.orders.proof.near import near_orders
@@ -644,3 +645,30 @@ def test_nodes_are_counted_before_they_are_made(in_stages):
         can = [np.isfinite(work) for work in problem.work]
         alike = int((can[0] & can[1]).sum())
         assert count_nodes(problem) == graph.nodes + alike
+
+
+@pytest.mark.parametrize("most", [1, 3, 10])
+def test_continuations_that_are_left_out_count_in_the_bound(in_stages, monkeypatch, most):
+    """One for each label that is kept: the best order is easily missed, and the bound says so."""
+    monkeypatch.setattr(labels, "TRIED", 1)
+    missed = 0
+    for seed in range(10):
+        problem = in_stages(seed, "", 4, one_stop=True)
+        least = least_of_all(problem)
+        graph = StageGraph.of(problem, singles=True)
+        prices = good_prices(graph, 2.0 * least, 20)
+        found = LabelSearch(graph, prices, 2.0 * least, most).run()
+        assert found.bound <= least + CLOSE
+        missed += found.bound < least - CLOSE
+    assert missed > 3
+
+
+def test_a_proof_without_prices_to_begin_with_takes_all_steps(in_stages):
+    """Of three stops one arm is idle once, so that pairs alone have no prices: as many steps as the effort says."""
+    for seed in range(4):
+        problem = in_stages(seed, "", 3, one_stop=True)
+        start = StageSearch(problem, 0).first()
+        upper = with_angles(problem, start.slots).total
+        graph = StageGraph.of(problem, singles=True)
+        proof = prove_order(problem, start, ProofEffort(40, 1000))
+        assert proof.prices.bound == good_prices(graph, upper, 40).bound

@@ -15,6 +15,7 @@ from dualarm_cli.kinds.seam.checks import (
     NAMES,
     _part_off,
     _turned_away,
+    _unsteady,
     check_seams,
     on_seam,
     seam_touches,
@@ -729,3 +730,40 @@ def test_what_the_way_to_a_seam_is_called_does_not_change_how_long_it_takes(entr
     short = with_work(entry.job, entry_duration=begin - middle)
     assert failed(renamed, short) == {"seam_as_asked"}
     assert failed(renamed, with_work(entry.job, entry_duration=begin)) == set()
+
+
+def test_a_part_that_stands_in_the_world_is_where_the_arm_that_stands_holds_it(line):
+    """The same tool, places and angles whether an arm holds the part still or nothing does."""
+    [segment] = [s for s in line.schedule.segments if (s.kind, s.arm) == ("seam", "right")]
+    model, work = ToolModel(line.schedule), line.job.tasks[0].seam
+    held = on_seam(line.schedule, line.job, model, work, segment)
+    part = pin.SE3(held.R_part[0], held.p_part[0])
+    alone = dataclasses.replace(work, master=None, part=part)
+    stands = on_seam(line.schedule, line.job, model, alone, segment)
+    np.testing.assert_allclose(stands.length, held.length, atol=1e-8)
+    np.testing.assert_allclose(stands.distance, held.distance, atol=1e-8)
+    np.testing.assert_allclose(stands.angle, held.angle, atol=1e-7)
+    np.testing.assert_allclose(stands.p_part, held.p_part, atol=1e-8)
+
+
+def test_a_profile_rises_stays_and_falls():
+    """Random speeds: what each lacks to the greatest before the plateau, to the top on it, to the greatest after it."""
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        ramp = np.linspace(0.0, 0.9, 8)
+        speed = np.concatenate([ramp, np.ones(6), ramp[::-1]])
+        speed -= 0.3 * random.random(len(speed)) * (random.random(len(speed)) < 0.2)
+        top = speed.max()
+        steady = [k for k, v in enumerate(speed) if v >= 0.999 * top]
+        lacks = [
+            max(speed[: k + 1]) - v
+            if k < steady[0]
+            else max(speed[k:]) - v
+            if k > steady[-1]
+            else top - v
+            for k, v in enumerate(speed)
+        ]
+        dip, where = _unsteady(speed)
+        assert dip == pytest.approx(max(lacks) / top)
+        assert lacks[where] == max(lacks)
+    assert _unsteady(np.zeros(5))[0] == np.inf
