@@ -178,6 +178,9 @@ def test_clocks_of_their_own_change_nothing_in_a_given_order(clean):
     found = check_order(torn, free)
     assert found.detail == "right arm: right-part pick is due, nothing is done"
     assert found == check_order(torn, clean.job)
+    # Each arm that does otherwise counts once.
+    nothing = dataclasses.replace(clean.schedule, events=())
+    assert (found.measured, check_order(nothing, free).measured) == (1, 2)
 
 
 @pytest.fixture
