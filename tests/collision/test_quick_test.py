@@ -123,6 +123,24 @@ def test_frames_of_all_joints_are_pinocchios(tasks_folder):
     assert set(tree.frames(q, [8])) == set(range(9))
 
 
+def test_frames_of_a_slide_among_turns_are_pinocchios():
+    """A turn, a slide along another axis and a turn, placed at random; twenty configurations."""
+    random, model = np.random.default_rng(1), pin.Model()
+    at, kinds = 0, (pin.JointModelRZ(), pin.JointModelPY(), pin.JointModelRX())
+    for number, kind in enumerate(kinds):
+        place = pin.SE3(pin.exp3(random.normal(size=3)), random.normal(size=3))
+        at = model.addJoint(at, kind, place, f"j{number}")
+    tree, q = JointTree.of(model, ("j0", "j1", "j2")), random.uniform(-1.5, 1.5, (20, 3))
+    found, data = tree.frames(q, range(4)), model.createData()
+    for k, row in enumerate(q):
+        pin.forwardKinematics(model, data, row)
+        for joint in range(4):
+            R, p = found[joint][0][..., k], found[joint][1][:, k]
+            expected = data.oMi[joint]
+            np.testing.assert_allclose(R @ tree.R_joint_own[joint].T, expected.rotation, atol=1e-12)
+            np.testing.assert_allclose(p, expected.translation, atol=1e-12)
+
+
 def test_groups_together_have_the_margins_they_have_alone(tasks_folder):
     """One thousand postures in one go, in blocks of several sizes."""
     cell = load_job(tasks_folder / "04_packing" / "tasks.yaml").cell

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dualarm_cli.collision.solids import link_solids
+from dualarm_cli.collision.solids import _with_capsules, link_solids
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 
 ROD = (
@@ -51,3 +51,25 @@ def test_a_rod_without_both_balls_is_a_cylinder() -> None:
     assert kinds((-0.1, 0.05), (0.3, 0.06)) == ["Cylinder", "Sphere", "Sphere"]
     assert kinds((-0.1, 0.05), (0.2, 0.05)) == ["Cylinder", "Sphere", "Sphere"]
     assert kinds((0.3, 0.05), (0.3, 0.05)) == ["Cylinder", "Sphere", "Sphere"]
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.9, 1), (1.1, 3)])
+@pytest.mark.parametrize("what", ["place", "radius"])
+def test_balls_off_the_ends_of_a_rod_by_less_than_a_micrometre_make_a_capsule(share, count, what):
+    """It is wider by a micrometre, so that the balls are within it."""
+    off = share * 1e-6
+    radius = 0.05 + (off if what == "radius" else 0.0)
+    aside = np.array([off if what == "place" else 0.0, 0.0, 0.0])
+    shapes = [("rod", coal.Cylinder(0.05, 0.4), np.zeros(3))]
+    shapes += [
+        (f"ball {z}", coal.Sphere(radius), aside + np.array([0.0, 0.0, z])) for z in (0.2, -0.2)
+    ]
+    entries = [
+        pin.GeometryObject(name, 0, 0, pin.SE3(np.eye(3), place), form)
+        for name, form, place in shapes
+    ]
+    found = _with_capsules(entries)
+    assert len(found) == count
+    if count == 1:
+        assert found[0].geometry.radius == pytest.approx(0.05 + 1e-6, abs=1e-12)
+        assert found[0].geometry.halfLength == pytest.approx(0.2)

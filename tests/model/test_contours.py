@@ -129,3 +129,36 @@ def test_bounds_of_third_derivatives_are_sums_of_sizes(half):
         up = (along * abs(np.cos(saddle.angle)) + r) / abs(np.sin(saddle.angle))
         expected = np.sqrt(along**2 + r**2 + up**2) * turn**3
         np.testing.assert_allclose(saddle.third_bound(t, np.full(41, half)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("half", [1e-4, 0.02, 0.2])
+@pytest.mark.parametrize("closed", [False, True])
+def test_no_third_derivative_of_a_spline_is_above_its_bound(half, closed):
+    """Intervals up to both ends, over one knot and many, looked at in 201 places; at most ten times as large."""
+    random, told = np.random.default_rng(21), 0.0
+    for _ in range(20):
+        points = np.cumsum(random.uniform(-0.02, 0.05, (random.integers(9, 14), 3)), axis=0)
+        if closed:
+            points[-1] = points[0]
+        curve = PointSpline(points, np.array([0.0, 0.0, 1.0]), closed)
+        t = np.concatenate([[0.0, half, 1.0 - half, 1.0], random.uniform(0.0, 1.0, 20)])
+        places = np.clip(t[:, None] + half * np.linspace(-1.0, 1.0, 201), 2 * STEP, 1.0 - 2 * STEP)
+        largest = third(curve, places.ravel()).reshape(len(t), -1).max(axis=1)
+        bound = curve.third_bound(t, np.full(len(t), half))
+        assert (largest <= bound * (1.0 + 1e-6) + 1e-4).all()
+        told = max(told, float((largest / bound).max()))
+    assert told > 0.9
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_a_spline_of_dense_points_takes_some_with_their_own_normals(each):
+    """Of 961 points of a wave as few as tell the others, equally many apart; normals, one for all or one for each."""
+    x = np.linspace(0.0, 1.0, 961)
+    points = np.column_stack([x, 0.05 * np.sin(6.0 * x), np.zeros(961)])
+    normals = np.column_stack([0.2 * x, np.zeros(961), np.ones(961)])
+    spline = PointSpline.through(points, normals if each else normals[0], closed=False)
+    k = np.rint(spline.points[:, 0] * 960).astype(int)
+    assert len(k) <= 481
+    np.testing.assert_array_equal(spline.points, points[k])
+    np.testing.assert_array_equal(spline.up, normals[k] if each else normals[0])
+    assert np.ptp(np.diff(k)) <= 1

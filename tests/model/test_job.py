@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -221,3 +222,13 @@ def test_a_dwell_of_which_nothing_is_said_takes_no_time():
     assert Dwell() == Dwell(0.0, 0.0, 0.0)
     assert Dwell().total == 0.0
     assert Dwell(1.0, 2.0, 4.0).total == 7.0
+
+
+def test_a_motion_starts_in_its_posture_unless_it_is_a_part_of_one():
+    """A free start counts turns from home; a part of a job begins where the one before ended."""
+    postures = {"home": np.zeros(2), "ready": np.ones(2)}
+    cell = SimpleNamespace(robot=SimpleNamespace(postures=postures))
+    assert Job(cell, (), "ready", False).start_joints.tolist() == [1.0, 1.0]
+    assert Job(cell, (), "free", False).start_joints.tolist() == [0.0, 0.0]
+    part = Job(cell, (), "ready", False, begin=np.array([3.0, 4.0]))
+    assert part.start_joints.tolist() == [3.0, 4.0]

@@ -15,6 +15,7 @@ from dualarm_cli.model.job import PoseTarget
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm, JointLimits, Robot
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.model.verification import Check, Verification
 
 
 def limits(joints=("a", "b"), **change):
@@ -141,3 +142,20 @@ def test_numbers_that_are_left_out_are_none():
                         found[f"{name}.{field.name}"] = field.default
     assert {name: value for name, value in found.items() if value} == SOMETHING
     assert len(found) > 30
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "passed", "failures"),
+    [
+        (("passed", "not checked"), True, 0),
+        (("passed", "failed", "failed"), False, 2),
+        (("not checked",), False, 0),
+        ((), False, 0),
+    ],
+)
+def test_what_passed_failed_nowhere_and_was_checked_somewhere(verdicts, passed, failures):
+    checks = tuple(Check(f"c{k}", one, None, None, "", "") for k, one in enumerate(verdicts))
+    found = Verification(checks)
+    assert found.passed is passed
+    assert found.failures == tuple(check for check in checks if check.verdict == "failed")
+    assert len(found.failures) == failures
