@@ -55,11 +55,8 @@ def sda10f_moves(count: int) -> PlatformProblem:
     height = rng.uniform(-0.3, 0.1, (count, 2))
     side = np.radians(69.326)
     return PlatformProblem.broadcast(
-        radius=0.28324,
-        offset=[side, -side],
-        height=0.0,
-        upper=0.36,
-        fore=0.36,
+        shoulder=(0.28324, [side, -side], 0.0),
+        links=(0.36, 0.36),
         wrist=np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), height], axis=-1),
         angle_0=rng.uniform(-0.5, 0.5, count),
         elbow_0=rng.uniform(0.8, 2.6, (count, 2)),
@@ -72,11 +69,8 @@ def any_moves(count: int) -> PlatformProblem:
     distance, azimuth = rng.uniform(0, 0.8, (count, 2)), rng.uniform(-np.pi, np.pi, (count, 2))
     height = rng.uniform(-0.2, 0.2, (count, 2))
     return PlatformProblem.broadcast(
-        radius=rng.uniform(0.02, 0.4, (count, 2)),
-        offset=rng.uniform(-np.pi, np.pi, (count, 2)),
-        height=0.0,
-        upper=rng.uniform(0.1, 0.5, (count, 2)),
-        fore=rng.uniform(0.1, 0.5, (count, 2)),
+        shoulder=(rng.uniform(0.02, 0.4, (count, 2)), rng.uniform(-np.pi, np.pi, (count, 2)), 0.0),
+        links=(rng.uniform(0.1, 0.5, (count, 2)), rng.uniform(0.1, 0.5, (count, 2))),
         wrist=np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), height], axis=-1),
         angle_0=rng.uniform(-2.0, 2.0, count),
         elbow_0=rng.uniform(0.3, 2.9, (count, 2)),

@@ -12,6 +12,8 @@ from dualarm_cli.refusals import HEADS, HELPS, REMEDIES, SENTENCES
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
 MOST_MODULES = 20
 """Modules in one folder, `__init__.py` not counted."""
+MOST_PARAMETERS = 7
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def modules():
@@ -64,6 +66,21 @@ def test_public_class_names_are_unique():
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(name)
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_functions_have_at_most_seven_parameters():
+    """Keyword-only ones are counted, `self` and `cls` are not. Commands have one for each of their options."""
+    found = {}
+    for name, path in modules().items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if name.startswith("dualarm_cli.cli.") or not isinstance(node, FUNCTIONS):
+                continue
+            given = [arg.arg for arg in (*node.args.posonlyargs, *node.args.args)]
+            given = [*given, *(arg.arg for arg in node.args.kwonlyargs)]
+            own = len(given) - (given[:1] in (["self"], ["cls"]))
+            if own > MOST_PARAMETERS:
+                found[f"{name}:{node.lineno}"] = own
+    assert found == {}
 
 
 def test_every_room_is_on_the_map():

@@ -264,33 +264,27 @@ def stop_boxes(
         ends = [free_cells(work.closed_form, edges)] * 2
     else:
         yaws = np.zeros(1) if free_last else stop.yaw
-        parts = [
-            _pose(problem, work, stops, stage, stop, yaw, edges, resolution, free_last)
-            for yaw in yaws
+        row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
+        poses = [
+            flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
         ]
+        parts = [_pose_cells(work, stop, pose, edges, resolution, free_last) for pose in poses]
         ends = [Cells.joined([part[end] for part in parts]) for end in (0, 1)]
     approach, retract = (PostureBoxes.of(table, cells, columns) for cells in ends)
     return StopBoxes(approach, retract, still, stop.dwell, free_last)
 
 
-def _pose(
-    problem: SequenceProblem,
+def _pose_cells(
     work: ArmWork,
-    stops: StopTable,
-    stage: int,
     stop: StopTarget,
-    yaw: float,
+    pose: tuple[FloatArray, FloatArray, FloatArray],
     edges: FloatArray,
     resolution: Resolution,
     free_last: bool,
 ) -> list[Cells]:
-    """Returns the cells at both outer ends of a pose's lines."""
+    """Returns the cells at both outer ends of a pose's lines; its pose as of `flange_poses`, shape (1, ...)."""
     arm = work.closed_form
-    row = stops.first[[stage]]
-    zero = platform_positions(problem, np.zeros(1))
-    R, p, z = (
-        x[0] for x in flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero)
-    )
+    R, p, z = (x[0] for x in pose)
     target = arm.wrist_center(R, p)
 
     def cells(length: float) -> Cells:

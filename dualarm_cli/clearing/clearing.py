@@ -26,7 +26,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.bent_transfers import curve, quick_curves
+from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
 from dualarm_cli.motion.motion import Motion, realise
 from dualarm_cli.motion.stop_motion import Known
 from dualarm_cli.motion.transfers import largest_tool_speed
@@ -113,7 +113,8 @@ def quickest_curve(
     for samples, later in pairwise((*ROUNDS, ROUNDS[-1])):
         missing = missing_clearance(context, name, way, points, with_other)
         tool = tool_times(context, name, way, points)
-        found = quick_curves(start, goal, limits, least, missing, samples, pace, context.seed, tool)
+        cost = CurveCost(limits, least, missing, samples, pace, tool)
+        found = quick_curves(start, goal, cost, context.seed)
         timed = []
         for controls in found[:TIMED]:
             detour = Detour(controls, stops=False)

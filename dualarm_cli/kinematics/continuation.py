@@ -49,12 +49,22 @@ class Course:
     """Whether all of it can be followed, shape (b,)."""
 
 
+@dataclass(frozen=True)
+class FlangeLines:
+    """Straight lines of b flanges that do not turn."""
+
+    R: FloatArray
+    """Flange rotations, shape (b, 3, 3)."""
+    p: FloatArray
+    """Flange positions at the beginning [m], shape (b, 3)."""
+    shift: FloatArray
+    """From the lines' beginnings to their ends [m], shape (b, 3)."""
+
+
 def follow_lines(
     arm: GeneralArm,
     start: FloatArray,
-    R: FloatArray,
-    p: FloatArray,
-    shift: FloatArray,
+    lines: FlangeLines,
     drift: FloatArray,
     samples: int,
     skeleton: int = SKELETON,
@@ -74,9 +84,7 @@ def follow_lines(
     Args:
         arm: kinematics and limits.
         start: joints where the lines begin [rad], shape (b, n).
-        R: flange rotations, shape (b, 3, 3).
-        p: flange positions at the beginning [m], shape (b, 3).
-        shift: from the lines' beginnings to their ends [m], shape (b, 3).
+        lines: of the flanges.
         drift: way along the self-motion [rad], shape (b,); of no effect without a spare joint.
         samples: how many samples, at equidistant shares.
         skeleton: so many of them at most are found one after the other, the others from between these.
@@ -84,7 +92,7 @@ def follow_lines(
     W = spare_directions(arm, start)
     ahead = np.zeros((len(start), arm.spare))
     ahead[:, :1] = drift[:, None]
-    line = _Line(arm, start, R, p, shift, W, ahead)
+    line = _Line(arm, start, lines, W, ahead)
     if samples <= skeleton:
         return line.followed(samples)
     return line.filled(line.followed(skeleton), samples)
@@ -96,9 +104,7 @@ class _Line:
 
     arm: GeneralArm
     start: FloatArray
-    R: FloatArray
-    p: FloatArray
-    shift: FloatArray
+    lines: FlangeLines
     W: FloatArray
     ahead: FloatArray
 
@@ -146,8 +152,8 @@ class _Line:
         """Returns joints of lines (rows) at shares, and which are found on the same side of all singularities."""
         W = self.W[row]
         wanted = share[:, None] * self.ahead[row] + np.einsum("bsn,bn->bs", W, self.start[row])
-        p = self.p[row] + share[:, None] * self.shift[row]
-        q, met, det = newton(self.arm, guess, self.R[row], p, W, wanted)
+        p = self.lines.p[row] + share[:, None] * self.lines.shift[row]
+        q, met, det = newton(self.arm, guess, self.lines.R[row], p, W, wanted)
         same = (np.sign(det) == sign[row]) & (np.abs(det) > LEAST_PIVOT)
         return q, met & same & self.arm.within_limits(q)
 

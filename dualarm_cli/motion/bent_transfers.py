@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import comb
 
@@ -74,16 +74,43 @@ def _bernstein(degree: int, count: int) -> FloatArray:
     return number * s**k * (1.0 - s) ** (degree - k)
 
 
+@dataclass(frozen=True)
+class CurveCost:
+    """What curves of an arm cost: their time, and what they lack of the clearance."""
+
+    limits: JointLimits
+    """Of the joints."""
+    least: float
+    """Time below which a curve gains nothing [s]."""
+    missing: Missing
+    """How much clearance curves lack."""
+    samples: int
+    """Points of a curve that are looked at."""
+    pace: float
+    """How much slower than at full speed the joints are."""
+    tool: ToolTimes | None = None
+    """How long the tool needs along them; None where its speed has no cap."""
+
+    def of(
+        self, start: FloatArray, controls: FloatArray, goal: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
+        few = curve(start, controls, goal, TIMED_SAMPLES)
+        share = np.linspace(0.0, 1.0, TIMED_SAMPLES)
+        time = np.maximum(estimate_line_durations(few, share, self.limits), self.least)
+        points = curve(start, controls, goal, self.samples)
+        if self.tool is not None:
+            time = np.maximum(time, self.tool(points))
+        beyond = np.maximum(points - self.limits.upper, 0.0)
+        beyond += np.maximum(self.limits.lower - points, 0.0)
+        lack = self.missing(points) + beyond.sum(axis=(1, 2))
+        # Of equally quick ones the one that moves least.
+        travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
+        return time + self.pace * MISSING_WEIGHT * lack + 1e-3 * travel, lack
+
+
 def quick_curves(
-    start: FloatArray,
-    goal: FloatArray,
-    limits: JointLimits,
-    least: float,
-    missing: Missing,
-    samples: int,
-    pace: float,
-    seed: int,
-    tool: ToolTimes | None = None,
+    start: FloatArray, goal: FloatArray, cost: CurveCost, seed: int
 ) -> list[FloatArray]:
     """Returns control points (CONTROLS, n) of the quickest free curves found, best first; none where none is free.
 
@@ -93,15 +120,10 @@ def quick_curves(
     Args:
         start: where they begin [rad], shape (n,).
         goal: where they end [rad], shape (n,).
-        limits: of the joints.
-        least: time below which a curve gains nothing [s].
-        missing: how much clearance curves lack.
-        samples: points of a curve that are looked at.
-        pace: how much slower than at full speed the joints are.
+        cost: what curves cost.
         seed: of the random curves.
-        tool: how long the tool needs along them; None where its speed has no cap.
     """
-    random, n = np.random.default_rng(seed), len(start)
+    random, n, limits = np.random.default_rng(seed), len(start), cost.limits
     share = np.linspace(0.0, 1.0, CONTROLS + 2)[1:-1, None]
     straight = start + share * (goal - start)
     # Most first curves bulge as a whole; the ends of their bulges differ.
@@ -114,7 +136,7 @@ def quick_curves(
     worth: FloatArray = np.empty(0)
     lacking: FloatArray = np.empty(0)
     for _ in range(ROUNDS):
-        found, lacks = _worth(start, drawn, goal, limits, least, missing, samples, pace, tool)
+        found, lacks = cost.of(start, drawn, goal)
         best, worth, lacking = (
             np.concatenate(pair) for pair in ((best, drawn), (worth, found), (lacking, lacks))
         )
@@ -126,31 +148,6 @@ def quick_curves(
         drawn = best.mean(axis=0) + spread * random.normal(size=(POPULATION, CONTROLS, n))
         drawn = np.clip(drawn, limits.lower, limits.upper)
     return [controls for controls, lack in zip(best, lacking, strict=True) if lack == 0.0]
-
-
-def _worth(
-    start: FloatArray,
-    controls: FloatArray,
-    goal: FloatArray,
-    limits: JointLimits,
-    least: float,
-    missing: Missing,
-    samples: int,
-    pace: float,
-    tool: ToolTimes | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Returns what curves cost [s], what they lack included, and what they lack [m], both (c,)."""
-    few = curve(start, controls, goal, TIMED_SAMPLES)
-    share = np.linspace(0.0, 1.0, TIMED_SAMPLES)
-    time = np.maximum(estimate_line_durations(few, share, limits), least)
-    points = curve(start, controls, goal, samples)
-    if tool is not None:
-        time = np.maximum(time, tool(points))
-    beyond = np.maximum(points - limits.upper, 0.0) + np.maximum(limits.lower - points, 0.0)
-    lack = missing(points) + beyond.sum(axis=(1, 2))
-    # Of equally quick ones the one that moves least.
-    travel = np.abs(np.diff(points, axis=1)).sum(axis=(1, 2))
-    return time + pace * MISSING_WEIGHT * lack + 1e-3 * travel, lack
 
 
 CURVE_POINTS = 65

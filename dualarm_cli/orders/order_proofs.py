@@ -161,15 +161,12 @@ def _near(
     more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
     if proven.graph is None or proven.prices is None or order.clearance is None or more:
         return []
-    labels, count, rounds = EFFORTS[effort].order_bound.of_stops(problem.stops).near
     return near_orders(
         proven.graph,
         proven.prices,
         proven.order,
         OrderMoves.of(order, stages).costs,
-        labels=labels,
-        count=count,
-        rounds=rounds,
+        sizes=EFFORTS[effort].order_bound.of_stops(problem.stops).near,
         stop=watch.stop,
     )
 

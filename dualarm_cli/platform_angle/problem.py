@@ -72,11 +72,8 @@ class PlatformProblem:
     def broadcast(
         cls,
         *,
-        radius: ArrayLike,
-        offset: ArrayLike,
-        height: ArrayLike,
-        upper: ArrayLike,
-        fore: ArrayLike,
+        shoulder: tuple[ArrayLike, ArrayLike, ArrayLike],
+        links: tuple[ArrayLike, ArrayLike],
         wrist: ArrayLike,
         angle_0: ArrayLike,
         elbow_0: ArrayLike,
@@ -84,11 +81,9 @@ class PlatformProblem:
         """Builds n moves from arrays that may be one number or one pair for all of them.
 
         Args:
-            radius: R0 [m], a number, (2,) or (n, 2).
-            offset: azimuth at platform angle 0 [rad], a number, (2,) or (n, 2).
-            height: along the axis [m], a number, (2,) or (n, 2).
-            upper: a1 [m], a number, (2,) or (n, 2).
-            fore: a2 [m], a number, (2,) or (n, 2).
+            shoulder: radius R0 [m], azimuth at platform angle 0 [rad] and height along the axis [m], each a number,
+                (2,) or (n, 2).
+            links: upper arm a1 and forearm a2 [m], each a number, (2,) or (n, 2).
             wrist: wrist centres after the move [m], (n, 2, 3), or (2, 3) for one move.
             angle_0: phi_0 [rad], a number or (n,).
             elbow_0: interior elbow angles before [rad], a number, (2,) or (n, 2).
@@ -104,11 +99,11 @@ class PlatformProblem:
             return np.broadcast_to(np.asarray(values, dtype=np.float64), (n, 2))
 
         return cls(
-            pairs(radius),
-            pairs(offset),
-            pairs(height),
-            pairs(upper),
-            pairs(fore),
+            pairs(shoulder[0]),
+            pairs(shoulder[1]),
+            pairs(shoulder[2]),
+            pairs(links[0]),
+            pairs(links[1]),
             wrist,
             np.broadcast_to(np.asarray(angle_0, dtype=np.float64), (n,)),
             pairs(elbow_0),
@@ -143,11 +138,8 @@ class PlatformProblem:
 
         def moves(elbow_0: ArrayLike) -> PlatformProblem:
             return cls.broadcast(
-                radius=radius,
-                offset=[0.0, alpha],
-                height=0.0,
-                upper=links[0],
-                fore=links[1],
+                shoulder=(radius, [0.0, alpha], 0.0),
+                links=links,
                 wrist=wrist,
                 angle_0=angle_0,
                 elbow_0=elbow_0,

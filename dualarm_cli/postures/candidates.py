@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
-from dualarm_cli.kinematics.continuation import SKELETON, follow_lines
+from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.postures.line_following import Lines
 from dualarm_cli.postures.problem import StopPosture, StopProblem
@@ -62,9 +62,7 @@ def _continued(
     course = follow_lines(
         arm,
         q_target[None],
-        poses.R,
-        poses.p,
-        -poses.z * length,
+        FlangeLines(poses.R, poses.p, -poses.z * length),
         np.array([drift]),
         finer * (samples - 1) + 1,
     )

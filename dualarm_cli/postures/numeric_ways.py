@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.continuation import follow_lines
+from dualarm_cli.kinematics.continuation import FlangeLines, follow_lines
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import branches, self_motions
@@ -175,9 +175,7 @@ def followed(batch: StopBatch, arm: GeneralArm, ways: NumericWays, samples: int)
     course = follow_lines(
         arm,
         ways.q[twice],
-        poses.R[twice],
-        poses.p[twice],
-        shift.reshape(-1, 3),
+        FlangeLines(poses.R[twice], poses.p[twice], shift.reshape(-1, 3)),
         ways.drift.ravel(),
         samples,
     )

@@ -75,11 +75,12 @@ def stage_problem(
         elbow.append(float(arm.elbow_interior_angle(stop.start[3])))
     points = np.array(shoulder)
     return PlatformProblem.broadcast(
-        radius=np.hypot(points[:, 0], points[:, 1]),
-        offset=np.arctan2(points[:, 1], points[:, 0]),
-        height=points[:, 2],
-        upper=np.array(upper),
-        fore=np.array(fore),
+        shoulder=(
+            np.hypot(points[:, 0], points[:, 1]),
+            np.arctan2(points[:, 1], points[:, 0]),
+            points[:, 2],
+        ),
+        links=(np.array(upper), np.array(fore)),
         wrist=np.array(wrist)[None],
         angle_0=np.array([angle]),
         elbow_0=np.array([elbow]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dualarm_cli.model.robot import JointLimits
-from dualarm_cli.motion.bent_transfers import curve, quick_curves
+from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
 
 JOINTS = tuple("abcdefg")
 LIMITS = JointLimits(
@@ -42,7 +42,7 @@ def lacking(curves):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_best_curve_goes_round_a_ball_and_hardly_farther(seed):
     """Free at its points; bulging by less than twice the radius; other joints hardly moved; within the limits."""
-    found = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed)
+    found = quick_curves(START, GOAL, CurveCost(LIMITS, 0.0, lacking, 33, 1.0), seed)
     assert found
     points = curve(START, found[0], GOAL, 33)
     assert lacking(points[None])[0] == 0.0
@@ -55,7 +55,8 @@ def test_the_best_curve_goes_round_a_ball_and_hardly_farther(seed):
 
 def test_there_is_no_curve_where_nothing_is_free():
     """Everything lacks a millimetre."""
-    found = quick_curves(START, GOAL, LIMITS, 0.0, lambda c: np.full(len(c), 1e-3), 9, 1.0, 0)
+    cost = CurveCost(LIMITS, 0.0, lambda c: np.full(len(c), 1e-3), 9, 1.0)
+    found = quick_curves(START, GOAL, cost, 0)
     assert found == []
 
 
@@ -67,8 +68,8 @@ def test_under_a_cap_the_curve_is_short_for_the_tool(seed):
         way = np.diff(curves[..., :3], axis=1) * np.array([0.1, 1.0, 1.0])
         return np.linalg.norm(way, axis=-1).sum(axis=1) / 0.05
 
-    free = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed)[0]
-    capped = quick_curves(START, GOAL, LIMITS, 0.0, lacking, 33, 1.0, seed, tool)[0]
+    free = quick_curves(START, GOAL, CurveCost(LIMITS, 0.0, lacking, 33, 1.0), seed)[0]
+    capped = quick_curves(START, GOAL, CurveCost(LIMITS, 0.0, lacking, 33, 1.0, tool), seed)[0]
     times = [float(tool(curve(START, one, GOAL, 33)[None])[0]) for one in (free, capped)]
     assert times[1] < times[0]
     assert lacking(curve(START, capped, GOAL, 33)[None])[0] == 0.0

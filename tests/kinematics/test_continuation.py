@@ -8,7 +8,12 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.kinematics.continuation import follow_lines, moved_along, spare_directions
+from dualarm_cli.kinematics.continuation import (
+    FlangeLines,
+    follow_lines,
+    moved_along,
+    spare_directions,
+)
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import CURVE_STEP, branches, self_motions
@@ -40,7 +45,7 @@ def test_every_sample_is_on_its_line_and_no_joint_jumps(general_robots, name, sa
     """Exact poses to 1e-9; limits; and the steps are those of a smooth curve."""
     arm = arm_of(general_robots, name)
     q, R, p, shift = random_lines(arm, 60, 0.06)
-    course = follow_lines(arm, q, R, p, shift, np.full(60, 0.1), samples)
+    course = follow_lines(arm, q, FlangeLines(R, p, shift), np.full(60, 0.1), samples)
     assert 10 < course.ok.sum() < 60
     for k, share in enumerate(np.linspace(0.0, 1.0, samples)):
         found = course.q[k, course.ok]
@@ -56,7 +61,9 @@ def test_a_line_is_the_same_however_finely_it_is_sampled(general_robots):
     """7, 13 and 97 samples: what they have in common is equal to 1e-9 rad, self-motion included."""
     arm = arm_of(general_robots, "yumi")
     q, R, p, shift = random_lines(arm, 60, 0.06)
-    courses = [follow_lines(arm, q, R, p, shift, np.full(60, 0.2), n) for n in (7, 13, 97)]
+    courses = [
+        follow_lines(arm, q, FlangeLines(R, p, shift), np.full(60, 0.2), n) for n in (7, 13, 97)
+    ]
     ok = np.logical_and.reduce([course.ok for course in courses])
     assert ok.sum() > 10
     coarse, middle, fine = (course.q[:, ok] for course in courses)
@@ -70,7 +77,7 @@ def test_the_drift_is_the_way_along_the_self_motion(general_robots):
 
     arm = arm_of(general_robots, "yumi")
     q, R, p, shift = random_lines(arm, 30, 0.04)
-    course = follow_lines(arm, q, R, p, shift, np.full(30, 0.15), 17)
+    course = follow_lines(arm, q, FlangeLines(R, p, shift), np.full(30, 0.15), 17)
     assert course.ok.sum() > 5
     for k in np.flatnonzero(course.ok):
         direction = null_space(arm.jacobian(q[k]))[:, 0]
@@ -93,7 +100,9 @@ def test_a_line_through_a_straight_wrist_is_dropped(general_robots):
     R, p = arm.forward(start)
     for end, passes in ((before, True), (after, False)):
         shift = arm.forward(end)[1] - p
-        course = follow_lines(arm, start[None], R[None], p[None], shift[None], np.zeros(1), 33)
+        course = follow_lines(
+            arm, start[None], FlangeLines(R[None], p[None], shift[None]), np.zeros(1), 33
+        )
         assert course.ok[0] == passes
 
 
@@ -103,9 +112,11 @@ def test_a_line_that_leaves_limits_or_reach_is_dropped(general_robots):
     start = np.array([0.0, -0.6, 1.2, 0.0, -0.5, 0.0])
     R, p = arm.forward(start)
     up = np.array([[0.0, 0.0, 0.1]])
-    assert follow_lines(arm, start[None], R[None], p[None], up, np.zeros(1), 33).ok[0]
+    assert follow_lines(arm, start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33).ok[0]
     ahead = np.array([[0.5, 0.0, 0.0]])
-    assert not follow_lines(arm, start[None], R[None], p[None], ahead, np.zeros(1), 33).ok[0]
+    assert not follow_lines(
+        arm, start[None], FlangeLines(R[None], p[None], ahead), np.zeros(1), 33
+    ).ok[0]
     lower = np.array(arm.lower)
     lower[1] = -0.61
     tight = GeneralArm(
@@ -116,7 +127,9 @@ def test_a_line_that_leaves_limits_or_reach_is_dropped(general_robots):
         lower,
         arm.upper,
     )
-    assert not follow_lines(tight, start[None], R[None], p[None], up, np.zeros(1), 33).ok[0]
+    assert not follow_lines(
+        tight, start[None], FlangeLines(R[None], p[None], up), np.zeros(1), 33
+    ).ok[0]
 
 
 def test_neighbours_along_the_self_motion_keep_the_pose(general_robots):

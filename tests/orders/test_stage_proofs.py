@@ -421,7 +421,7 @@ def test_orders_that_are_best_after_a_close_look_come_first(in_stages, seed, cos
     prices = best_prices(graph, 2.0 * plain, 40)
     slots = graph.stops[LabelSearch(graph, prices, 40.0, 10_000).run().orders[0]]
     best = StageOrder(slots, np.zeros(0, dtype=np.int64), plain)
-    found = near_orders(graph, prices, best, look, labels=10_000, count=30, rounds=60)
+    found = near_orders(graph, prices, best, look, sizes=(10_000, 30, 60))
     assert found
     assert len({one.slots.tobytes() for one in found}) == len(found)
     one = found[0]

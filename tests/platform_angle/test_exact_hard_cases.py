@@ -303,11 +303,8 @@ def test_no_root_is_missed_in_a_hundred_thousand_hard_moves(family, seed):
 def mirrored_arms(angle_0=0.4):
     """Two equal arms whose targets and starts are equal too: at every angle both elbows agree."""
     return PlatformProblem.broadcast(
-        radius=0.2,
-        offset=0.7,
-        height=0.1,
-        upper=0.3,
-        fore=0.25,
+        shoulder=(0.2, 0.7, 0.1),
+        links=(0.3, 0.25),
         wrist=[[0.4, 0.2, 0.0], [0.4, 0.2, 0.0]],
         angle_0=angle_0,
         elbow_0=1.3,
@@ -429,11 +426,12 @@ def test_of_two_mirrored_angles_the_nearer_is_preferred():
     wrist = np.zeros((count, 2, 3))
     wrist[:, :, 0] = rng.uniform(0.1, 0.6, (count, 2))
     problem = PlatformProblem.broadcast(
-        radius=rng.uniform(0.1, 0.3, (count, 2)),
-        offset=[0.0, np.pi],
-        height=rng.uniform(-0.2, 0.2, (count, 2)),
-        upper=0.3,
-        fore=rng.uniform(0.2, 0.4, (count, 2)),
+        shoulder=(
+            rng.uniform(0.1, 0.3, (count, 2)),
+            [0.0, np.pi],
+            rng.uniform(-0.2, 0.2, (count, 2)),
+        ),
+        links=(0.3, rng.uniform(0.2, 0.4, (count, 2))),
         wrist=wrist,
         angle_0=rng.uniform(-1.5, 1.5, count),
         elbow_0=rng.uniform(0.3, 2.9, (count, 2)),

@@ -21,11 +21,12 @@ def arms(count, seed):
     rho, theta = rng.uniform(0.1, 0.5, (count, 2)), rng.uniform(-np.pi, np.pi, (count, 2))
     z = rng.uniform(-0.2, 0.2, (count, 2))
     return PlatformProblem.broadcast(
-        radius=rng.uniform(0.05, 0.3, (count, 2)),
-        offset=rng.uniform(-np.pi, np.pi, (count, 2)),
-        height=rng.uniform(-0.1, 0.1, (count, 2)),
-        upper=rng.uniform(0.2, 0.5, (count, 2)),
-        fore=rng.uniform(0.2, 0.5, (count, 2)),
+        shoulder=(
+            rng.uniform(0.05, 0.3, (count, 2)),
+            rng.uniform(-np.pi, np.pi, (count, 2)),
+            rng.uniform(-0.1, 0.1, (count, 2)),
+        ),
+        links=(rng.uniform(0.2, 0.5, (count, 2)), rng.uniform(0.2, 0.5, (count, 2))),
         wrist=np.stack([rho * np.cos(theta), rho * np.sin(theta), z], axis=-1),
         angle_0=rng.uniform(-2, 2, count),
         elbow_0=rng.uniform(0.3, 2.9, (count, 2)),
@@ -147,11 +148,8 @@ def test_the_divisions_by_zero_of_the_printed_equations_are_no_special_cases():
     assert np.allclose(np.sort(np.sin(angle[0])), np.sort(np.sin(expected)), atol=1e-15)
     # Arm 2 sits on the axis, arm 1 and its target at azimuth 0: B = v_1, C = 0 for both signs.
     problem = PlatformProblem.broadcast(
-        radius=[0.2, 0.0],
-        offset=0.0,
-        height=0.0,
-        upper=0.3,
-        fore=0.3,
+        shoulder=([0.2, 0.0], 0.0, 0.0),
+        links=(0.3, 0.3),
         wrist=[[0.3, 0.0, 0.1], [0.1, 0.0, 0.3]],
         angle_0=0.5,
         elbow_0=[1.0, 1.0],
@@ -164,15 +162,15 @@ def test_the_divisions_by_zero_of_the_printed_equations_are_no_special_cases():
 
 def test_one_pair_of_wrists_is_one_move_and_messages_name_the_value():
     """The named constructor takes (2, 3); what it refuses it quotes with its place."""
-    fields = {"radius": 0.2, "offset": 0.0, "height": 0.0, "fore": 0.3, "elbow_0": 1.0}
+    fields = {"shoulder": (0.2, 0.0, 0.0), "elbow_0": 1.0}
     wrist = np.full((2, 3), 0.2)
-    problem = PlatformProblem.broadcast(**fields, upper=0.3, wrist=wrist, angle_0=0.0)
+    problem = PlatformProblem.broadcast(**fields, links=(0.3, 0.3), wrist=wrist, angle_0=0.0)
     assert problem.wrist.shape == (1, 2, 3)
     with pytest.raises(ValueError, match=r"upper\[0, 1\] = -0.3: links must be longer than 0"):
-        PlatformProblem.broadcast(**fields, upper=[0.3, -0.3], wrist=wrist, angle_0=0.0)
+        PlatformProblem.broadcast(**fields, links=([0.3, -0.3], 0.3), wrist=wrist, angle_0=0.0)
     with pytest.raises(ValueError, match=r"wrist\[0, 0, 2\] = nan: wrist must be finite"):
         wrist[0, 2] = np.nan
-        PlatformProblem.broadcast(**fields, upper=0.3, wrist=wrist, angle_0=0.0)
+        PlatformProblem.broadcast(**fields, links=(0.3, 0.3), wrist=wrist, angle_0=0.0)
     with pytest.raises(ValueError, match=r"elbow_0 has shape \(3, 2\); needs \(2, 2\)"):
         dataclasses.replace(arms(2, 8), elbow_0=np.ones((3, 2)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -31,11 +32,16 @@ def limits(cells):
     return cells["sda10f"].robot.limits
 
 
+def equations(chain, share, part=None):
+    """What closes the chain at shares of the seam, and has the part at its poses."""
+    return partial(all_equations, chain, share=share, part=part)
+
+
 def near_closed(chain, limits, count=20):
     """Configurations that close the chain at share 0.5, from random ones."""
     rng = np.random.default_rng(5)
     q = rng.uniform(0.6 * limits.lower, 0.6 * limits.upper, (200, len(limits.joints)))
-    found = close(chain, q, np.full(200, 0.5), chain.closes * 1.0, 40)
+    found = close(equations(chain, np.full(200, 0.5)), q, chain.closes * 1.0, 40)
     good = found.position[found.residual < 1e-9]
     assert len(good) >= count
     return good[:count]
@@ -47,7 +53,9 @@ def test_newton_s_steps_converge_quadratically(chain, limits):
     q = near_closed(chain, limits)
     q = q + rng.uniform(-0.05, 0.05, q.shape) * chain.closes
     share, weight = np.full(len(q), 0.5), limits.velocity**2 * chain.closes
-    left = [close(chain, q, share, weight, steps).residual.max() for steps in (0, 1, 2, 3, 8)]
+    left = [
+        close(equations(chain, share), q, weight, steps).residual.max() for steps in (0, 1, 2, 3, 8)
+    ]
     assert left[0] > 1e-3
     assert left[-1] < 1e-11
     for before, after in pairwise(left[1:4]):
@@ -76,7 +84,7 @@ def test_a_wish_is_granted_as_far_as_the_chain_lets_it(chain, limits):
     q = near_closed(chain, limits) + 1e-3 * chain.closes
     share, weight = np.full(len(q), 0.5), limits.velocity**2 * chain.closes
     middle = (limits.lower + limits.upper) / 2.0
-    pulled = close(chain, q, share, weight, 20, towards=middle, pulls=12)
+    pulled = close(equations(chain, share), q, weight, 20, towards=middle, pulls=12)
     good = pulled.residual < 1e-9
     assert good.mean() > 0.8
 
@@ -91,7 +99,7 @@ def test_stretched_arms_do_not_fly_off(chain, limits):
     q = np.zeros((1, 15))
     share, weight = np.array([0.5]), limits.velocity**2 * chain.closes
     for _ in range(10):
-        after = close(chain, q, share, weight, 1).position
+        after = close(equations(chain, share), q, weight, 1).position
         assert np.isfinite(after).all()
         assert np.abs(after - q).max() <= LONGEST_STEP * (1.0 + 1e-12)
         q = after
@@ -108,7 +116,7 @@ def test_one_sided_rows_are_brought_to_their_bound_and_not_beyond(cells, make, l
         # The part turned under the tool, about where it works: a lean and nothing else.
         turn = pin.SE3(pin.exp3(np.array([lean, 0.0, 0.0])), np.zeros(3))
         turned = Chain(cells["sda10f"], replace(work, part=work.part * turn))
-        found = close(turned, q, share, weight, 20)
+        found = close(equations(turned, share), q, weight, 20)
         assert found.residual[0] < 1e-9
         part, tool = make.by_pinocchio(cells["sda10f"], turned.work, found.position[0])
         seen = part.actInv(tool)
@@ -123,7 +131,9 @@ def test_a_part_comes_to_where_it_is_to_be(cells, make, chain, limits):
     rng = np.random.default_rng(8)
     near = q + 0.05 * rng.normal(size=(4, 15)) * chain.closes
     poses = np.tile(part.rotation, (4, 1, 1)), np.tile(part.translation, (4, 1))
-    found = close(chain, near, np.full(4, 0.5), limits.velocity**2 * chain.closes, 20, part=poses)
+    found = close(
+        equations(chain, np.full(4, 0.5), poses), near, limits.velocity**2 * chain.closes, 20
+    )
     assert found.residual.max() < 1e-10
     for row in found.position:
         there, _ = make.by_pinocchio(cells["sda10f"], chain.work, row)

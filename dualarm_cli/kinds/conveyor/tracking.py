@@ -13,6 +13,7 @@ from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.continuation import (
     LARGEST_STEP,
     LEAST_PIVOT,
+    FlangeLines,
     follow_lines,
     newton,
     spare_directions,
@@ -133,8 +134,8 @@ def _continued(
 ) -> tuple[FloatArray, bool]:
     """Returns the same of an arm without closed forms, from the target to both ends."""
     R_near, p_near = arm.forward(near[None])
-    shift = points[target] - p_near
-    course = follow_lines(arm, near[None], R_near, p_near, shift, np.zeros(1), SAMPLES)
+    line = FlangeLines(R_near, p_near, points[target] - p_near)
+    course = follow_lines(arm, near[None], line, np.zeros(1), SAMPLES)
     q, ok = np.empty((len(points), arm.axes)), bool(course.ok[0])
     W = spare_directions(arm, course.q[-1])
     start, met, det = newton(

@@ -169,67 +169,30 @@ def follow_path(
     open_ramps = work.acceleration is None or work.jerk is None
     clock = context.clock(work)
     full = clock.duration
-    tried = _once(context, work, follower, start, clock, budget)
+    trials = _Trials(context, work, follower, start, budget)
+    tried = trials.once(clock)
     # Where it may be slower it eases off in its ramps as anywhere.
     for gentle in GENTLER if open_ramps and not work.slower else ():
         if tried.slower_helps:
             clock = context.clock(work, gentle=gentle)
             full = clock.duration
-            tried = _once(context, work, follower, start, clock, budget)
+            tried = trials.once(clock)
     if work.slower and tried.slower_helps and (halve or np.isfinite(tried.excess)):
-        tried, clock = _eased(context, work, follower, start, clock, tried, budget)
+        tried, clock = trials.eased(clock, tried)
         if tried.trajectory is not None:
             # Ramps up to a speed that is never reached are too steep, and easing off in them takes long.
             reached = float(clock.at(clock.duration * np.linspace(0.0, 1.0, 201))[1].max())
             gentle = GENTLER[0] if open_ramps else 1.0
             lower = context.clock(work, gentle=gentle, peak=reached * clock.speed)
-            again = _once(context, work, follower, start, lower, budget, HOPELESS_YET)
+            again = trials.once(lower, HOPELESS_YET)
             if np.isfinite(again.excess):
-                again, lower = _eased(context, work, follower, start, lower, again, budget)
+                again, lower = trials.eased(lower, again)
             if again.trajectory is not None and lower.duration < clock.duration:
                 tried, clock = again, lower
     if tried.trajectory is None:
         assert tried.refused is not None  # one of the two is there
         return tried.refused
     return FollowedPath(tried.trajectory, clock, full)
-
-
-def _eased(
-    context: PathContext,
-    work: PathWork,
-    follower: Follower,
-    start: FloatArray,
-    clock: PathClock,
-    tried: _Tried,
-    budget: TrialBudget,
-) -> tuple[_Tried, PathClock]:
-    """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
-    slower = too_fast = 1.0
-    for k in range(ROUNDS):
-        if not tried.slower_helps or budget.spent:
-            break
-        if tried.profile is not None and k < EASED:
-            clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
-        else:
-            # It is not known where, or easing off there does not do: slower all along.
-            too_fast, known = slower, np.isfinite(tried.excess)
-            slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else HALVED
-            if slower < SLOWEST:
-                break
-            clock = context.clock(work, slower)
-        tried = _once(context, work, follower, start, clock, budget, HOPELESS_YET, tried.share)
-    # The step to a speed that will do may have been a long one.
-    for _ in range(BISECTIONS if slower <= HALVED * too_fast else 0):
-        if tried.trajectory is None or budget.spent:
-            break
-        between = float(np.sqrt(slower * too_fast))
-        faster = context.clock(work, between)
-        again = _once(context, work, follower, start, faster, budget, HOPELESS_YET, tried.share)
-        if again.trajectory is None:
-            too_fast = between
-        else:
-            tried, clock, slower = again, faster, between
-    return tried, clock
 
 
 @dataclass(frozen=True)
@@ -254,101 +217,125 @@ class _Tried:
         return self.trajectory is None and self.excess > 1.0
 
 
-def _once(
-    context: PathContext,
-    work: PathWork,
-    follower: Follower,
-    start: FloatArray,
-    clock: PathClock,
-    budget: TrialBudget,
-    hopeless: float = HOPELESS,
-    share: float = 1.0,
-) -> _Tried:
-    """Returns the trajectory by one clock, or why there is none.
+@dataclass(frozen=True)
+class _Trials:
+    """Following one path from one start by one method."""
 
-    Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
-    curve through its instants, most of all where self-motion is as quick as limits allow. A slower path does not help
-    then: the method is given the limits of a slower pace.
-    """
-    tried = _with_share(context, work, follower, start, clock, budget, hopeless, share)
-    for _ in range(TIGHTENED):
-        if not tried.tighter_helps or not tried.slower_helps or budget.spent:
-            break
-        tighter = tried.share / (tried.excess * AMPLE)
-        again = _with_share(context, work, follower, start, clock, budget, hopeless, tighter)
-        if again.trajectory is None and not 1.0 < again.excess <= GAINED * tried.excess:
-            break
-        tried = again
-    return tried
+    context: PathContext
+    work: PathWork
+    follower: Follower
+    start: FloatArray
+    """Joints where the path begins [rad], shape (n,)."""
+    budget: TrialBudget
 
-
-def _with_share(
-    context: PathContext,
-    work: PathWork,
-    follower: Follower,
-    start: FloatArray,
-    clock: PathClock,
-    budget: TrialBudget,
-    hopeless: float,
-    share: float,
-    finer: int = 1,
-) -> _Tried:
-    """Returns the same, the method being given the limits of a pace."""
-    problem = context.problem(work, start, clock, finer)
-    budget.instants -= problem.instants
-    found = follower.solve(replace(problem, limits=problem.limits.scaled(share)))
-    if isinstance(found, NoPath):
-        along = float(problem.share[found.instant])
-        remedy: Remedy = "slower" if found.excess > 1.0 else "other"
-        refused = _refused(work, found.reason, found.instant * problem.step, along, remedy)
-        return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
-    left = leaves(problem, found)
-    rounded = ROUNDED if any(path.junctions for path in work.paths.values()) else 0.0
-    if left > (1.0 - rounded - TOLERATED) * work.tolerance:
-        more = {
-            "method": follower.name,
-            "turn": TURN_LENGTH,
-            "measured_mm": left * 1e3,
-            "allowed_mm": work.tolerance * 1e3,
-        }
-        reason = Refusal("path_left", measured=left, allowed=work.tolerance, more=more)
-        return _Tried(None, Refused(reason, 1.0, "tolerance"))
-    joined: list[Joined] = []
-    for window in SMOOTHED:
-        if len(joined) > len(PER_KNOT) and _in_vain(joined):
-            break
-        if joined and min(curve.worst for curve in joined) > hopeless:
-            break
-        if window > 0.0:
-            # About as much work as following it once more.
-            if budget.spent:
+    def eased(self, clock: PathClock, tried: _Tried) -> tuple[_Tried, PathClock]:
+        """Returns what comes of easing off where it was too fast, or else of less speed all along, and the clock."""
+        slower = too_fast = 1.0
+        for k in range(ROUNDS):
+            if not tried.slower_helps or self.budget.spent:
                 break
-            budget.instants -= problem.instants
-        even = evened_out(problem, found, window)
-        for stride in PER_KNOT:
-            curve = Joined.of(problem, even, stride)
-            joined.append(curve)
-            if curve.worst > 1.0:
-                continue
-            if strays(problem, found, curve.trajectory) <= min(TOLERATED * work.tolerance, STRAY):
-                return _Tried(curve.trajectory, None, share=share)
-    curve = min(joined, key=lambda one: one.worst)
-    if curve.worst <= 1.0:
-        # What keeps the limits strays from the path between instants that are too far apart.
-        if finer < FINEST:
-            return _with_share(
-                context, work, follower, start, clock, budget, hopeless, share, 2 * finer
-            )
-        return _Tried(None, Refused(Refusal("path_not_joined"), 1.0))
-    along = float(np.interp(curve.when, instants(problem.instants, problem.step), problem.share))
-    instant = min(problem.instants - 1, round(curve.when / problem.step))
-    cause = curve.reason + _junction_words(work, along)
-    cause += singular_words(problem, found.position[instant])
-    remedy = "slower" if curve.slower_helps else "other"
-    refused = _refused(work, cause, curve.when, along, remedy)
-    refused = replace(refused, excess=curve.worst)
-    excess = curve.worst if curve.slower_helps else 0.0
-    return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
+            if tried.profile is not None and k < EASED:
+                clock = clock.eased(tried.profile.time, tried.profile.excess * AMPLE, GENTLY**k)
+            else:
+                # It is not known where, or easing off there does not do: slower all along.
+                too_fast, known = slower, np.isfinite(tried.excess)
+                slower *= min(SLOWER, 1.0 / (AMPLE * tried.excess)) if known else HALVED
+                if slower < SLOWEST:
+                    break
+                clock = self.context.clock(self.work, slower)
+            tried = self.once(clock, HOPELESS_YET, tried.share)
+        # The step to a speed that will do may have been a long one.
+        for _ in range(BISECTIONS if slower <= HALVED * too_fast else 0):
+            if tried.trajectory is None or self.budget.spent:
+                break
+            between = float(np.sqrt(slower * too_fast))
+            faster = self.context.clock(self.work, between)
+            again = self.once(faster, HOPELESS_YET, tried.share)
+            if again.trajectory is None:
+                too_fast = between
+            else:
+                tried, clock, slower = again, faster, between
+        return tried, clock
+
+    def once(self, clock: PathClock, hopeless: float = HOPELESS, share: float = 1.0) -> _Tried:
+        """Returns the trajectory by one clock, or why there is none.
+
+        Above a factor too fast nothing is evened out. Where a method keeps the limits itself, what exceeds them is the
+        curve through its instants, most of all where self-motion is as quick as limits allow. A slower path does not
+        help then: the method is given the limits of a slower pace.
+        """
+        tried = self._with_share(clock, hopeless, share)
+        for _ in range(TIGHTENED):
+            if not tried.tighter_helps or not tried.slower_helps or self.budget.spent:
+                break
+            tighter = tried.share / (tried.excess * AMPLE)
+            again = self._with_share(clock, hopeless, tighter)
+            if again.trajectory is None and not 1.0 < again.excess <= GAINED * tried.excess:
+                break
+            tried = again
+        return tried
+
+    def _with_share(
+        self, clock: PathClock, hopeless: float, share: float, finer: int = 1
+    ) -> _Tried:
+        """Returns the same, the method being given the limits of a pace."""
+        problem = self.context.problem(self.work, self.start, clock, finer)
+        self.budget.instants -= problem.instants
+        found = self.follower.solve(replace(problem, limits=problem.limits.scaled(share)))
+        if isinstance(found, NoPath):
+            along = float(problem.share[found.instant])
+            remedy: Remedy = "slower" if found.excess > 1.0 else "other"
+            refused = _refused(self.work, found.reason, found.instant * problem.step, along, remedy)
+            return _Tried(None, replace(refused, excess=found.excess), found.excess, share=share)
+        left = leaves(problem, found)
+        rounded = ROUNDED if any(path.junctions for path in self.work.paths.values()) else 0.0
+        if left > (1.0 - rounded - TOLERATED) * self.work.tolerance:
+            more = {
+                "method": self.follower.name,
+                "turn": TURN_LENGTH,
+                "measured_mm": left * 1e3,
+                "allowed_mm": self.work.tolerance * 1e3,
+            }
+            reason = Refusal("path_left", measured=left, allowed=self.work.tolerance, more=more)
+            return _Tried(None, Refused(reason, 1.0, "tolerance"))
+        joined: list[Joined] = []
+        for window in SMOOTHED:
+            if len(joined) > len(PER_KNOT) and _in_vain(joined):
+                break
+            if joined and min(curve.worst for curve in joined) > hopeless:
+                break
+            if window > 0.0:
+                # About as much work as following it once more.
+                if self.budget.spent:
+                    break
+                self.budget.instants -= problem.instants
+            even = evened_out(problem, found, window)
+            for stride in PER_KNOT:
+                curve = Joined.of(problem, even, stride)
+                joined.append(curve)
+                if curve.worst > 1.0:
+                    continue
+                if strays(problem, found, curve.trajectory) <= min(
+                    TOLERATED * self.work.tolerance, STRAY
+                ):
+                    return _Tried(curve.trajectory, None, share=share)
+        curve = min(joined, key=lambda one: one.worst)
+        if curve.worst <= 1.0:
+            # What keeps the limits strays from the path between instants that are too far apart.
+            if finer < FINEST:
+                return self._with_share(clock, hopeless, share, 2 * finer)
+            return _Tried(None, Refused(Refusal("path_not_joined"), 1.0))
+        along = float(
+            np.interp(curve.when, instants(problem.instants, problem.step), problem.share)
+        )
+        instant = min(problem.instants - 1, round(curve.when / problem.step))
+        cause = curve.reason + _junction_words(self.work, along)
+        cause += singular_words(problem, found.position[instant])
+        remedy = "slower" if curve.slower_helps else "other"
+        refused = _refused(self.work, cause, curve.when, along, remedy)
+        refused = replace(refused, excess=curve.worst)
+        excess = curve.worst if curve.slower_helps else 0.0
+        return _Tried(None, refused, excess, curve, share, found.keeps_rates and excess <= HOPELESS)
 
 
 def _in_vain(joined: list[Joined]) -> bool:

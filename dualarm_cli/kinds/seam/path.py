@@ -148,14 +148,13 @@ def _closed(
 ) -> FloatArray | None:
     """Returns joints (k, n) [rad] with the chain closed; None where it cannot be, or beyond a limit or freedom."""
     chain, limits = problem.chain, problem.limits
+    poses = _poses(problem, share)
     found = close(
-        chain,
+        # One-sided equations are left aside: where they come and go, joints have kinks along a seam.
+        lambda q: all_equations(chain, q, share, poses).exact,
         position,
-        share,
         limits.velocity**2 * (chain.closes & ~_stands(problem, motion)),
         CLOSING_STEPS,
-        part=_poses(problem, share),
-        exact=True,
     )
     q = found.position
     inside = ((q >= limits.lower) & (q <= limits.upper))[:, chain.closes].all()

@@ -27,9 +27,7 @@ def near_orders(
     best: StageOrder,
     look: Look,
     *,
-    labels: int,
-    count: int,
-    rounds: int,
+    sizes: tuple[int, int, int],
     stop: Callable[[], bool] = lambda: False,
 ) -> list[StageOrder]:
     """Returns orders that are nearly as good as the best one, those first that are best after a close look.
@@ -42,11 +40,10 @@ def near_orders(
         prices: prices of stops that prove much.
         best: the best order known.
         look: looks closely at moves.
-        labels: labels that are kept in each round.
-        count: how many orders to look at in each round, and to return at most.
-        rounds: how often at most.
+        sizes: labels that are kept in each round; orders to look at in each round and to return at most; rounds.
         stop: whether to stop early.
     """
+    labels, count, rounds = sizes
     upper = (1.0 + NEAR) * best.total
     plain, known = graph, np.zeros(0, dtype=np.int64)
     seen: dict[bytes, IntArray] = {}

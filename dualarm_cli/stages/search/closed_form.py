@@ -19,7 +19,7 @@ from dualarm_cli.stages.search.candidates import (
     thinned,
     timed_postures,
 )
-from dualarm_cli.stages.search.problem import ArmDecisions, ArmWork, SequenceProblem, StopTarget
+from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem, StopTarget
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 
 LARGEST_STEP = np.pi / 2
@@ -187,11 +187,11 @@ def grid_nodes(
     else:
         low, high = work.limits.lower, work.limits.upper
     r, i, b = np.nonzero(inside)
-    target = q_target[r, i, b]
-    swing_a, q_a = _least_swing(q[:, 1], r, i, b, target, low, high, work)
+    target, speed = q_target[r, i, b], work.limits.velocity
+    swing_a, q_a = _least_swing(q[:, 1], (r, i, b), target, low, high, speed)
     swing_r, q_r = (swing_a, q_a)
     if not same:
-        swing_r, q_r = _least_swing(q[:, 2], r, i, b, target, low, high, work)
+        swing_r, q_r = _least_swing(q[:, 2], (r, i, b), target, low, high, speed)
     ok = np.isfinite(q_a[:, 0]) & np.isfinite(q_r[:, 0])
     r, i, b, target = r[ok], i[ok], b[ok], target[ok]
     q_a, q_r, swing_a, swing_r = q_a[ok], q_r[ok], swing_a[ok], swing_r[ok]
@@ -221,20 +221,28 @@ def _yaws(stop: StopTarget, free_last: bool) -> FloatArray:
 
 def _least_swing(
     q_end: FloatArray,
-    r: IntArray,
-    i: IntArray,
-    b: IntArray,
+    index: tuple[IntArray, IntArray, IntArray],
     target: FloatArray,
     low: FloatArray,
     high: FloatArray,
-    work: ArmWork,
+    speed: FloatArray,
 ) -> tuple[IntArray, FloatArray]:
-    """Returns the swing (in half steps) whose joints move least, and the joints there; NaN for none."""
+    """Returns the swing (in half steps) whose joints move least, and the joints there; NaN for none.
+
+    Args:
+        q_end: joints at a line's outer end [rad], by pose, half step of the arm angle, branch.
+        index: pose, step of the arm angle and branch of each target, three of shape (k,).
+        target: joints at the targets [rad], shape (k, 7).
+        low: lower limits [rad], shape (7,).
+        high: upper limits [rad], shape (7,).
+        speed: largest rates [rad/s], shape (7,).
+    """
+    r, i, b = index
     count = q_end.shape[1]
     best = np.full(len(r), np.inf)
     swing = np.zeros(len(r), dtype=np.int64)
     q = np.full((len(r), 7), np.nan)
-    inverse = 1.0 / work.limits.velocity
+    inverse = 1.0 / speed
     for k in sorted(range(-SWING_STEPS, SWING_STEPS + 1), key=abs):
         end = q_end[r, (2 * i + k) % count, b]
         moved = end - target

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.continuation import SKELETON, follow_lines, moved_along
+from dualarm_cli.kinematics.continuation import SKELETON, FlangeLines, follow_lines, moved_along
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.self_motion import self_motions
@@ -284,9 +284,9 @@ def _followed(
     drift = np.stack([rows.psi_approach, rows.psi_retract]) - rows.psi_target
     path = np.broadcast_to(q, (samples, 2, *q.shape)).copy()
     which, k = np.nonzero(length > 0.0)
-    shift = -z[k] * length[which, k, None]
+    lines = FlangeLines(R[k], p[k], -z[k] * length[which, k, None])
     skeleton = END_SAMPLES if samples == LINE_SAMPLES else SKELETON
-    course = follow_lines(general, q[k], R[k], p[k], shift, drift[which, k], samples, skeleton)
+    course = follow_lines(general, q[k], lines, drift[which, k], samples, skeleton)
     path[:, which, k] = course.q
     followed = np.ones(length.shape, dtype=np.bool_)
     followed[which, k] = course.ok

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,34 +32,27 @@ class Closed:
 
 
 def close(
-    chain: Chain,
+    equations: Callable[[FloatArray], Equations],
     position: FloatArray,
-    share: FloatArray,
     weight: FloatArray,
     steps: int,
     *,
-    part: Poses | None = None,
     towards: FloatArray | None = None,
     pulls: int = 0,
-    exact: bool = False,
 ) -> Closed:
     """Returns the nearest joints that close the chain, by Newton steps of least weighted norm.
 
     Args:
-        chain: the equations.
+        equations: what joints (k, n) [rad] leave of being closed.
         position: joints to begin with [rad], shape (k, n).
-        share: of the seam, shape (k,).
         weight: how readily each joint moves, 0 for joints that stand, shape (n,).
         steps: how many steps at most.
-        part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None where it may be anywhere.
         towards: joints that the first steps pull to, as far as the equations leave them free [rad], (n,).
         pulls: how many steps pull.
-        exact: whether one-sided equations are left aside: where they come and go, joints have kinks along a seam.
     """
     q = np.array(position)
     for step in range(steps + 1):
-        found = all_equations(chain, q, share, part)
-        found = found.exact if exact else found
+        found = equations(q)
         left = found.size
         if step == steps or left.max(initial=0.0) < CONVERGED:
             break
@@ -77,7 +71,14 @@ def all_equations(
     share: FloatArray,
     part: Poses | None = None,
 ) -> Equations:
-    """Returns the seam's equations, and the part's where its pose is given."""
+    """Returns the seam's equations, and the part's where its pose is given.
+
+    Args:
+        chain: the seam's.
+        position: joints [rad], shape (k, n).
+        share: of the seam, shape (k,).
+        part: rotations (k, 3, 3) and positions (k, 3) [m] of the part in the world, or None where it may be anywhere.
+    """
     bodies = chain.bodies(position)
     found = chain.equations(bodies, share)
     return found if part is None else found.after(chain.part_equations(bodies, *part))

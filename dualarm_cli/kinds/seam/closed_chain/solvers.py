@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import islice
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinds.seam.closed_chain.chain import KEPT
-from dualarm_cli.kinds.seam.closed_chain.closing import close
+from dualarm_cli.kinds.seam.closed_chain.closing import all_equations, close
 from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamMotion, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.program import SeamProgram
 from dualarm_cli.kinds.seam.closed_chain.starts import (
@@ -162,22 +163,23 @@ def _closed(problem: SeamProblem, position: FloatArray, stands: BoolArray) -> Fl
     poses = part_poses(problem, problem.shares)
     if poses is not None and chain.work.hold.stands:
         first = close(
-            chain,
+            partial(
+                all_equations,
+                chain,
+                share=problem.shares[:1],
+                part=(poses[0][:1], poses[1][:1]),
+            ),
             position[:1],
-            problem.shares[:1],
             limits.velocity**2 * chain.closes,
             CLOSING_STEPS,
-            part=(poses[0][:1], poses[1][:1]),
         )
         position = np.where(chain.master_joints, first.position, position)
         poses = None
     found = close(
-        chain,
+        partial(all_equations, chain, share=problem.shares, part=poses),
         position,
-        problem.shares,
         limits.velocity**2 * (chain.closes & ~stands),
         CLOSING_STEPS,
-        part=poses,
     )
     # What one step leans beyond what is kept the next one takes back; a still part cannot while its tool is moved.
     bodies = chain.bodies(found.position)

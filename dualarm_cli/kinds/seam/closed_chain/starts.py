@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinds.seam.closed_chain.chain import TURN
-from dualarm_cli.kinds.seam.closed_chain.closing import Closed, close
+from dualarm_cli.kinds.seam.closed_chain.closing import Closed, all_equations, close
 from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.model.curves.tool_path import Poses
@@ -185,12 +186,10 @@ def _closed_draws(problem: SeamProblem, node: int) -> Closed:
     share = np.full(count, problem.shares[node])
     weight = limits.velocity**2 * drawn
     return close(
-        chain,
+        partial(all_equations, chain, share=share, part=part_poses(problem, share)),
         q,
-        share,
         weight,
         CLOSING_STEPS,
-        part=part_poses(problem, share),
         towards=towards,
         pulls=CLOSING_STEPS // 2,
     )
@@ -230,12 +229,10 @@ def _step(problem: SeamProblem, guess: FloatArray, share: float, stands: BoolArr
     shares = np.full(len(guess), share)
     middle = (limits.lower + limits.upper) / 2.0
     return close(
-        chain,
+        partial(all_equations, chain, share=shares, part=part_poses(problem, shares)),
         guess,
-        shares,
         limits.velocity**2 * (chain.closes & ~stands),
         FOLLOWING_STEPS,
-        part=part_poses(problem, shares),
         towards=np.where(np.isfinite(middle), middle, 0.0) if problem.near is None else None,
         pulls=PULLS,
     )
