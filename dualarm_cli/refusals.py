@@ -127,8 +127,7 @@ _CLEAR_HELPS = (
 )
 _MISFIT = "no posture helps where a part or a tool reaches into something"
 _NOT_CLEAR = (
-    "no plan was found that keeps clear by other postures, platform angles, waits, detours or paths of the "
-    "whole robot"
+    "no plan was found that keeps clear by other postures, platform angles, waits or detours"
 )
 
 SENTENCES: Mapping[str, str] = {

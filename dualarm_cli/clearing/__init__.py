@@ -1,1 +1,1 @@
-"""Collisions of a plan and their repairs: delays, curves, via points, paths of the whole robot."""
+"""Collisions of a plan and their repairs: delays, curves, via points."""
