@@ -767,3 +767,12 @@ def test_a_profile_rises_stays_and_falls():
         assert dip == pytest.approx(max(lacks) / top)
         assert lacks[where] == max(lacks)
     assert _unsteady(np.zeros(5))[0] == np.inf
+
+
+def test_half_the_job_s_speed_quarters_the_acceleration_that_is_allowed(line):
+    """Accelerations are scaled by the square: what was 1 + m times as much as is asked is 4 (1 + m) times as much."""
+    job = with_work(line.job, acceleration=0.05)
+    times = 1.0 + seams(line.schedule, job)["seam_as_asked"].measured
+    slow = seams(line.schedule, dataclasses.replace(job, speed=0.5))["seam_as_asked"]
+    assert times > 1.0
+    assert 1.0 + slow.measured == pytest.approx(4.0 * times)
