@@ -13,8 +13,9 @@ from dualarm_cli.collision.lying import too_near
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
-from dualarm_cli.motion.motion import Motion, realise
-from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import Known
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan, same_postures

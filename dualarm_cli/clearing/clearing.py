@@ -27,9 +27,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.motion.bent_transfers import CurveCost, curve, quick_curves
-from dualarm_cli.motion.motion import Motion, realise
-from dualarm_cli.motion.stop_motion import Known
-from dualarm_cli.motion.transfers import largest_tool_speed
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import Known, largest_tool_speed
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.timing import TimingSolver

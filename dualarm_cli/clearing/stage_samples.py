@@ -14,7 +14,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
-from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.transfers import Drive
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding

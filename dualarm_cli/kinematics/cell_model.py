@@ -90,6 +90,11 @@ class CellModel:
         """
         return self.platform.pose(position[..., self.platform_columns])
 
+    def platform_angle(self, position: FloatArray) -> float | None:
+        """Returns the angle of a platform of one joint [rad], all joints (n,) given; None for any other one."""
+        angles = position[self.platform_columns]
+        return float(angles[0]) if len(angles) == 1 else None
+
     def tool_position(self, arm: str, position: FloatArray) -> FloatArray:
         """Returns the tool centre point in the world [m], shape (..., 3).
 

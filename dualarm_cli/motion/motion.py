@@ -10,29 +10,27 @@ import numpy as np
 
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
+from dualarm_cli.model.schedule import SegmentKind, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import detour_pieces
+from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.stop_motion import (
-    Key,
-    Known,
-    Recorder,
     add_handover,
     add_segment,
     add_stop,
-    at_knot,
     stage_of,
 )
 from dualarm_cli.motion.transfers import (
     PLATFORM,
     Drive,
+    Key,
+    Known,
     Transfers,
     transfers_within_tool_speed,
 )
-from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.timing import TimingSolver
-from dualarm_cli.timing.composition import concatenate, hold, merge
+from dualarm_cli.timing.composition import hold
 
 ROUNDS = 3
 """So often arms are held back for their parts: where one stands on the way anyway, that takes some of it up."""
@@ -185,20 +183,6 @@ def _stands(motion: Trajectory) -> bool:
     return bool((motion.position == motion.position[0]).all() and not np.any(motion.velocity))
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A job's whole motion and what is said to happen in it."""
-
-    trajectory: Trajectory
-    """All joints of the robot."""
-    stages: tuple[Stage, ...]
-    """In time order."""
-    segments: tuple[Segment, ...]
-    """Arm by arm, in time order."""
-    events: tuple[Event, ...]
-    """In time order."""
-
-
 def realise(
     model: CellModel,
     job: Job,
@@ -220,24 +204,19 @@ def realise(
         windows: whether stages wait for windows of their tasks to open; a stage by itself has no time to wait for.
         clock: when the first stage begins [s], for its windows; the motion itself is from 0.
     """
-    robot, drive = job.cell.robot, Drive.of(model, job, timing)
-    columns = drive.columns
-    record = Recorder(
-        {name: [] for name in columns},
-        {name: [] for name in model.arms},
-        Known() if known is None else known,
-    )
+    drive = Drive.of(model, job, timing, known)
+    record = MotionBuilder({name: [] for name in drive.columns})
     for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):
         key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
-        if key not in record.known.transfers:
-            record.known.transfers[key] = transfers_within_tool_speed(drive, plan)
-        transfers = record.known.transfers[key]
+        if key not in drive.known.transfers:
+            drive.known.transfers[key] = transfers_within_tool_speed(drive, plan)
+        transfers = drive.known.transfers[key]
         begin = record.clock
 
         def arrivals(
             held: Mapping[str, float], plan: StagePlan = plan, transfers: Transfers = transfers
         ) -> dict[str, float]:
-            alone = Recorder({n: [] for n in columns}, {n: [] for n in model.arms}, record.known)
+            alone = MotionBuilder()
             _add_stage(alone, drive, plan, transfers, held, {})
             return {event.arm: event.time for event in alone.events}
 
@@ -245,26 +224,19 @@ def realise(
         _wait(record, drive, plan, waits)
         _add_stage(record, drive, plan, transfers, waits.held, after)
         record.stages[-1] = replace(record.stages[-1], start=begin)
-    for name, index in columns.items():
+    for name, index in drive.columns.items():
         if not record.pieces[name]:
             # Nothing ever moves: a free start that is also the end.
-            record.pieces[name].append(hold(drive.joints(name), plans[-1].end[index], 0.0))
-    trajectory = merge([concatenate(record.pieces[name]) for name in columns], joints=robot.joints)
-    events = [at_knot(event, trajectory.time) for event in record.events]
-    return Motion(
-        trajectory,
-        tuple(record.stages),
-        with_ends([part for name in record.segments for part in record.segments[name]], events),
-        tuple(sorted(events, key=lambda event: (event.time, event.arm))),
-    )
+            record.add(name, hold(drive.joints(name), plans[-1].end[index], 0.0))
+    return record.build(job.cell.robot)
 
 
-def _wait(record: Recorder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:
+def _wait(record: MotionBuilder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:
     """Lets all joints stand before a stage begins, so that in the stage itself everything stays as it is."""
     if waits.common <= 0.0:
         return
     for name, index in drive.columns.items():
-        record.pieces[name].append(hold(drive.joints(name), plan.start[index], waits.common))
+        record.add(name, hold(drive.joints(name), plan.start[index], waits.common))
         if name != PLATFORM:
             span = record.clock, record.clock + waits.common
             add_segment(record, name, "wait", plan.stops.get(name), *span, waits.reasons[name])
@@ -272,7 +244,7 @@ def _wait(record: Recorder, drive: Drive, plan: StagePlan, waits: StageWaits) ->
 
 
 def _add_stage(
-    record: Recorder,
+    record: MotionBuilder,
     drive: Drive,
     plan: StagePlan,
     transfers: Transfers,
@@ -290,7 +262,8 @@ def _add_stage(
         moves = moves_to_lines(drive, plan, name, transfers, there, held.get(name, 0.0))
         for reason, run in groupby(moves, key=lambda move: move.reason):
             pieces = [move.motion for move in run]
-            record.pieces[name] += pieces
+            for piece in pieces:
+                record.add(name, piece)
             start = ends[name]
             ends[name] += sum(piece.duration for piece in pieces)
             if name != PLATFORM and ends[name] > start:
@@ -307,9 +280,7 @@ def _add_stage(
     length = max(ends.values())
     for name, index in drive.columns.items():
         if ends[name] < length:
-            record.pieces[name].append(
-                hold(drive.joints(name), plan.end[index], length - ends[name])
-            )
+            record.add(name, hold(drive.joints(name), plan.end[index], length - ends[name]))
             if name != PLATFORM:
                 span = begin + ends[name], begin + length
                 why: WaitReason = "after" if name in after else "partner"

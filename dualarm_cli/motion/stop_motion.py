@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +14,8 @@ from dualarm_cli.model.job import JointTarget, PoseTarget, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.transfers import PLATFORM, Drive, Transfers
+from dualarm_cli.motion.builder import MotionBuilder
+from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, Transfers
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
@@ -44,13 +44,12 @@ def stage_of(
         end: when it is over [s].
         critical: the arm that is done last; empty for a return.
     """
-    platform = plan.arrival[model.platform_columns]
     return Stage(
         start=start,
         end=end,
         tasks=tuple(dict.fromkeys(stop.task.id for stop in plan.stops.values())),
         platform_solver=plan.solver,
-        platform_angle=float(platform[0]) if len(platform) == 1 else None,
+        platform_angle=model.platform_angle(plan.arrival),
         platform_time=transfers.times.get(PLATFORM, 0.0),
         arm_times={name: t for name, t in transfers.times.items() if name != PLATFORM},
         joint_times=transfers.joint_times,
@@ -87,13 +86,6 @@ def _velocity(stop: Stop) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     x, y, z = stop.belt.conveyor.velocity.tolist()
     return x, y, z
-
-
-def at_knot(event: Event, time: FloatArray) -> Event:
-    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
-    after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
-    nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
-    return replace(event, time=float(nearest))
 
 
 LINE_TOLERANCE = 5e-5
@@ -162,34 +154,8 @@ def line_deviation(
     return float(np.linalg.norm(beside, axis=1).max()), float(angle.max())
 
 
-Key = tuple[str | int | bytes, ...]
-"""All that something depends on."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """What has been timed already in one job, so that it is not timed again where other stages are mended."""
-
-    lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
-    """Lines, with their stop, lest another one takes its identity."""
-    transfers: dict[Key, Transfers] = field(default_factory=dict)
-    """Straight transfers of stages."""
-
-
-@dataclass
-class Recorder:
-    """Pieces of motion per joint group, and what they mean, while stages are added."""
-
-    pieces: dict[str, list[Trajectory]]
-    segments: dict[str, list[Segment]]
-    known: Known
-    events: list[Event] = field(default_factory=list)
-    stages: list[Stage] = field(default_factory=list)
-    clock: float = 0.0
-
-
 def add_handover(
-    record: Recorder,
+    record: MotionBuilder,
     drive: Drive,
     plan: StagePlan,
     pair: tuple[ArmStop, ArmStop],
@@ -215,7 +181,7 @@ def add_handover(
             return
         arm = drive.model.arms[arm_stop.arm]
         stands = hold(arm.arm.joints, plan.arrival[arm.columns], end - start)
-        record.pieces[arm_stop.arm].append(stands)
+        record.add(arm_stop.arm, stands)
         add_segment(record, arm_stop.arm, "wait", arm_stop, start, end, "partner")
 
     clock = begin + there
@@ -227,7 +193,7 @@ def add_handover(
 
 
 def add_stop(
-    record: Recorder,
+    record: MotionBuilder,
     drive: Drive,
     plan: StagePlan,
     arm_stop: ArmStop,
@@ -243,19 +209,19 @@ def add_stop(
         clock: when it begins [s].
     """
     name, model = arm_stop.arm, drive.model
-    arm, stop, pieces = model.arms[name], arm_stop.stop, record.pieces[name]
+    arm, stop = model.arms[name], arm_stop.stop
     own = drive.limits.select(arm.arm.joints)
 
     def line(which: str) -> Trajectory:
         key = (which, *_line_key(model, plan, arm_stop))
-        if key not in record.known.lines:
+        if key not in drive.known.lines:
             timed = solve_line(arm_stop, which, own, drive.cap, drive.timing)
-            record.known.lines[key] = arm_stop.stop, timed
-        return record.known.lines[key][1]
+            drive.known.lines[key] = arm_stop.stop, timed
+        return drive.known.lines[key][1]
 
     def add(piece: Trajectory, kind: SegmentKind) -> None:
         nonlocal clock
-        pieces.append(piece)
+        record.add(name, piece)
         add_segment(record, name, kind, arm_stop, clock, clock + piece.duration)
         clock += piece.duration
 
@@ -272,7 +238,7 @@ def add_stop(
 
 
 def _add_tracked(
-    record: Recorder,
+    record: MotionBuilder,
     model: CellModel,
     plan: StagePlan,
     arm_stop: ArmStop,
@@ -283,7 +249,7 @@ def _add_tracked(
     name = arm_stop.arm
     reached, left = clock + tracked.reached, clock + tracked.left
     over = clock + tracked.motion.duration
-    record.pieces[name].append(tracked.motion)
+    record.add(name, tracked.motion)
     add_segment(record, name, "approach", arm_stop, clock, reached)
     record.events.append(event_of(model, plan, arm_stop, reached))
     if left > reached:
@@ -305,7 +271,7 @@ def _line_key(model: CellModel, plan: StagePlan, arm_stop: ArmStop) -> Key:
 
 
 def add_segment(
-    record: Recorder,
+    record: MotionBuilder,
     name: str,
     kind: SegmentKind,
     arm_stop: ArmStop | None,
@@ -327,4 +293,4 @@ def add_segment(
     task = arm_stop.task.id if arm_stop else ""
     action = arm_stop.stop.action if arm_stop else ""
     dwell = arm_stop.stop.dwell if arm_stop and kind == "dwell" else None
-    record.segments[name].append(Segment(name, kind, task, action, start, end, dwell, reason))
+    record.segments.append(Segment(name, kind, task, action, start, end, dwell, reason))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import Job
+from dualarm_cli.model.job import Job, Stop
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import TOOL_SPEED
 from dualarm_cli.model.trajectory import Trajectory
@@ -40,34 +40,6 @@ SLOWEST = 4096
 
 
 @dataclass(frozen=True)
-class Drive:
-    """What the joints of a job may do and how their motion is timed."""
-
-    model: CellModel
-    """The job's cell."""
-    columns: Mapping[str, list[int]]
-    """Columns of each joint group within the limits' joints."""
-    limits: JointLimits
-    """Of all joints, at the job's pace."""
-    timing: TimingSolver
-    """How transfers, lines and curves are timed."""
-    cap: float | None
-    """Largest speed of any tool centre point in the world [m/s], or None."""
-
-    @staticmethod
-    def of(model: CellModel, job: Job, timing: TimingSolver) -> Drive:
-        """Returns the drive of a job: the platform's group, if there is one, then the arms'."""
-        robot = job.cell.robot
-        columns = {PLATFORM: model.platform_columns} if robot.platform else {}
-        columns |= {name: arm.columns for name, arm in model.arms.items()}
-        return Drive(model, columns, robot.limits.scaled(job.speed), timing, job.tool_speed)
-
-    def joints(self, group: str) -> tuple[str, ...]:
-        """Returns the names of a group's joints."""
-        return tuple(self.limits.joints[i] for i in self.columns[group])
-
-
-@dataclass(frozen=True)
 class Transfers:
     """One stage's transfers."""
 
@@ -89,6 +61,51 @@ class Transfers:
         if not self.times[slowest] > 0:
             return ""
         return TOOL_SPEED if self.capped else self.slowest[slowest]
+
+
+Key = tuple[str | int | bytes, ...]
+"""All that something depends on."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What has been timed already in one job, so that it is not timed again where other stages are repaired."""
+
+    lines: dict[Key, tuple[Stop, Trajectory]] = field(default_factory=dict)
+    """Lines, with their stop, lest another one takes its identity."""
+    transfers: dict[Key, Transfers] = field(default_factory=dict)
+    """Straight transfers of stages."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the joints of a job may do and how their motion is timed."""
+
+    model: CellModel
+    """The job's cell."""
+    columns: Mapping[str, list[int]]
+    """Columns of each joint group within the limits' joints."""
+    limits: JointLimits
+    """Of all joints, at the job's pace."""
+    timing: TimingSolver
+    """How transfers, lines and curves are timed."""
+    cap: float | None
+    """Largest speed of any tool centre point in the world [m/s], or None."""
+    known: Known = field(default_factory=Known)
+    """What is timed already."""
+
+    @staticmethod
+    def of(model: CellModel, job: Job, timing: TimingSolver, known: Known | None = None) -> Drive:
+        """Returns the drive of a job: the platform's group, if there is one, then the arms'."""
+        robot = job.cell.robot
+        columns = {PLATFORM: model.platform_columns} if robot.platform else {}
+        columns |= {name: arm.columns for name, arm in model.arms.items()}
+        known = Known() if known is None else known
+        return Drive(model, columns, robot.limits.scaled(job.speed), timing, job.tool_speed, known)
+
+    def joints(self, group: str) -> tuple[str, ...]:
+        """Returns the names of a group's joints."""
+        return tuple(self.limits.joints[i] for i in self.columns[group])
 
 
 def time_transfers(drive: Drive, plan: StagePlan) -> Transfers:

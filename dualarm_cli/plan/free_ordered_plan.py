@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import stage_by_stage
 from dualarm_cli.orders.free_orders import FreeOrder, FreeOrders, free_orders
 from dualarm_cli.orders.model.order_model import OrderModel

@@ -18,7 +18,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
 from dualarm_cli.orders.model.buffer_numbers import check_stage_levels
 from dualarm_cli.orders.model.tool_changes import with_changes

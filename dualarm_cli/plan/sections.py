@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan, check_start, quickest_clear
-from dualarm_cli.clearing.record import Record
+from dualarm_cli.clearing.clear_plan import (
+    ClearedPlan,
+    check_start,
+    clearance_notes,
+    quickest_clear,
+)
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -30,8 +34,7 @@ from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
 from dualarm_cli.model.job import Task
 from dualarm_cli.model.seam import SeamWork
-from dualarm_cli.motion.motion import Motion
-from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.orders.decided_jobs import own_rules
 from dualarm_cli.orders.model.buffer_numbers import begun, check_stage_levels
 from dualarm_cli.orders.orders import PairedSearch
@@ -41,7 +44,7 @@ from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
-from dualarm_cli.timing.composition import SAME_TIME, concatenate
+from dualarm_cli.timing.composition import SAME_TIME
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SAME = 1e-9
@@ -72,6 +75,24 @@ class PlannedSections:
     """The stages that are not paths."""
 
 
+@dataclass
+class SectionBuilder(MotionBuilder):
+    """What is planned so far, section by section, and what is to be said of it."""
+
+    notes: list[str] = field(default_factory=list)
+    """What a reader should know."""
+    stage_plans: list[StagePlan] = field(default_factory=list)
+    """The stages of stops."""
+    cost: float = 0.0
+    """How much longer it is than without clearance, paths not counted [s]."""
+
+    def count(self, found: ClearedPlan) -> None:
+        """Notes what keeping the motion that was added last clear costs, and what a reader should know of it."""
+        first = len(self.stages) - len(found.cleared.plans) + 1
+        self.cost += found.cost or 0.0
+        self.notes += [*found.decided.notes, *clearance_notes(found, first)]
+
+
 @dataclass(frozen=True)
 class SectionPlanner:
     """What sections are planned with."""
@@ -97,7 +118,7 @@ class SectionPlanner:
         Raises:
             InfeasibleError: a section that cannot be planned, with the reason.
         """
-        job, record = self.problem.job, Record()
+        job, record = self.problem.job, SectionBuilder()
         robot = job.cell.robot
         if job.is_decided:
             check_stage_levels(job)
@@ -115,29 +136,20 @@ class SectionPlanner:
             else:
                 self._add_path(record, section, here)
             done += section
-            here = record.pieces[-1].position[-1]
-        first = record.pieces[0].position[0]
+            here = record.end
+        first = record.begin
         assert here is not None  # a job has at least one task
         if job.returns and np.abs(first - here).max() > 0.0:
             found = self._transfer(here, first)
-            record.add(found.cleared.motion)
+            record.append(found.cleared.motion)
             record.count(found)
-        trajectory = concatenate(record.pieces)
-        motion = Motion(
-            trajectory,
-            tuple(record.stages),
-            with_ends(
-                sorted(record.segments, key=lambda s: (robot_arm(robot.arms, s.arm), s.start)),
-                record.events,
-            ),
-            tuple(sorted(record.events, key=lambda e: (e.time, e.arm))),
-        )
         cost = record.cost if self.clear else None
+        motion = record.build(robot)
         return PlannedSections(motion, tuple(record.notes), cost, record.stage_plans)
 
     def _add_stops(
         self,
-        record: Record,
+        record: SectionBuilder,
         section: tuple[Task, ...],
         here: FloatArray | None,
         done: Sequence[Task],
@@ -147,7 +159,7 @@ class SectionPlanner:
         problem = self._ordered(replace(problem, job=begun(problem.job, done)))
         self.progress("deciding platform angles and postures")
         found = quickest_clear(problem, self.method, self.timing, self.progress, clear=self.clear)
-        record.add(found.cleared.motion)
+        record.append(found.cleared.motion)
         record.count(found)
         record.stage_plans += found.cleared.plans
 
@@ -162,7 +174,9 @@ class SectionPlanner:
         )
         return replace(problem, job=search.orders(watch).found[0].job)
 
-    def _add_path(self, record: Record, section: tuple[Task, ...], here: FloatArray | None) -> None:
+    def _add_path(
+        self, record: SectionBuilder, section: tuple[Task, ...], here: FloatArray | None
+    ) -> None:
         """Appends a path with the transfer to its start."""
         work = section[0].path
         assert work is not None
@@ -230,7 +244,7 @@ class SectionPlanner:
 
     def _add_seam(
         self,
-        record: Record,
+        record: SectionBuilder,
         section: tuple[Task, ...],
         here: FloatArray | None,
         after: SeamWork | None,
@@ -317,8 +331,3 @@ def _time(transfer: ClearedPlan | None, followed: FollowedPath) -> float:
 def default_follower(context: PathContext) -> str:
     """Returns the follower that is taken where none is named: exact and within limits by construction."""
     return "arm_angle" if context.closed_form else "manipulability"
-
-
-def robot_arm(arms: tuple[object, ...], name: str) -> int:
-    """Returns an arm's number among those of a robot."""
-    return [getattr(arm, "name", "") for arm in arms].index(name)

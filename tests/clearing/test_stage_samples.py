@@ -15,7 +15,7 @@ from dualarm_cli.clearing.stage_samples import (
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.stages import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS

@@ -10,7 +10,7 @@ import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.motion.motion import Motion
+from dualarm_cli.motion.builder import Motion
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock, Wait, piece, with_holds
 from dualarm_cli.plan.planner import plan_without_bound
 

@@ -15,8 +15,9 @@ from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import Job
-from dualarm_cli.motion.motion import Motion, realise
-from dualarm_cli.motion.stop_motion import Known
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.motion.motion import realise
+from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures import StopPosture
 from dualarm_cli.postures.problem import NoPosture
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan

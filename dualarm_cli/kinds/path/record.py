@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dualarm_cli.clearing.record import Record
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.motion import FollowedPath
 from dualarm_cli.model.job import Task
-from dualarm_cli.model.schedule import DURATION, Event, Segment, Stage
-from dualarm_cli.motion.motion import Motion
+from dualarm_cli.model.schedule import DURATION, Event, Segment
+from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.timing.composition import drawn_out
 
 
@@ -29,7 +28,7 @@ def drawn_out_transfer(motion: Motion, duration: float) -> Motion:
     )
 
 
-def add_transfer(record: Record, motion: Motion, section: tuple[Task, ...]) -> None:
+def add_transfer(record: MotionBuilder, motion: Motion, section: tuple[Task, ...]) -> None:
     """Appends the transfer to where a path begins; its stage becomes that of the path.
 
     Args:
@@ -47,11 +46,11 @@ def add_transfer(record: Record, motion: Motion, section: tuple[Task, ...]) -> N
         )
         for s in motion.segments
     )
-    record.add(replace(motion, segments=segments))
+    record.append(replace(motion, segments=segments))
 
 
 def add_followed(
-    record: Record,
+    record: MotionBuilder,
     context: PathContext,
     section: tuple[Task, ...],
     found: FollowedPath,
@@ -80,21 +79,7 @@ def add_followed(
         assert path is not None
         pose = path.pose(path.length)
         record.events.append(Event(end, arm.name, task.id, "path", f"{arm.name}_tcp", pose, 0.0))
-    transfer = record.stages.pop() if record.clock > begin else None
-    columns = context.model.platform_columns
-    angle = float(found.trajectory.position[-1, columns[0]]) if len(columns) == 1 else None
-    record.stages.append(
-        Stage(
-            start=begin,
-            end=end,
-            tasks=(section[0].id,),
-            platform_solver=name,
-            platform_angle=angle,
-            platform_time=transfer.platform_time if transfer else 0.0,
-            arm_times=transfer.arm_times if transfer else {},
-            joint_times=transfer.joint_times if transfer else {},
-            bottleneck=transfer.bottleneck if transfer else "",
-        )
-    )
-    record.pieces.append(found.trajectory)
-    record.clock = end
+    transfer = record.take_transfer(begin)
+    record.add_whole(found.trajectory)
+    angle = context.model.platform_angle(found.trajectory.position[-1])
+    record.add_work(section[0].id, name, begin, angle, transfer)

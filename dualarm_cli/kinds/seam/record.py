@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.clearing.record import Record
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.motion import TimedSeam
@@ -15,6 +14,7 @@ from dualarm_cli.model.job import Dwell, Job, Task
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.builder import MotionBuilder
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing.composition import SAME_TIME, hold
 
@@ -64,7 +64,7 @@ SLOWED = 1.001
 
 
 def add_seam(
-    record: Record,
+    record: MotionBuilder,
     model: CellModel,
     section: tuple[Task, ...],
     found: PlannedSeam,
@@ -82,7 +82,7 @@ def add_seam(
         job_speed: the job's share of full speed.
     """
     writer = _Writer(record, model, section)
-    transfer = record.stages.pop() if record.clock > begin else None
+    transfer = record.take_transfer(begin)
     work = found.chain.work
     # Where there is no transfer that takes the time of the way there, it is waited for.
     entry = begin + (work.entry_duration or 0.0) / job_speed
@@ -102,13 +102,13 @@ def add_seam(
         writer.add("dwell", "seam_end", found.dwell_end, "wait")
     if found.retract is not None:
         writer.add("retract", "seam_end", found.retract, "wait")
-    writer.stage(found.solver, begin, None, record.pieces[-1].position[-1])
+    writer.stage(found.solver, begin, None, record.end)
 
 
 class _Writer:
     """Appends the pieces of one seam."""
 
-    def __init__(self, record: Record, model: CellModel, section: tuple[Task, ...]) -> None:
+    def __init__(self, record: MotionBuilder, model: CellModel, section: tuple[Task, ...]) -> None:
         self._record, self._model = record, model
         self._tasks = {task.arm: task for task in section}
         work = section[0].seam
@@ -134,8 +134,7 @@ class _Writer:
                 reason = "window" if kind == "wait" else "partner"
             part = Segment(arm.name, own, task.id, action, start, end, dwell, reason)
             record.segments.append(part)
-        record.pieces.append(motion)
-        record.clock = end
+        record.add_whole(motion)
 
     def event(self, action: str, position: np.ndarray, dwell: float) -> None:
         """Notes where the working arms' tools are now."""
@@ -150,20 +149,9 @@ class _Writer:
         self, solver: str, begin: float, transfer: Stage | None, position: np.ndarray
     ) -> None:
         """Closes a stage in which the robot comes to a position; it has no length where a plan begins on the seam."""
-        columns = self._model.platform_columns
-        self._record.stages.append(
-            Stage(
-                start=begin,
-                end=self._record.clock,
-                tasks=(next(iter(self._tasks.values())).id,),
-                platform_solver=solver,
-                platform_angle=float(position[columns[0]]) if len(columns) == 1 else None,
-                platform_time=transfer.platform_time if transfer else 0.0,
-                arm_times=transfer.arm_times if transfer else {},
-                joint_times=transfer.joint_times if transfer else {},
-                bottleneck=transfer.bottleneck if transfer else "",
-            )
-        )
+        task = next(iter(self._tasks.values())).id
+        angle = self._model.platform_angle(position)
+        self._record.add_work(task, solver, begin, angle, transfer)
 
 
 def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[str]:

@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.clearing.record import Record
 from dualarm_cli.effort import EFFORTS
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Task
-from dualarm_cli.motion.motion import Motion
-from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.orders.asynchronous.epochs import (
     EpochOrder,
     EpochProblem,
@@ -24,7 +22,6 @@ from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import cell_after, changes_of, with_changes
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
-from dualarm_cli.timing.composition import concatenate
 
 HERE = "(where the platform stood before)"
 """Name of the posture in which an epoch starts."""
@@ -98,7 +95,7 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
         InfeasibleError: an epoch that has no plan.
     """
     job = found.job
-    cell, record = job.cell, Record()
+    cell, record = job.cell, MotionBuilder()
     here: FloatArray | None = None
     done: list[Task] = []
     for k, (angle, tasks) in enumerate(found.epochs):
@@ -111,20 +108,15 @@ def plan_epochs(planner: FreePlanner, found: FreeEpochs) -> Motion:
             own = replace(own, begin=here, start=HERE)
         end = None
         if job.returns and k == len(found.epochs) - 1 and record.pieces:
-            end = record.pieces[0].position[0]
+            end = record.begin
         problem = planner.problem
         model = replace(problem.model, cell=own.cell)
         one = replace(planner, problem=replace(problem, job=own, model=model), end=end)
         motion = one.plan(angle)
-        record.add(motion)
+        record.append(motion)
         here = np.asarray(motion.trajectory.position[-1])
         cell = cell_after(cell, tasks)
-    return Motion(
-        concatenate(record.pieces),
-        tuple(record.stages),
-        with_ends(sorted(record.segments, key=lambda part: part.start), record.events),
-        tuple(sorted(record.events, key=lambda event: (event.time, event.arm))),
-    )
+    return record.build(job.cell.robot)
 
 
 def _later(tasks: Sequence[Task], clock: float) -> tuple[Task, ...]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
-from dualarm_cli.clearing.record import Record
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_keep_clear
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
@@ -17,10 +16,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.motion import Motion
-from dualarm_cli.motion.stop_motion import at_knot
+from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
-from dualarm_cli.motion.waiting import with_ends
 from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.plan.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock, Wait
@@ -28,7 +25,7 @@ from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
-from dualarm_cli.timing.composition import concatenate, distinct_times, hold, merge
+from dualarm_cli.timing.composition import concatenate, hold
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SPREADS = (1, 2, 4)
@@ -142,15 +139,10 @@ class FreePlanner:
             clear=self.clear,
             crossing=False,
         )
-        record = Record()
-        record.add(motion)
-        record.add(found.cleared.motion)
-        return Motion(
-            concatenate(record.pieces),
-            tuple(record.stages),
-            tuple(record.segments),
-            tuple(record.events),
-        )
+        both = MotionBuilder()
+        both.append(motion)
+        both.append(found.cleared.motion)
+        return both.build(cell.robot)
 
     def _turn(self, start: FloatArray, work: FloatArray) -> Trajectory:
         """Returns the platform's motion from the start to where it stands while tools work."""
@@ -180,7 +172,7 @@ class FreePlanner:
         clocks = tuple(c.with_waits(list(w)) for c, w in zip(clocks, waits, strict=True))
         over = max(clock.last_line() for clock in clocks)
         home = max(clock.duration for clock in clocks)
-        groups = [clock.trajectory for clock in clocks]
+        groups = {clock.arm: clock.trajectory for clock in clocks}
         length = home
         if turn.joints:
             pieces = [turn]
@@ -188,27 +180,24 @@ class FreePlanner:
                 leaves = home if apart else max(over, turn.duration)
                 pieces += [hold(turn.joints, turn.position[-1], leaves - turn.duration), back]
                 length = max(length, leaves + back.duration)
-            groups.insert(0, concatenate([p for p in pieces if p.duration > 0.0] or [turn]))
-        segments = [part for clock in clocks for part in _to_end(clock, length)]
-        longest = max(groups, key=lambda group: group.duration)
-        if longest.duration < length:
-            first = groups[0]
+            whole = concatenate([p for p in pieces if p.duration > 0.0] or [turn])
+            groups = {PLATFORM: whole, **groups}
+        longest = max(group.duration for group in groups.values())
+        if longest < length:
+            name, first = next(iter(groups.items()))
             rest = hold(first.joints, first.position[-1], length - first.duration)
-            groups[0] = concatenate([first, rest])
-        trajectory = merge(groups, joints=robot.joints)
-        knots, _ = distinct_times(trajectory.time)
-        events = [at_knot(event, knots) for c in clocks for event in c.events]
+            groups[name] = concatenate([first, rest])
         stages = sorted(
             (stage for clock in clocks for stage in clock.stages),
             key=lambda stage: (stage.start, stage.arm),
         )
-        platform = float(work[model.platform_columns][0]) if len(robot.platform) == 1 else None
-        return Motion(
-            trajectory,
-            tuple(replace(stage, platform_angle=platform) for stage in stages),
-            with_ends(segments, events),
-            tuple(sorted(events, key=lambda event: (event.time, event.arm))),
-        )
+        platform = model.platform_angle(work)
+        return MotionBuilder(
+            {name: [group] for name, group in groups.items()},
+            [replace(stage, platform_angle=platform) for stage in stages],
+            [part for clock in clocks for part in _to_end(clock, length)],
+            [event for clock in clocks for event in clock.events],
+        ).build(robot)
 
 
 def _to_end(clock: OwnClock, length: float) -> list[Segment]:

@@ -1,0 +1,133 @@
+"""Motion as it is put together: pieces one after the other, with the stages, segments and events that name them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.schedule import Event, Segment, Stage
+from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.timing.composition import concatenate, merge
+
+ROBOT = "robot"
+"""Name of the joint group of all joints together."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A job's whole motion and what is said to happen in it."""
+
+    trajectory: Trajectory
+    """All joints of the robot."""
+    stages: tuple[Stage, ...]
+    """In time order."""
+    segments: tuple[Segment, ...]
+    """Arm by arm, in time order."""
+    events: tuple[Event, ...]
+    """In time order."""
+
+
+@dataclass
+class MotionBuilder:
+    """What is planned so far, either by joint group or all joints together."""
+
+    pieces: dict[str, list[Trajectory]] = field(default_factory=dict)
+    """Motions of each joint group, or of ROBOT alone, one after the other."""
+    stages: list[Stage] = field(default_factory=list)
+    """In time order."""
+    segments: list[Segment] = field(default_factory=list)
+    """In time order for each arm."""
+    events: list[Event] = field(default_factory=list)
+    """What tools come to."""
+    clock: float = 0.0
+    """When what is added next begins [s]."""
+
+    def add(self, group: str, piece: Trajectory) -> None:
+        """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
+        self.pieces.setdefault(group, []).append(piece)
+
+    def add_whole(self, piece: Trajectory) -> None:
+        """Appends a motion of all joints."""
+        self.add(ROBOT, piece)
+        self.clock += piece.duration
+
+    def append(self, motion: Motion) -> None:
+        """Appends a motion of all joints with what happens in it."""
+        t = self.clock
+        self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
+        self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
+        self.events += [replace(e, time=e.time + t) for e in motion.events]
+        self.add_whole(motion.trajectory)
+
+    def take_transfer(self, begin: float) -> Stage | None:
+        """Takes the stage of a transfer since an instant [s] off the stages, None where nothing moved since."""
+        return self.stages.pop() if self.clock > begin else None
+
+    def add_work(
+        self, task: str, solver: str, begin: float, angle: float | None, transfer: Stage | None
+    ) -> None:
+        """Closes the stage of one task that is planned by itself.
+
+        Args:
+            task: the task's id.
+            solver: name of the method that planned it.
+            begin: when it began, with the transfer where there is one [s].
+            angle: of the platform at its end [rad]; None without a one-joint platform.
+            transfer: what becomes part of it, from `take_transfer`.
+        """
+        self.stages.append(
+            Stage(
+                start=begin,
+                end=self.clock,
+                tasks=(task,),
+                platform_solver=solver,
+                platform_angle=angle,
+                platform_time=transfer.platform_time if transfer else 0.0,
+                arm_times=transfer.arm_times if transfer else {},
+                joint_times=transfer.joint_times if transfer else {},
+                bottleneck=transfer.bottleneck if transfer else "",
+            )
+        )
+
+    @property
+    def begin(self) -> FloatArray:
+        """All joints before the first motion of all of them [rad], shape (n,)."""
+        return self.pieces[ROBOT][0].position[0]
+
+    @property
+    def end(self) -> FloatArray:
+        """All joints after the last motion of all of them [rad], shape (n,)."""
+        return self.pieces[ROBOT][-1].position[-1]
+
+    def build(self, robot: Robot) -> Motion:
+        """Returns the motion of all joints, arm by arm and in time order.
+
+        Raises:
+            ValueError: a piece does not begin where the one before it ends.
+        """
+        groups = {name: concatenate(pieces) for name, pieces in self.pieces.items()}
+        events = self.events
+        if ROBOT in groups:
+            trajectory = groups[ROBOT]
+        else:
+            trajectory = merge(list(groups.values()), joints=robot.joints)
+            events = [_at_knot(event, trajectory.time) for event in events]
+        number = {arm.name: k for k, arm in enumerate(robot.arms)}
+        segments = sorted(self.segments, key=lambda part: (number[part.arm], part.start))
+        return Motion(
+            trajectory,
+            tuple(self.stages),
+            with_ends(segments, events),
+            tuple(sorted(events, key=lambda event: (event.time, event.arm))),
+        )
+
+
+def _at_knot(event: Event, time: FloatArray) -> Event:
+    """Returns the event at the nearest knot: knots nearer than a nanosecond have become one."""
+    after = int(np.clip(np.searchsorted(time, event.time), 1, len(time) - 1))
+    nearest = min(time[after - 1], time[after], key=lambda knot: abs(knot - event.time))
+    return replace(event, time=float(nearest))
