@@ -71,24 +71,6 @@ def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | N
     return by_action["give"], by_action["take"]
 
 
-def stage_length(arrivals: Mapping[str, float], stops: Mapping[str, tuple[Stop, float]]) -> float:
-    """Returns how long a stage takes after transfers of the arms [s].
-
-    As long as the slower arm; in a hand-over both wait for each other, and then for what the other one does.
-
-    Args:
-        arrivals: when each arm may begin its lines, from the stage's start [s].
-        stops: each arm's stop, and how long its lines take [s].
-    """
-    if any(stop.action == "give" for stop, _ in stops.values()):
-        work = sum(lines + stop.dwell.total for stop, lines in stops.values())
-        return max(arrivals.values()) + work
-    return max(
-        (arrivals[name] + lines + stop.dwell.total for name, (stop, lines) in stops.items()),
-        default=0.0,
-    )
-
-
 def same_postures(one: Sequence[StagePlan], other: Sequence[StagePlan]) -> bool:
     """Returns whether two plans take the same postures in all stages."""
     return len(one) == len(other) and all(

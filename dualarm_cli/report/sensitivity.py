@@ -16,6 +16,7 @@ from dualarm_cli.report.stage_parts import PLATFORM, StageParts, is_handover, ov
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.shapes import differentiation_matrix, lagrange_basis, symmetric_grid
 from dualarm_cli.timing.spline import largest_rates
+from dualarm_cli.timing.stage_length import stage_length
 
 SAMPLES = 9
 """Samples of each path."""
@@ -219,13 +220,14 @@ class _Chains:
     lines: tuple[_Line, ...]
     """Approaches and retracts."""
     fixed: Mapping[str, FloatArray]
-    """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,)."""
+    """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,). In a
+    hand-over all that comes after both arms have come is the first arm's."""
     returns: BoolArray
     """Whether all joints arrive together and nothing follows: a return, or a stage without work, shape (s,)."""
     recorded: FloatArray
     """Length of the longest transfer [s], shape (s,)."""
-    together: FloatArray
-    """In a hand-over what no limit changes after both arms have come [s]; NaN in all other stages, shape (s,)."""
+    together: BoolArray
+    """Which stages are hand-overs, shape (s,)."""
 
 
 def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
@@ -311,12 +313,15 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
                     arrivals[name][k] = segment.end
             fixed[name][k] = rest
     returns = np.array([not part.stage.tasks or not part.arms for part in parts])
-    together = np.full(len(parts), np.nan)
+    together = np.array([is_handover(part.arms) for part in parts])
     for k, part in enumerate(parts):
-        if is_handover(part.arms):
+        if together[k]:
             came = max(arrivals[name][k] for name in part.arms)
             moved = sum(line.end - line.start for line in lines if line.stage == k)
-            together[k] = part.stage.end - came - moved
+            first, *others = fixed.values()
+            first[k] = part.stage.end - came - moved
+            for other in others:
+                other[k] = 0.0
     # In a return all arrive at its end, the platform also where no arm moves; elsewhere with the last arm.
     ends = np.array([part.stage.end for part in parts])
     arrived = np.where(returns, ends, np.max(list(arrivals.values()), axis=0))
@@ -376,15 +381,13 @@ def _cycle_times(
         times = {name: alone[:, columns].max(axis=1) for name, columns in groups.items()}
         longest = np.max(list(times.values()), axis=0)
         platform = times.get(PLATFORM, np.zeros_like(longest))
-        ends = [
-            np.maximum(platform, times[name]) + line_times[name][row] + rest
-            for name, rest in chains.fixed.items()
-        ]
-        lengths = np.where(chains.returns, longest, np.max(ends, axis=0))
-        # The arms of a hand-over wait for each other, and then for each other's lines.
-        lines = np.sum([times_of[row] for times_of in line_times.values()], axis=0)
-        met = longest + lines + chains.together
-        cycle[row] = np.where(np.isnan(met), lengths, met).sum()
+        lengths = stage_length(
+            [np.maximum(platform, times[name]) for name in chains.fixed],
+            [line_times[name][row] for name in chains.fixed],
+            list(chains.fixed.values()),
+            chains.together,
+        )
+        cycle[row] = np.where(chains.returns, longest, lengths).sum()
     return cycle
 
 

@@ -23,6 +23,7 @@ from dualarm_cli.stages.stage_choice import (
     platform_candidates,
     stage_plan,
 )
+from dualarm_cli.timing.stage_length import stage_length
 
 MINIMUM_TIME = "minimum_time"
 """Name of the method, and what its stages' solver is called."""
@@ -132,9 +133,12 @@ def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
 def _first_idea(
     stage: OpenStage, at_start: Mapping[str, StopProblem], turn: FloatArray
 ) -> FloatArray:
-    """Returns about how long the stage takes after further turns of the platform [s], shape (m,), lines left out."""
+    """Returns about how long the stage takes after further turns of the platform [s], shape (m,).
+
+    Lines are left out, and what the arms of a hand-over wait for each other.
+    """
     waiting = stage.clock.platform_times(turn[:, None])
-    longest = np.zeros(len(turn))
+    there, dwells = [np.zeros(len(turn))], [0.0]
     for name, problem in at_start.items():
         if problem.free_yaw:
             few = problem.yaw[:: max(1, len(problem.yaw) // FREE_YAWS)]
@@ -142,9 +146,9 @@ def _first_idea(
         # Where the transfer ends: at the start of the approach, if there is one.
         R, p = turned_flanges(problem, turn)[1 if problem.approach > 0 else 0]
         transfer = least_transfer_times(problem, np.broadcast_to(R, (*p.shape[:2], 3, 3)), p)
-        own = np.maximum(transfer, waiting) + stage.work[name][1].dwell.total
-        longest = np.maximum(longest, own)
-    return longest
+        there.append(np.maximum(transfer, waiting))
+        dwells.append(stage.work[name][1].dwell.total)
+    return stage_length(there, dwells)
 
 
 def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePlan:

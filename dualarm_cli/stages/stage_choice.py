@@ -16,9 +16,10 @@ from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops
 from dualarm_cli.postures.keep_clear import KeepClear, angles_looked_at, explain_touching
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
-from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, stage_length
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.refusals import Refusal
+from dualarm_cli.timing.stage_length import stage_length
 
 
 def platform_candidates(
@@ -285,8 +286,7 @@ def stage_plan(
     turned[stage.model.platform_columns] = angles
     arrival, end = turned.copy(), turned.copy()
     stops: dict[str, ArmStop] = {}
-    there: dict[str, float] = {}
-    work: dict[str, tuple[Stop, float]] = {}
+    there, lines, dwells = [], [], []
     for arm, posture in postures.items():
         if isinstance(posture, NoPosture):
             continue
@@ -295,9 +295,11 @@ def stage_plan(
         columns = stage.model.arms[arm].columns
         arrival[columns], end[columns] = posture.q_approach, posture.q_retract
         own = problems[arm].transfer_time(posture.q_approach - problems[arm].start)
-        there[arm] = max(float(own), problems[arm].waiting)
-        work[arm] = stop, posture.cost - there[arm]
-    return StagePlan(np.array(position), arrival, end, stops, solver, stage_length(there, work))
+        there.append(max(float(own), problems[arm].waiting))
+        lines.append(posture.cost - there[-1])
+        dwells.append(stop.dwell.total)
+    length = stage_length(there, lines, dwells, giver_and_taker(stops) is not None)
+    return StagePlan(np.array(position), arrival, end, stops, solver, float(length))
 
 
 def explain_clearance(

@@ -12,10 +12,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.keep_clear import KeepClear
-from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, stage_length
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock, stop_problems
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
+from dualarm_cli.timing.stage_length import stage_length
 
 __all__ = [
     "ArmStop",
@@ -113,12 +114,14 @@ def choose_stages_with(
 
 def _starting_there(plan: StagePlan) -> StagePlan:
     """Returns a stage that begins where its transfer would have ended, and takes no time for it."""
-    work = {}
-    for name, one in plan.stops.items():
+    lines, dwells = [], []
+    for one in plan.stops.values():
         own = one.problem.transfer_time(one.posture.q_approach - one.problem.start)
-        work[name] = one.stop, one.posture.cost - max(float(own), one.problem.waiting)
-    length = stage_length(dict.fromkeys(work, 0.0), work)
-    return replace(plan, start=plan.arrival, duration=length)
+        lines.append(one.posture.cost - max(float(own), one.problem.waiting))
+        dwells.append(one.stop.dwell.total)
+    together = giver_and_taker(plan.stops) is not None
+    length = stage_length([0.0] * len(lines), lines, dwells, together)
+    return replace(plan, start=plan.arrival, duration=float(length))
 
 
 def _return(model: CellModel, clock: Clock, plans: Sequence[StagePlan]) -> StagePlan:

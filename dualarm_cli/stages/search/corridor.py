@@ -22,6 +22,7 @@ from dualarm_cli.stages.search.times import (
     platform_times,
     start_joints,
 )
+from dualarm_cli.timing.stage_length import stage_length
 
 TRIES = 24
 """Paths that are looked at for clearance, at most."""
@@ -216,8 +217,9 @@ def stage_costs(
     if problem.free_start:
         moved[0] = 0.0
     waiting = platform_times(problem, moved)
-    cost, arrived, all_work = np.zeros((3, n, m, m))
-    for work, arm, now in zip(problem.arms, found, best.arms, strict=True):
+    arrived, spent = np.zeros((2, len(found), n, m, m))
+    rows = zip(problem.arms, found, best.arms, strict=True)
+    for a, (work, arm, now) in enumerate(rows):
         chain = TransferChain.of(work)
         k = chain.active
         if not len(k):
@@ -232,12 +234,9 @@ def stage_costs(
         transfer = work.law.duration(arm.q_approach[k][:, None] - q_from[:, :, None])
         if problem.free_start and k[0] == 0:
             transfer[0] = 0.0
-        there = np.maximum(transfer, waiting[k])
-        cost[k] = np.maximum(cost[k], there + arm.work[k][:, None, :])
-        arrived[k] = np.maximum(arrived[k], there)
-        all_work[k] += arm.work[k][:, None, :]
-    cost[problem.together] = (arrived + all_work)[problem.together]
-    return cost
+        arrived[a, k] = np.maximum(transfer, waiting[k])
+        spent[a, k] = arm.work[k][:, None, :]
+    return stage_length(arrived, spent, together=problem.hands_over[:, None, None])
 
 
 def closing_costs(

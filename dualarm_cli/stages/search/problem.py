@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
@@ -146,7 +146,12 @@ class SequenceProblem:
     @property
     def together(self) -> IntArray:
         """Numbers of the stages that are hand-overs."""
-        return np.flatnonzero(np.array(self.handing, dtype=np.bool_))
+        return np.flatnonzero(self.hands_over)
+
+    @property
+    def hands_over(self) -> BoolArray:
+        """Which stages are hand-overs, shape (n,); empty where it is not said."""
+        return np.array(self.handing, dtype=np.bool_)
 
     @property
     def turns(self) -> bool:

@@ -11,6 +11,7 @@ from dualarm_cli.stages.search.candidates import CandidatePostures
 from dualarm_cli.stages.search.problem import ArmWork, Decisions, SequenceProblem
 from dualarm_cli.stages.search.source import anchored, has_closed_form, lines_hold, postures
 from dualarm_cli.stages.search.stops import StopTable
+from dualarm_cli.timing.stage_length import stage_length
 
 
 @dataclass(frozen=True)
@@ -107,11 +108,11 @@ def stage_times(
     """
     before = np.concatenate([[start_angle(problem, angle)], angle[:-1]])
     waiting = platform_times(problem, angle - before)
-    lengths, arrived, all_work = np.zeros((3, len(angle)))
+    arrived, spent = np.zeros((2, len(arms), len(angle)))
     closing = 0.0
     if problem.returns:
         closing = float(platform_times(problem, np.array([before[0] - angle[-1]]))[0])
-    for work, found in zip(problem.arms, arms, strict=True):
+    for a, (work, found) in enumerate(zip(problem.arms, arms, strict=True)):
         chain = TransferChain.of(work)
         if not len(chain.active):
             continue
@@ -120,15 +121,12 @@ def stage_times(
         came = chain.previous[k]
         q_from = np.where(came[:, None] >= 0, found.q_retract[came], start)
         transfer = work.law.duration(found.q_approach[k] - q_from)
-        transfer = np.maximum(transfer, waiting[k])
-        lengths[k] = np.maximum(lengths[k], transfer + found.work[k])
-        arrived[k] = np.maximum(arrived[k], transfer)
-        all_work[k] += found.work[k]
+        arrived[a, k] = np.maximum(transfer, waiting[k])
+        spent[a, k] = found.work[k]
         if problem.returns:
             back = float(work.law.duration(start - found.q_retract[k[-1]]))
             closing = max(closing, back)
-    lengths[problem.together] = (arrived + all_work)[problem.together]
-    return lengths, closing
+    return stage_length(arrived, spent, together=problem.hands_over), closing
 
 
 def start_angle(problem: SequenceProblem, angle: FloatArray) -> float:
