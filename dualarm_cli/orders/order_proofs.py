@@ -49,8 +49,8 @@ class OrderMoves:
                 there = np.flatnonzero(rows[stop] >= 0)
                 if len(there):
                     nodes = order.nodes[name, t, s]
-                    tables[0, stop, there] = nodes.entry[rows[stop, there]]
-                    tables[1, stop, there] = nodes.leaving[rows[stop, there]]
+                    tables[0, stop, there] = nodes.q_approach[rows[stop, there]]
+                    tables[1, stop, there] = nodes.q_retract[rows[stop, there]]
             entry.append(tables[0])
             leaving.append(tables[1])
         held = np.array([order.held(t, s) for t, s in stages.stops], dtype=np.int64)

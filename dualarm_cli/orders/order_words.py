@@ -60,7 +60,7 @@ def _check_stands(order: OrderModel) -> None:
     """Raises InfeasibleError where an arm needs another tool than that of the start and does not reach a stand."""
     found = []
     for t, stand in enumerate(order.tasks):
-        if not stand.is_change or len(order.nodes[stand.arm, t, 0].angle):
+        if not stand.is_change or len(order.nodes[stand.arm, t, 0].angle_index):
             continue
         start = order.job.cell.start_tool(stand.arm)
         own = {task.tool for task in order.job.tasks if task.arm == stand.arm}

@@ -12,7 +12,7 @@ from dualarm_cli.kinematics.srs.srs_limits import wrap
 from dualarm_cli.postures.line_following import FollowedLines, Lines
 from dualarm_cli.postures.problem import NoPosture, Place, StopPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch, batches
-from dualarm_cli.postures.target_grid import TargetPostures, target_postures
+from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.ways import LINE_SAMPLES, SURE, StopWays, transfer_cost
 
 SWINGS = np.array([0.0, -0.2, 0.2, -0.5, 0.5])
@@ -27,7 +27,7 @@ NEAR = 1.02
 
 def coarse_ways(
     batch: StopBatch,
-    grid: Sequence[TargetPostures | NoPosture],
+    grid: Sequence[StopWays | NoPosture],
     rows: Sequence[int],
     complete: bool,
 ) -> StopWays:
@@ -41,7 +41,7 @@ def coarse_ways(
         rows: the problems whose ways are asked for.
         complete: whether all ways are timed.
     """
-    ways = _unswung(grid, rows)
+    ways = StopWays.together([one for row in rows if isinstance(one := grid[row], StopWays)])
     swings = SWINGS if batch.length.any() else SWINGS[:1]
     sides = _sides(batch, ways, swings)
     transfer, travel = transfer_cost(batch, ways.row, sides[0][1].at(-1))
@@ -89,18 +89,6 @@ def _spread(ways: StopWays) -> StopWays:
     second = far_ones[np.diff(ways.row[far_ones], prepend=-1) > 0]
     place[second] = best[second] + 0.5
     return ways.take(np.argsort(place))
-
-
-def _unswung(grid: Sequence[TargetPostures | NoPosture], rows: Sequence[int]) -> StopWays:
-    """Returns all postures at the targets of some problems as ways that are still to be timed."""
-    found = [(row, one) for row in rows if isinstance(one := grid[row], TargetPostures)]
-    row = np.repeat([row for row, _ in found], [len(one.psi) for _, one in found])
-    target, yaw, branch, psi = (
-        np.concatenate([getattr(one, name) for _, one in found])
-        for name in ("target", "yaw", "branch", "psi")
-    )
-    open_ = np.zeros(len(row))
-    return StopWays(row, target, yaw, branch, psi, open_, open_, open_, open_)
 
 
 def _sides(
@@ -362,7 +350,7 @@ def _choose(batch: StopBatch) -> list[StopPosture | NoPosture]:
     answers: list[StopPosture | NoPosture] = [
         found if isinstance(found, NoPosture) else _no_lines(batch) for found in grid
     ]
-    open_rows = [row for row, one in enumerate(grid) if isinstance(one, TargetPostures)]
+    open_rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
     # Nearly always the first ways of the quick look settle it.
     for complete in (False, True):
         if not open_rows:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,7 @@ from dualarm_cli.kinematics.srs.srs_limits import LIMIT_SLACK
 from dualarm_cli.postures.line_following import FLIPPED
 from dualarm_cli.postures.problem import NoPosture, StopProblem
 from dualarm_cli.postures.stop_batch import StopBatch
+from dualarm_cli.postures.ways import StopWays
 
 ARM_ANGLE_STEPS = 48
 """Arm angles tried at each target: 7.5 degrees apart."""
@@ -30,21 +30,7 @@ _ARM_ANGLES = np.linspace(-np.pi, np.pi, ARM_ANGLE_STEPS, endpoint=False)
 _SECOND = FLIPPED.astype(np.int64)
 
 
-@dataclass(frozen=True)
-class TargetPostures:
-    """Postures at targets, of one problem; every array has shape (n,)."""
-
-    target: IntArray
-    """Which nominal target."""
-    yaw: FloatArray
-    """Turn about the tool's z axis [rad]."""
-    branch: IntArray
-    """Branch of the inverse kinematics."""
-    psi: FloatArray
-    """Arm angle [rad]."""
-
-
-def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
+def target_postures(batch: StopBatch) -> list[StopWays | NoPosture]:
     """Returns for every problem the KEPT quickest postures at its target, best first, or why there is none.
 
     Quickest to get to, that is, by the closed form of the slowest joint.
@@ -55,14 +41,16 @@ def target_postures(batch: StopBatch) -> list[TargetPostures | NoPosture]:
     poses = batch.poses(owner, target, yaw)
     slowest = _transfer_times(batch.problems[0], poses.R, poses.p, batch.start[owner], _ARM_ANGLES)
     edges = np.searchsorted(owner, np.arange(len(batch.problems) + 1))
-    found: list[TargetPostures | NoPosture] = []
+    found: list[StopWays | NoPosture] = []
     for row, (low, high) in enumerate(pairwise(edges.tolist())):
         time = slowest[low:high].ravel()
 
-        def postures(index: IntArray, low: int = low, high: int = high) -> TargetPostures:
+        def postures(index: IntArray, low: int = low, high: int = high) -> StopWays:
             pose, angle, branch = np.unravel_index(index, (high - low, *slowest.shape[1:]))
             pose = pose + low
-            return TargetPostures(target[pose], yaw[pose], branch, _ARM_ANGLES[angle])
+            return StopWays.at_targets(
+                owner[pose], target[pose], yaw[pose], branch, _ARM_ANGLES[angle]
+            )
 
         best = _quickest(time, KEPT)
         if not len(best):
@@ -79,8 +67,8 @@ def _clear_ones(
     batch: StopBatch,
     row: int,
     time: FloatArray,
-    postures: Callable[[IntArray], TargetPostures],
-) -> TargetPostures | NoPosture:
+    postures: Callable[[IntArray], StopWays],
+) -> StopWays | NoPosture:
     """Returns the KEPT quickest postures of a problem that keep clear, best first, or why there is none.
 
     Args:
@@ -94,7 +82,7 @@ def _clear_ones(
     for first in range(0, len(order), LOOKED_AT):
         some = order[first : first + LOOKED_AT]
         found = postures(some)
-        poses = batch.poses(np.full(len(some), row), found.target, found.yaw)
+        poses = found.poses(batch)
         q, _ = batch.arm.solve_branch(poses.R, poses.p, found.psi, found.branch)
         q = batch.arm.nearest_turns(q, batch.start[row])
         kept.append(some[_clear(batch, row, q)])
@@ -173,7 +161,7 @@ def _quickest(time: FloatArray, count: int) -> IntArray:
     return best
 
 
-def _given(batch: StopBatch, row: int) -> TargetPostures | NoPosture:
+def _given(batch: StopBatch, row: int) -> StopWays | NoPosture:
     """Returns a problem's configurations that keep clear as postures at targets, or why there is none."""
     q = batch.problems[row].configurations
     index = np.arange(0 if q is None else len(q))
@@ -183,12 +171,14 @@ def _given(batch: StopBatch, row: int) -> TargetPostures | NoPosture:
         return NoPosture(TOUCHES)
     index, q = index[clear], q[clear]
     arm = batch.arm
-    return TargetPostures(index, np.zeros(len(index)), arm.branch(q), arm.arm_angle(q))
+    return StopWays.at_targets(
+        np.full(len(index), row), index, np.zeros(len(index)), arm.branch(q), arm.arm_angle(q)
+    )
 
 
 def _between_the_grid(
     batch: StopBatch, owner: IntArray, target: IntArray, yaw: FloatArray
-) -> TargetPostures | NoPosture:
+) -> StopWays | NoPosture:
     """Returns the middles of all feasible arm-angle intervals where the grid met none of them.
 
     The intervals are exact, so that a target is refused only if no arm angle of any branch will do (at the yaws
@@ -199,7 +189,7 @@ def _between_the_grid(
     pose, branch, k = np.nonzero(np.isfinite(intervals.start))
     if pose.size:
         psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]
-        return TargetPostures(target[pose], yaw[pose], branch, psi)
+        return StopWays.at_targets(owner[pose], target[pose], yaw[pose], branch, psi)
     if float(batch.arm.reach_miss(poses.R, poses.p).min()) > 0:
         return NoPosture("the target is out of the arm's reach")
     return NoPosture("no arm angle and branch keeps all joints within their limits")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -40,6 +41,19 @@ class StopWays:
     """Time of transfer, approach and retract [s], infinite where a way cannot be gone."""
     cost: FloatArray
     """The same and a little for the joints' travel [s]."""
+
+    @classmethod
+    def at_targets(
+        cls, row: IntArray, target: IntArray, yaw: FloatArray, branch: IntArray, psi: FloatArray
+    ) -> StopWays:
+        """Returns ways without swings whose times are still open, written as 0."""
+        open_ = np.zeros(len(row))
+        return cls(row, target, yaw, branch, psi, open_, open_, open_, open_)
+
+    @classmethod
+    def together(cls, some: Sequence[StopWays]) -> StopWays:
+        """Returns all rows of several, one after the other."""
+        return cls(*(np.concatenate([getattr(w, f.name) for w in some]) for f in fields(cls)))
 
     def take(self, index: IntArray) -> StopWays:
         """Returns some of the ways, in the order of the index."""

@@ -181,9 +181,9 @@ def test_on_its_stand_a_tool_may_touch_what_stands_there_and_nowhere_else(kit):
     stand = PoseTarget(cell.tool_changes["left"].tools["fingers"].stand)
     order = OrderModel.of(model, job)
     nodes = order.nodes["left", order.stand("left", "fingers", "leave_tool"), 0]
-    position = np.tile(order.start, (len(nodes.target), 1))
-    position[:, model.platform_columns] = order.angles[nodes.angle]
-    position[:, model.arms["left"].columns] = nodes.target
+    position = np.tile(order.start, (len(nodes.q_target), 1))
+    position[:, model.platform_columns] = order.angles[nodes.angle_index]
+    position[:, model.arms["left"].columns] = nodes.q_target
     a = test.arms.index("left")
 
     def margins(name, on_line):

@@ -34,7 +34,7 @@ def packing(tasks_folder):
                 rows = order.rows(name, t, s, angle)
                 if len(rows):
                     nodes = order.nodes[name, t, s]
-                    places = nodes.entry, nodes.target, nodes.leaving
+                    places = nodes.q_approach, nodes.q_target, nodes.q_retract
                     own[:, k, f] = [place[rows[0]] for place in places]
         chosen.append(own)
     return order, stops, chosen

@@ -22,7 +22,8 @@ from dualarm_cli.postures.arm_angle import (
 )
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stop_batch import StopBatch, batches
-from dualarm_cli.postures.target_grid import TargetPostures, target_postures
+from dualarm_cli.postures.target_grid import target_postures
+from dualarm_cli.postures.ways import StopWays
 from dualarm_cli.stages.stages import stop_problems
 
 
@@ -120,7 +121,7 @@ def test_lines_that_are_not_timed_could_not_have_been_the_best(problems):
     """The quick look and the complete one agree on the best way of every stop."""
     for _, batch in batches([with_targets(problem) for problem in problems]):
         grid = target_postures(batch)
-        rows = [row for row, one in enumerate(grid) if isinstance(one, TargetPostures)]
+        rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
         if not rows:
             continue
         quick, complete = (coarse_ways(batch, grid, rows, full) for full in (False, True))
@@ -156,7 +157,7 @@ def test_every_round_of_refinement_is_at_least_as_good(problems):
     gained = []
     for _, batch in batches([with_targets(problem) for problem in problems]):
         grid = target_postures(batch)
-        rows = [row for row, one in enumerate(grid) if isinstance(one, TargetPostures)]
+        rows = [row for row, one in enumerate(grid) if isinstance(one, StopWays)]
         if not rows:
             continue
         ways = coarse_ways(batch, grid, rows, False)

@@ -17,7 +17,7 @@ from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.stages.search import general
 from dualarm_cli.stages.search.candidates import Grid
 from dualarm_cli.stages.search.corridor import best_combination
-from dualarm_cli.stages.search.node_plans import grid_angles
+from dualarm_cli.stages.search.node_plans import grid_angles, own_node
 from dualarm_cli.stages.search.search import search
 from dualarm_cli.stages.search.source import grid_nodes, postures
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
@@ -58,7 +58,7 @@ def test_nodes_reach_their_targets_and_the_ends_of_their_lines(numeric, free_yaw
         at = platform_positions(problem, angles[nodes.angle_index])
         R, p, z = flange_poses(problem.platform, work, table, rows, nodes.decisions.yaw, at)
         for q, away in (
-            (nodes.decisions.near, 0.0),
+            (nodes.q_target, 0.0),
             (nodes.q_approach, 0.05),
             (nodes.q_retract, 0.05),
         ):
@@ -98,6 +98,23 @@ def test_an_idle_arm_does_not_mix_up_the_places_of_a_stop(numeric):
     for name in ("q_approach", "q_target", "q_retract", "work"):
         assert np.allclose(getattr(every, name)[:1], getattr(alone, name), atol=1e-9)
     assert np.abs(every.q_approach[0] - every.q_target[0]).max() > 1e-3
+
+
+def test_the_node_of_a_plan_is_where_the_plan_is(random_job):
+    """Moved arm angles leave `near` behind: the plan's own node has the joints at the target."""
+    job = random_job(1, (3, 2), line=0.05)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    variables, angles = Variables.of(problem), grid_angles(problem, np.radians(30.0))
+    best = search(problem, [], "quick", 0).best
+    step = np.random.default_rng(0).normal(scale=0.02, size=variables.count)
+    plan = evaluate(problem, tables_of(problem), variables.moved(best.decisions, step))
+    apart = 0.0
+    for a, work in enumerate(problem.arms):
+        for k in np.flatnonzero([stop is not None for stop in work.stops]):
+            node = own_node(problem, a, int(k), angles, plan)
+            np.testing.assert_array_equal(node.q_target[0], plan.arms[a].q_target[k])
+            apart += np.abs(plan.decisions.arms[a].near[k] - node.q_target[0]).max()
+    assert apart > 1e-3
 
 
 @pytest.mark.parametrize("start", ["home", "free"])

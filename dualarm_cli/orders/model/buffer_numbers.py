@@ -10,11 +10,11 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Job, Stop, StopKey, Task
-from dualarm_cli.orders.model.stop_nodes import StopNodes
 from dualarm_cli.orders.paired.alignment import any_alignment
 from dualarm_cli.orders.paired.problem import IDLE
 from dualarm_cli.orders.rules.stores import Stores
 from dualarm_cli.refusals import Refusal
+from dualarm_cli.stages.search.candidates import Nodes
 
 
 def used_buffers(job: Job) -> list[str]:
@@ -43,7 +43,7 @@ def job_stores(job: Job) -> Stores | None:
 def stop_lasts(
     tasks: Sequence[Task],
     arms: Sequence[str],
-    nodes: Mapping[tuple[str, int, int], StopNodes],
+    nodes: Mapping[tuple[str, int, int], Nodes],
     f: int,
 ) -> FloatArray:
     """Returns how long before a stop is over its tool is there, and its dwell is over [s], shape (s, 2).
@@ -60,7 +60,7 @@ def stop_lasts(
     for t, task in enumerate(tasks):
         for s, stop in enumerate(task.stops):
             own = [nodes[arm, t, s] for arm in arms if task.allows(arm)]
-            work = min(float(one.work[one.angle == f].min(initial=np.inf)) for one in own)
+            work = min(float(one.work[one.angle_index == f].min(initial=np.inf)) for one in own)
             dwell = stop.dwell.total
             line = 0.5 * max(0.0, work - dwell) if np.isfinite(work) else 0.0
             rows.append((line + dwell, line))

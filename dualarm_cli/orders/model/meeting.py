@@ -91,7 +91,7 @@ def _pair(
     if not len(i):
         return -1, -1
     ways = [
-        np.stack([n.entry[r], n.target[r], n.leaving[r]])
+        np.stack([n.q_approach[r], n.q_target[r], n.q_retract[r]])
         for n, r in zip(nodes, (i, j), strict=True)
     ]
     by_arm = ways if giver == 0 else ways[::-1]
@@ -203,7 +203,8 @@ def stop_conflicts(order: OrderModel, f: int) -> BoolArray:
             rows = order.rows(name, t, s, f)
             if len(rows):
                 nodes = order.nodes[name, t, s]
-                own[:, k, 0] = [nodes.entry[rows[0]], nodes.target[rows[0]], nodes.leaving[rows[0]]]
+                places = nodes.q_approach, nodes.q_target, nodes.q_retract
+                own[:, k, 0] = [place[rows[0]] for place in places]
         chosen.append(own)
     table = meeting_costs(order, stops, chosen)
     assert table is not None  # there are two arms, and something has to keep clear

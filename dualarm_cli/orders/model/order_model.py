@@ -13,10 +13,11 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, JointTarget, Task
 from dualarm_cli.orders.asynchronous.problem import ArmTasks, SequencingProblem
 from dualarm_cli.orders.model.buffer_numbers import job_stores, stop_lasts
-from dualarm_cli.orders.model.stop_nodes import StopNodes, platform_angles, stop_nodes
+from dualarm_cli.orders.model.stop_nodes import platform_angles, stop_nodes
 from dualarm_cli.orders.model.tool_changes import stand_tasks
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL, ToolStands
 from dualarm_cli.postures.stage_problems import Clock
+from dualarm_cli.stages.search.candidates import Nodes
 
 SIMILAR = 0.08
 """Postures of a stop that are nearer to one another than this are one [s]."""
@@ -56,7 +57,7 @@ def hub(
     model: CellModel,
     job: Job,
     name: str,
-    nodes: Mapping[tuple[str, int, int], StopNodes],
+    nodes: Mapping[tuple[str, int, int], Nodes],
     clock: Clock,
 ) -> FloatArray:
     """Returns the joints in the middle of one arm's work [rad]: medians of its stops' postures nearest to them.
@@ -71,19 +72,21 @@ def hub(
         for one in own:
             rows = np.arange(len(one.work))
             nearest.append(
-                one.entry[int(stop_costs(one, rows, hub, clock.arms[name].law.duration).argmin())]
+                one.q_approach[
+                    int(stop_costs(one, rows, hub, clock.arms[name].law.duration).argmin())
+                ]
             )
         hub = np.median(nearest, axis=0)
     return hub
 
 
-def stop_costs(nodes: StopNodes, rows: IntArray, start: FloatArray, duration: object) -> FloatArray:
+def stop_costs(nodes: Nodes, rows: IntArray, start: FloatArray, duration: object) -> FloatArray:
     """Returns what postures cost about: from the start, the work, and back [s]."""
     assert callable(duration)
     found: FloatArray = (
-        duration(nodes.entry[rows] - start)
+        duration(nodes.q_approach[rows] - start)
         + nodes.work[rows]
-        + duration(start - nodes.leaving[rows])
+        + duration(start - nodes.q_retract[rows])
     )
     return found
 
@@ -131,7 +134,7 @@ class OrderModel:
     """What is to be done."""
     angles: FloatArray
     """Platform angles, where it starts first [rad], shape (f, k)."""
-    nodes: Mapping[tuple[str, int, int], StopNodes]
+    nodes: Mapping[tuple[str, int, int], Nodes]
     """Postures by arm, task and number of the stop."""
     clearance: CellClearance | None
     """What has to keep clear, None where nothing has to."""
@@ -176,7 +179,7 @@ class OrderModel:
                 found[a, t] = True
                 for s in range(len(task.stops)):
                     there = np.zeros(len(self.angles), np.bool_)
-                    there[self.nodes[name, t, s].angle] = True
+                    there[self.nodes[name, t, s].angle_index] = True
                     found[a, t] &= there
         return found
 
@@ -283,24 +286,26 @@ class OrderModel:
         last = nodes[-1].work[rows[-1]].min() - task.stops[-1].dwell.total
         if len(nodes) == 1:
             cost = stop_costs(one, k, start, law.duration)
-            kept = k[spread(one.entry[k], cost, few if not given else MOST_GIVEN, law.duration)]
+            kept = k[
+                spread(one.q_approach[k], cost, few if not given else MOST_GIVEN, law.duration)
+            ]
             return TaskWays(
-                one.entry[kept],
-                one.leaving[kept],
+                one.q_approach[kept],
+                one.q_retract[kept],
                 one.work[kept],
                 np.zeros(len(kept)),
                 lead,
                 float(0.5 * last),
             )
         other, m = nodes[1], rows[1]
-        way = law.duration(other.entry[m][None] - one.leaving[k][:, None]) + other.work[m]
+        way = law.duration(other.q_approach[m][None] - one.q_retract[k][:, None]) + other.work[m]
         i, j = (x.ravel() for x in np.meshgrid(np.arange(len(k)), np.arange(len(m)), indexing="ij"))
-        ends = np.concatenate([one.entry[k[i]], other.leaving[m[j]]], axis=1)
+        ends = np.concatenate([one.q_approach[k[i]], other.q_retract[m[j]]], axis=1)
         cost = (
-            law.duration(one.entry[k[i]] - start)
+            law.duration(one.q_approach[k[i]] - start)
             + one.work[k[i]]
             + way[i, j]
-            + law.duration(start - other.leaving[m[j]])
+            + law.duration(start - other.q_retract[m[j]])
         )
 
         def apart(moved: FloatArray) -> FloatArray:
@@ -309,18 +314,18 @@ class OrderModel:
 
         kept = spread(ends, cost, few if not given else MOST_GIVEN, apart)
         return TaskWays(
-            one.entry[k[i[kept]]],
-            other.leaving[m[j[kept]]],
+            one.q_approach[k[i[kept]]],
+            other.q_retract[m[j[kept]]],
             one.work[k[i[kept]]],
             way[i[kept], j[kept]],
             lead,
             float(0.5 * last),
         )
 
-    def costs(self, name: str, nodes: StopNodes) -> FloatArray:
+    def costs(self, name: str, nodes: Nodes) -> FloatArray:
         """Returns what one arm's postures at a stop cost about [s], shape (N,)."""
         law = self.clock.arms[name].law
-        return stop_costs(nodes, np.arange(len(nodes.angle)), self.hubs[name], law.duration)
+        return stop_costs(nodes, np.arange(len(nodes.angle_index)), self.hubs[name], law.duration)
 
     def rows(self, name: str, t: int, s: int, f: int) -> IntArray:
         """Returns the postures of one arm at a stop, seen from an angle, that keep clear of all but the other arm.
@@ -328,7 +333,7 @@ class OrderModel:
         Given joint configurations are all looked at; of postures the cheapest ones, cheapest first.
         """
         nodes = self.nodes[name, t, s]
-        rows = np.flatnonzero(nodes.angle == f)
+        rows = np.flatnonzero(nodes.angle_index == f)
         if len(rows) == 0:
             return rows
         cost = stop_costs(nodes, rows, self.hubs[name], self.clock.arms[name].law.duration)
@@ -342,11 +347,13 @@ class OrderModel:
         return others[self._keeps_clear(name, t, s, f, nodes, others)]
 
     def _keeps_clear(
-        self, name: str, t: int, s: int, f: int, nodes: StopNodes, rows: IntArray
+        self, name: str, t: int, s: int, f: int, nodes: Nodes, rows: IntArray
     ) -> BoolArray:
         if self.clearance is None:
             return np.ones(len(rows), dtype=np.bool_)
-        places = np.concatenate([nodes.entry[rows], nodes.target[rows], nodes.leaving[rows]])
+        places = np.concatenate(
+            [nodes.q_approach[rows], nodes.q_target[rows], nodes.q_retract[rows]]
+        )
         angle, held = np.full(len(places), f), np.repeat(self.held(t, s), len(rows))
         return self.keeps_clear(name, places, angle, held)
 

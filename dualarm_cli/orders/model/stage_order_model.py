@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.orders.model.buffer_numbers import job_stores
 from dualarm_cli.orders.model.meeting import handovers_of, meeting_costs, met_postures
 from dualarm_cli.orders.model.order_model import OrderModel
-from dualarm_cli.orders.model.stop_nodes import StopNodes
 from dualarm_cli.orders.paired.changes import StageStands, StageTools
 from dualarm_cli.orders.paired.problem import IDLE, StageOrder, StageProblem
 from dualarm_cli.orders.rules.tool_stands import NO_TOOL
+from dualarm_cli.stages.search.candidates import Nodes
 from dualarm_cli.stages.search.problem import ArmDecisions, Decisions
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -57,7 +58,7 @@ def cheapest_postures(
 
 
 def _by_cost(
-    order: OrderModel, name: str, nodes: Sequence[StopNodes | None], angles: IntArray
+    order: OrderModel, name: str, nodes: Sequence[Nodes | None], angles: IntArray
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Returns rows of nodes by stop, angle and cost, and which of them are each stop's and angle's, (s f,) each."""
     rows, first, last = [np.zeros(0, dtype=np.int64)], [], []
@@ -67,8 +68,8 @@ def _by_cost(
             first.append(np.full(len(angles), begin))
             last.append(np.full(len(angles), begin))
             continue
-        ranked = np.lexsort((order.costs(name, own), own.angle))
-        sorted_angles = own.angle[ranked]
+        ranked = np.lexsort((order.costs(name, own), own.angle_index))
+        sorted_angles = own.angle_index[ranked]
         rows.append(ranked)
         first.append(begin + np.searchsorted(sorted_angles, angles, side="left"))
         last.append(begin + np.searchsorted(sorted_angles, angles, side="right"))
@@ -80,7 +81,7 @@ def _clear(
     order: OrderModel,
     name: str,
     stops: Sequence[tuple[int, int]],
-    nodes: Sequence[StopNodes | None],
+    nodes: Sequence[Nodes | None],
     stop: IntArray,
     angle: IntArray,
     rows: IntArray,
@@ -95,7 +96,7 @@ def _clear(
         k = int(stop[begin])
         own = nodes[k]
         assert own is not None  # it has rows
-        for place, table in zip(places, (own.entry, own.target, own.leaving), strict=True):
+        for place, table in zip(places, (own.q_approach, own.q_target, own.q_retract), strict=True):
             place.append(table[rows[begin:end]])
         held[:, begin:end] = np.array(order.held(*stops[k]))[:, None]
     joined = np.concatenate([table for place in places for table in place])
@@ -141,9 +142,9 @@ class StageModel:
             for k, (stop, angle) in enumerate(zip(found.slots[:, a], found.angles, strict=True)):
                 if stop == IDLE:
                     continue
-                made = order.nodes[name, *self.stops[stop]].decisions
-                if made is None:
+                if isinstance(order.model.arms[name].kinematics, GeneralArm):
                     return None
+                made = order.nodes[name, *self.stops[stop]].decisions
                 own = own.put(np.array([k]), made.take(np.array([rows[stop, angle]])))
             arms.append(own)
         turns = order.model.platform.is_turntable
@@ -182,8 +183,8 @@ def stage_model(order: OrderModel) -> StageModel:
             here = np.flatnonzero(rows_of[k] >= 0)
             if len(here):
                 nodes, rows = order.nodes[name, t, s], rows_of[k, here]
-                entry[k, here], target[k, here] = nodes.entry[rows], nodes.target[rows]
-                leaving[k, here], work[k, here] = nodes.leaving[rows], nodes.work[rows]
+                entry[k, here], target[k, here] = nodes.q_approach[rows], nodes.q_target[rows]
+                leaving[k, here], work[k, here] = nodes.q_retract[rows], nodes.work[rows]
         works.append(work)
         chosen.append(np.stack([entry, target, leaving]))
     handovers = handovers_of(order)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.stages.search.candidates import Grid
-from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
+from dualarm_cli.stages.search.candidates import Grid, Nodes
+from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.source import grid_nodes, has_closed_form
 from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.sequence_problem import stops_problem
@@ -23,24 +21,6 @@ FEW_NODES = 24
 """Of arms without closed forms, for each platform angle."""
 ANGLE_STEP = np.radians(15.0)
 """Spacing of the platform angles [rad]."""
-
-
-@dataclass(frozen=True)
-class StopNodes:
-    """One arm's postures at one stop; N of them."""
-
-    angle: IntArray
-    """Number of the platform angle, shape (N,)."""
-    entry: FloatArray
-    """Joints where the approach begins [rad], shape (N, joints)."""
-    target: FloatArray
-    """Joints at the target [rad], shape (N, joints)."""
-    leaving: FloatArray
-    """Joints where the retract ends [rad], shape (N, joints)."""
-    work: FloatArray
-    """About how long approach, dwell and retract take [s], shape (N,)."""
-    decisions: ArmDecisions | None = None
-    """What the search over the whole sequence calls them, N rows; None for arms without closed forms."""
 
 
 def platform_angles(model: CellModel, job: Job) -> FloatArray:
@@ -61,9 +41,7 @@ def platform_angles(model: CellModel, job: Job) -> FloatArray:
     return np.concatenate([here, here + ANGLE_STEP * others[:, None]])
 
 
-def stop_nodes(
-    model: CellModel, job: Job, angles: FloatArray
-) -> dict[tuple[str, int, int], StopNodes]:
+def stop_nodes(model: CellModel, job: Job, angles: FloatArray) -> dict[tuple[str, int, int], Nodes]:
     """Returns the postures of every arm at every stop that it may make, by arm, task and number of the stop.
 
     Args:
@@ -83,18 +61,12 @@ def stop_nodes(
     turned = angles[:, 0] if problem.turns else np.zeros(1)
     found = {}
     for a, work in enumerate(problem.arms):
-        table, closed = StopTable.of(work), has_closed_form(work)
-        most = MOST_NODES if closed else FEW_NODES * len(turned)
+        table = StopTable.of(work)
+        most = MOST_NODES if has_closed_form(work) else FEW_NODES * len(turned)
         for k, (t, s, _) in enumerate(every):
             if work.stops[k] is None:
                 continue
-            nodes = grid_nodes(problem, a, table, k, Grid(turned, ARM_ANGLES, most))
-            found[work.name, t, s] = StopNodes(
-                nodes.angle_index,
-                nodes.q_approach,
-                nodes.decisions.near,
-                nodes.q_retract,
-                nodes.work,
-                nodes.decisions if closed else None,
+            found[work.name, t, s] = grid_nodes(
+                problem, a, table, k, Grid(turned, ARM_ANGLES, most)
             )
     return found

@@ -84,7 +84,7 @@ class Nodes:
     angle_index: IntArray
     """Index of the platform angle within the grid's, shape (n,)."""
     decisions: ArmDecisions
-    """What each node means."""
+    """What each node means; `near` has its joints at the target."""
     q_approach: FloatArray
     """Joints where the approach starts [rad], shape (n, joints)."""
     q_retract: FloatArray
@@ -93,6 +93,11 @@ class Nodes:
     """About how long approach, dwell and retract take [s], shape (n,)."""
     free_last: bool
     """Whether the last joint is free: any yaw will do, and it turns that joint alone."""
+
+    @property
+    def q_target(self) -> FloatArray:
+        """Joints at the target [rad], shape (n, joints)."""
+        return self.decisions.near
 
     def take(self, rows: IntArray) -> Nodes:
         """Returns some of the nodes."""

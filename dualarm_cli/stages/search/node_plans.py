@@ -185,7 +185,7 @@ def plans_on_nodes(
 
     def made(a: int, k: int) -> Nodes:
         if near is not None and loose is not None and not loose[k]:
-            return _own_node(problem, a, k, angles[k], near)
+            return own_node(problem, a, k, angles[k], near)
         grid = Grid(angles[k], mesh.arm_angles, mesh.most_nodes)
         own = None if near is None else near.decisions.arms[a]
         found = grid_nodes(problem, a, tables[a], k, grid, own)
@@ -224,7 +224,7 @@ def plans_on_nodes(
     return NodePlans([], bound)
 
 
-def _own_node(
+def own_node(
     problem: SequenceProblem, a: int, k: int, angles: FloatArray, plan: Evaluated
 ) -> Nodes:
     """Returns the one node of a stop that a plan takes."""
@@ -233,7 +233,7 @@ def _own_node(
     assert stop is not None  # callers ask for active stages only
     return Nodes(
         np.array([np.argmin(np.abs(angles - plan.decisions.angle[k]))]),
-        plan.decisions.arms[a].take(row),
+        plan.decisions.arms[a].take(row).at(found.q_target[row]),
         found.q_approach[row],
         found.q_retract[row],
         found.work[row],

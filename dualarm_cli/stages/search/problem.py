@@ -164,8 +164,8 @@ class ArmDecisions:
     """What is decided for one arm; every array has a row per stage (n), idle stages' rows mean nothing.
 
     The same type carries many candidates of one stage: rows are then candidates. An arm without closed forms has no
-    arm angle: `near` is then what its posture is found from, `psi_target` a way along the self-motion from there, and
-    the other two less that one are the ways along the self-motion that come with the lines (`follow_lines`).
+    arm angle: each psi is then a way along its self-motion, which is counted from `near` (`moved_along`,
+    `follow_lines`); all are 0 for an arm without a spare joint.
     """
 
     target: IntArray
@@ -175,13 +175,16 @@ class ArmDecisions:
     branch: IntArray
     """Branch of the inverse kinematics, shape (n,)."""
     psi_target: FloatArray
-    """Arm angle at the target [rad], shape (n,)."""
+    """Arm angle at the target [rad], shape (n,); without closed forms the way along the self-motion from `near`."""
     psi_approach: FloatArray
-    """Arm angle where the approach starts [rad]; linear along the line, shape (n,)."""
+    """Arm angle where the approach starts [rad]; linear along the line, shape (n,). Without closed forms its difference
+    from `psi_target` is the way along the self-motion that comes with the approach, from the target outward."""
     psi_retract: FloatArray
-    """Arm angle where the retract ends [rad]; linear along the line, shape (n,)."""
+    """Arm angle where the retract ends [rad]; linear along the line, shape (n,). Without closed forms as for the
+    approach."""
     near: FloatArray
-    """Joints whose whole turns those at the target are nearest to [rad], shape (n, joints)."""
+    """Joints whose whole turns those at the target are nearest to [rad], shape (n, joints); without closed forms the
+    posture from which the one at the target is found."""
 
     @classmethod
     def idle(cls, start: FloatArray, stages: int) -> ArmDecisions:
