@@ -107,6 +107,17 @@ def lines(report):
 
 MEASURES = KindMeasures("work", {"screws": rows}, lines)
 '''
+PLANNING = '''
+"""Screws in the planner: stops like others."""
+
+from dualarm_cli.kinds.planning import KindPlanning
+from dualarm_cli.kinds.screw import ScrewStop
+
+PLANNING = KindPlanning(
+    works=lambda task: any(isinstance(stop, ScrewStop) for stop in task.stops),
+    notes=lambda job, settings, motion: ["screws: torque is not looked at"],
+)
+'''
 DATA = '''
 """Screws."""
 
@@ -138,7 +149,8 @@ def screw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A kind of work that is no part of the package: its folder, and its line in the list."""
     folder = tmp_path / "more_kinds" / "screw"
     folder.mkdir(parents=True)
-    parts = {"__init__": DATA, "reading": READING, "checks": CHECKS, "measures": MEASURES}
+    parts = {"__init__": DATA, "reading": READING, "planning": PLANNING}
+    parts |= {"checks": CHECKS, "measures": MEASURES}
     for name, text in parts.items():
         (folder / f"{name}.py").write_text(text)
     monkeypatch.setattr(kinds, "__path__", [*kinds.__path__, str(folder.parent)])
@@ -173,6 +185,7 @@ def test_a_new_kind_is_a_folder_and_a_line(job_file: Path) -> None:
     schedule = plan_without_bound(job, PlanSettings(effort="quick"))
     verification = verify(schedule, job, clearance=True)
     assert verification.passed
+    assert schedule.notes[-1] == "screws: torque is not looked at"
     assert [c.verdict for c in verification.checks if c.name == "screw_turns"] == ["passed"]
     report = build_report(schedule, job)
     assert report["screws"] == [{"task": "bolt", "turns": 4.0, "time": pytest.approx(0.8)}]

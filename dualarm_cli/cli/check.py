@@ -82,22 +82,12 @@ def _geometry(noun: Noun) -> list[Diagnostic]:
 
 def _paths(noun: Noun) -> list[Diagnostic]:
     """Returns what paths and seams ask for that there is not: methods, torque limits, too much time."""
-    from functools import partial
-
-    from dualarm_cli.errors import InputError
-    from dualarm_cli.kinds.seam.words import check_seams
+    from dualarm_cli.kinds.planning import kinds_of
     from dualarm_cli.model.job import Job
-    from dualarm_cli.plan.redundancy_choice import check_followers
 
     if not isinstance(noun, Job):
         return []
-    found: list[Diagnostic] = []
-    for check in (partial(check_followers, noun, None), partial(check_seams, noun)):
-        try:
-            check()
-        except InputError as error:
-            found += error.diagnostics
-    return found
+    return [fault for kind in kinds_of(noun) for fault in kind.check(noun)]
 
 
 def _describe(noun: Noun) -> tuple[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dualarm_cli.bound.bound import LowerBound, lower_bound
 from dualarm_cli.geometry.arrays import FloatArray
-from dualarm_cli.kinds.seam.words import seam_bound
+from dualarm_cli.kinds.planning import kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
@@ -132,8 +132,6 @@ PATH_BOUND = (
 """What a bound with paths assumes."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
 """What is said where there is no bound."""
-NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
-"""The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
 
 
 def job_bound(job: Job, effort: str) -> LowerBound:
@@ -143,8 +141,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         job: what is to be done.
         effort: quick, normal or thorough.
     """
-    if job.has_conveyors:
-        return LowerBound(None, (NO_CONVEYOR_BOUND,))
+    if why := next((kind.unbounded for kind in kinds_of(job) if kind.unbounded), ""):
+        return LowerBound(None, (why,))
     general = bool(job.cell.robot.without_closed_form)
     job = with_changes(job)
     if general and not job.in_sections:
@@ -157,11 +155,8 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         return _bound(CellModel.from_cell(job.cell), job, effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in _bounded_sections(job):
-        work, seam = section[0].path, section[0].seam
-        if work is not None:
-            value += work.length / (work.speed * job.speed)
-        elif seam is not None:
-            value = max(value, _opens(section)) + seam_bound(seam, job.speed)
+        if (kind := kind_of(section)) is not None:
+            value = max(value, _opens(section)) + kind.least(job, section)
         elif not general:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
@@ -173,6 +168,12 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
+def _opens(section: tuple[Task, ...]) -> float:
+    """Returns when a section may begin at the earliest [s]."""
+    kind = kind_of(section)
+    return 0.0 if kind is None else kind.opens(section)
+
+
 def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
     """Returns sections that take at least as long together as each by itself, in whatever order they are done."""
     if job.order == "given":
@@ -181,12 +182,6 @@ def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
     alone = sorted((one for one in job.sections() if one[0].alone), key=_opens)
     # Of works that each open at some time no order is over sooner than that in which they open.
     return [*([others] if others else []), *alone]
-
-
-def _opens(section: tuple[Task, ...]) -> float:
-    """Returns when a section may begin at the earliest [s]: a seam so that its dwell is over when the file says."""
-    seam = section[0].seam
-    return 0.0 if seam is None else max(0.0, seam.not_before - seam.dwell_start)
 
 
 def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:

@@ -10,24 +10,20 @@ from typing import TypeVar
 from dualarm_cli import __version__
 from dualarm_cli.bound.bound import LowerBound
 from dualarm_cli.clearing.clear_plan import clearance_notes, quickest_clear
-from dualarm_cli.errors import BlockedError, InfeasibleError, UnsupportedError
-from dualarm_cli.kinds.conveyor.plan import conveyor_notes, guessed, quickest_meeting
-from dualarm_cli.kinds.path.words import path_job_notes
-from dualarm_cli.kinds.seam.words import check_seams
+from dualarm_cli.errors import BlockedError, InfeasibleError, InputError, UnsupportedError
+from dualarm_cli.kinds.planning import kinds_of, with_needs
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import CHANGES, Job
 from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import file_order, stage_by_stage
-from dualarm_cli.orders.model.buffer_numbers import check_stage_levels
-from dualarm_cli.orders.model.tool_changes import with_changes
 from dualarm_cli.orders.watch import SeenEnoughError, Watch
 from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
 from dualarm_cli.plan.free_ordered_plan import plan_by_own_clocks
 from dualarm_cli.plan.job_bound import job_bound
 from dualarm_cli.plan.ordered_plan import plan_in_best_order
-from dualarm_cli.plan.redundancy_choice import check_followers
+from dualarm_cli.plan.redundancy_choice import check_follower
 from dualarm_cli.plan.section_plans import quickest_of_sections
 from dualarm_cli.plan.sections import SectionPlanner
 from dualarm_cli.postures import REDUNDANCY_SOLVERS
@@ -43,12 +39,6 @@ from dualarm_cli.stages.serving import (
 from dualarm_cli.stages.stages import StagePlan
 from dualarm_cli.timing import TIMING_SOLVERS
 
-SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
-"""What sensitivities of jobs with seams assume."""
-HANDED_TOGETHER = (
-    "mode: free: with hand-overs both arms go from stage to stage together in this version"
-)
-"""What is said of arms with clocks of their own that have to meet."""
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """What is said where the user had seen enough once there was a plan."""
 OF_THE_FILE = "order: that of the file, whose plan is quicker than those of the orders found"
@@ -156,18 +146,19 @@ def plan_without_bound(
     watch.end()
     found = found or watch.kept
     assert found is not None  # nothing else is dropped
-    found = _finished(found, job, watch)
+    found = _finished(found, job, settings, watch)
     watch.keep(found)
     return found
 
 
-def _finished(schedule: Schedule, job: Job, watch: Watch) -> Schedule:
+def _finished(schedule: Schedule, job: Job, settings: PlanSettings, watch: Watch) -> Schedule:
     """Returns the plan of a job with what is said of it however it was made."""
     notes: list[str] = []
-    if job.has_conveyors:
-        notes += conveyor_notes(job, schedule.duration)
-    elif job.mode == "free" and job.has_handovers and not job.in_sections:
-        notes.append(HANDED_TOGETHER)
+    for kind in kinds_of(job):
+        if kind.add is None:
+            notes += kind.notes(job, settings, schedule.trajectory)
+        if job.mode == "free" and kind.together and not job.in_sections:
+            notes.append(kind.together)
     if watch.stopped:
         notes.append(f"order: the search was ended early, as {watch.stopped}; it may do better")
     return replace(schedule, notes=(*schedule.notes, *notes))
@@ -223,8 +214,9 @@ def _planned(
         TIMING_SOLVERS[settings.timing],
     )
     if job.in_sections:
-        check_followers(job, settings.follower)
-        check_seams(job)
+        check_follower(job, settings.follower)
+        if faults := [fault for kind in kinds_of(job) for fault in kind.check(job)]:
+            raise InputError(faults)
         return quickest_of_sections(
             problem.model,
             job,
@@ -236,7 +228,7 @@ def _planned(
         )
 
     def decided(one: Job, start: Decisions | None = None, patient: bool = True) -> Schedule:
-        own = replace(problem, start=start, patient=patient, job=with_changes(one))
+        own = replace(problem, start=start, patient=patient, job=with_needs(one))
         return _in_time(_decided_plan(own, settings, replaced, watch, clear=clear), job)
 
     def paired(one: Job, keep: Callable[[Schedule], None] = watch.keep) -> Schedule:
@@ -244,13 +236,13 @@ def _planned(
             return decided(one)
         return plan_in_best_order(one, settings, model, watch, decided, keep, clear=clear)
 
-    if job.has_conveyors:
-        own = guessed(job)
-        return paired(stage_by_stage(own) if job.mode == "free" else own)
+    own = job
+    for kind in kinds_of(job):
+        own = kind.guessed(own)
     if job.mode == "paired":
-        return paired(job)
-    if job.has_handovers:
-        return paired(stage_by_stage(job))
+        return paired(own)
+    if any(kind.together for kind in kinds_of(job)):
+        return paired(stage_by_stage(own))
     planner = FreePlanner(problem, method.solve, timing, watch.tell, clear)
 
     def schedule(motion: Motion, one: Job) -> Schedule:
@@ -270,10 +262,9 @@ def _decided_plan(
 ) -> Schedule:
     """Returns the schedule of a job whose arms and order are given."""
     job, method, timing = problem.job, METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
-    check_stage_levels(job)
     progress = watch.tell
     progress(f"deciding platform angles and postures ({method.name})")
-    quickest = quickest_meeting if job.has_conveyors else quickest_clear
+    quickest = next((one.quickest for one in kinds_of(job) if one.quickest), quickest_clear)
     found = quickest(problem, method.solve, timing, progress, clear=clear)
     stages, motion = found.cleared.plans, found.cleared.motion
     notes = (
@@ -314,20 +305,19 @@ def _with_paths(
     method, timing = METHODS[settings.platform], TIMING_SOLVERS[settings.timing]
     planner = SectionPlanner(
         replace(problem, job=job),
-        method.solve,
+        settings,
         timing,
-        settings.follower,
-        settings.seam_solver,
         progress,
         clear,
+        method.solve,
     )
     planned = planner.plan()
     motion = planned.motion
+    kinds = [kind for kind in kinds_of(job) if kind.add is not None]
     notes = (
         *job.notes,
         *(replaced if planned.stage_plans else ()),
-        *([SEAMS_KEPT] if job.has_seams else []),
-        *path_job_notes(job, settings.platform, motion.trajectory),
+        *(note for kind in kinds for note in kind.notes(job, settings, motion.trajectory)),
         *_job_notes(job),
         *dict.fromkeys(planned.notes),
         *(_platform_notes(problem.model, planned.stage_plans) if planned.stage_plans else ()),

@@ -2,51 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.motion import FollowedPath
 from dualarm_cli.model.job import Task
-from dualarm_cli.model.schedule import DURATION, Event, Segment
-from dualarm_cli.motion.builder import Motion, MotionBuilder
-from dualarm_cli.timing.composition import drawn_out
-
-
-def drawn_out_transfer(motion: Motion, duration: float) -> Motion:
-    """Returns a transfer that takes a longer time [s], on the same way."""
-    factor = duration / motion.trajectory.duration
-    return replace(
-        motion,
-        trajectory=drawn_out(motion.trajectory, factor),
-        stages=tuple(
-            replace(s, start=s.start * factor, end=s.end * factor, bottleneck=DURATION)
-            for s in motion.stages
-        ),
-        segments=tuple(
-            replace(s, start=s.start * factor, end=s.end * factor) for s in motion.segments
-        ),
-    )
-
-
-def add_transfer(record: MotionBuilder, motion: Motion, section: tuple[Task, ...]) -> None:
-    """Appends the transfer to where a path begins; its stage becomes that of the path.
-
-    Args:
-        record: what is planned so far.
-        motion: the transfer, one stage.
-        section: the path's tasks, one per arm that follows.
-    """
-    names = {task.arm: task.id for task in section}
-    segments = tuple(
-        replace(
-            s,
-            kind="transfer" if s.kind == "return" else s.kind,
-            task=names.get(s.arm, ""),
-            action=section[0].stops[0].action if s.arm in names else "",
-        )
-        for s in motion.segments
-    )
-    record.append(replace(motion, segments=segments))
+from dualarm_cli.model.schedule import Event, Segment
+from dualarm_cli.motion.builder import MotionBuilder
 
 
 def add_followed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.errors import Diagnostic, did_you_mean
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
@@ -12,12 +12,8 @@ LONGEST = 1800.0
 """Longest time of a seam that is planned [s]."""
 
 
-def check_seams(job: Job) -> None:
-    """Raises where a seam asks for what there is not.
-
-    Raises:
-        InputError: an unknown method, or a seam that takes too long, at its place.
-    """
+def seam_faults(job: Job) -> list[Diagnostic]:
+    """Returns what seams ask for that there is not, unknown methods; and those that take too long."""
     findings = []
     for work in (section[0].seam for section in job.sections()):
         if work is None:
@@ -34,8 +30,7 @@ def check_seams(job: Job) -> None:
                 f"the seam takes {least:.4g} s; at most {LONGEST:g} s are planned: raise the speed"
             )
             findings.append(Diagnostic(*where, message))
-    if findings:
-        raise InputError(findings)
+    return findings
 
 
 def seam_bound(work: SeamWork, pace: float) -> float:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinds.conveyor.stages import ConveyorMeeting, MissedError, Times, met_times
+from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.refusals import Refusal
@@ -31,6 +32,8 @@ NO_SENSITIVITY = (
     "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
 )
 """What is said of assumed limits."""
+NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
+"""The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
 FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
 """What is said of arms with clocks of their own."""
 
@@ -47,7 +50,7 @@ def conveyor_notes(job: Job, duration: float) -> list[str]:
         notes.append(
             f"conveyors: the cycle repeats every {duration:.3f} s, and so the part of each task has to come again"
         )
-    return [*notes, FREE] if job.mode == "free" else notes
+    return notes
 
 
 def guessed(job: Job, share: float = 0.5) -> Job:
@@ -230,3 +233,13 @@ def _off(job: Job, times: Times) -> float:
         if stop.belt is not None and (task.id, stop.action) in times
     )
     return max(gaps, default=0.0)
+
+
+PLANNING = KindPlanning(
+    works=lambda task: any(stop.moves for stop in task.stops),
+    guessed=guessed,
+    together=FREE,
+    quickest=quickest_meeting,
+    notes=lambda job, settings, motion: conveyor_notes(job, motion.duration),
+    unbounded=NO_CONVEYOR_BOUND,
+)

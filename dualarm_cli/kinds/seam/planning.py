@@ -1,0 +1,121 @@
+"""Seams in the planner: each with the transfer to where its tool's approach begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dualarm_cli.clearing.clear_plan import ClearedPlan
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.kinds.planning import (
+    KindPlanning,
+    Section,
+    SectionBuilder,
+    SectionTools,
+    add_transfer,
+    drawn_out_transfer,
+)
+from dualarm_cli.kinds.seam.plan import SeamPlanner
+from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
+from dualarm_cli.kinds.seam.words import seam_bound, seam_faults
+from dualarm_cli.model.job import Job
+from dualarm_cli.model.seam import SeamWork
+from dualarm_cli.motion.builder import Motion
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.timing.composition import SAME_TIME
+
+SAME = 1e-9
+"""Difference of two configurations that count as one [rad]."""
+SEAMS_KEPT = "sensitivity: seams count as constant, and so do waits for not_before"
+"""What sensitivities of jobs with seams assume."""
+
+
+def add_seam_section(
+    tools: SectionTools,
+    record: SectionBuilder,
+    section: Section,
+    here: FloatArray | None,
+    after: Section,
+) -> None:
+    """Appends a seam with the transfer to where its tool's approach begins.
+
+    Args:
+        tools: what it is planned with.
+        record: what is planned so far.
+        section: the seam's tasks, one per arm that works.
+        here: where the robot is [rad or m], shape (n,); None for anywhere.
+        after: the section after it: where that is a seam as well, its start counts.
+
+    Raises:
+        InfeasibleError: it cannot be worked.
+    """
+    work = section[0].seam
+    assert work is not None
+    job = tools.problem.job
+    tools.progress(f"working {section[0].id}")
+    home = np.array(job.cell.robot.postures["home"])
+    planner = SeamPlanner(
+        job,
+        tools.timing,
+        tools.problem.effort,
+        tools.problem.seed,
+        tools.clear,
+        here is None,
+        tools.settings.seam_solver,
+    )
+    found = planner.plan(
+        section[0].id, work, home if here is None else here, after[0].seam if after else None
+    )
+    begin, transfer = record.clock, None
+    if here is not None and np.abs(found.first - here).max() > SAME:
+        try:
+            transfer = tools.transfer(here, found.first)
+        except InfeasibleError as error:
+            more = {"cause": error}
+            raise InfeasibleError(
+                Refusal("no_way_to_seam", work.place, section[0].id, work.slave, more=more)
+            ) from None
+        add_transfer(record, _timed_entry(work, job.speed, transfer, found, section[0].id), section)
+        record.count(transfer)
+    add_seam(record, tools.problem.model, section, found, begin, job.speed)
+    record.notes += seam_notes(job, section[0].id, work, found)
+
+
+def _timed_entry(
+    work: SeamWork, pace: float, transfer: ClearedPlan, found: PlannedSeam, task: str
+) -> Motion:
+    """Returns the transfer to a seam, drawn out to the time that the file gives the way there."""
+    motion = transfer.cleared.motion
+    if work.entry_duration is None:
+        return motion
+    asked = work.entry_duration / pace
+    if motion.trajectory.duration > asked - found.coming + SAME_TIME:
+        least = motion.trajectory.duration + found.coming
+        raise InfeasibleError(
+            Refusal("entry_too_short", work.place, task, work.slave, least, asked)
+        )
+    return drawn_out_transfer(motion, asked - found.coming)
+
+
+def seam_opens(section: Section) -> float:
+    """Returns when a seam may begin at the earliest [s]: so that its dwell is over when the file says."""
+    work = section[0].seam
+    assert work is not None
+    return max(0.0, work.not_before - work.dwell_start)
+
+
+def least_time(job: Job, section: Section) -> float:
+    """Returns what no plan of a seam can beat [s]."""
+    work = section[0].seam
+    assert work is not None
+    return seam_bound(work, job.speed)
+
+
+PLANNING = KindPlanning(
+    works=lambda task: task.seam is not None,
+    check=seam_faults,
+    notes=lambda job, settings, motion: [SEAMS_KEPT],
+    add=add_seam_section,
+    opens=seam_opens,
+    least=least_time,
+)
