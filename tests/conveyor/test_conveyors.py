@@ -15,7 +15,7 @@ from dualarm_cli.clearing.clearing import Cleared
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.kinds.conveyor import plan as conveyor_plan
+from dualarm_cli.kinds.conveyor import planning as conveyor_plan
 from dualarm_cli.kinds.conveyor.measures import conveyor_lines, conveyor_rows
 from dualarm_cli.kinds.conveyor.stages import MeetingTime
 from dualarm_cli.model.settings import PlanSettings

@@ -6,13 +6,14 @@ from typing import Any
 import pytest
 
 from dualarm_cli.files.calibration.points import BaseFile, PointsFile
-from dualarm_cli.files.cells.schema_cell import CellFile
+from dualarm_cli.files.cells.cells import cell_schema
 from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.source.fields import Section
 from dualarm_cli.files.studies.schema_study import StudyFile
 from dualarm_cli.files.tasks.task_reader import schemas_of
 from dualarm_cli.kinds import of_kinds
 
+CellFile = cell_schema(tuple(of_kinds("cell_reading")))
 TasksFile = schemas_of(tuple(of_kinds("reading"))).file
 FILES = [RobotFile, CellFile, TasksFile, PointsFile, BaseFile, StudyFile]
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from pydantic import create_model
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.calibration.points import Base, read_base
@@ -18,7 +21,6 @@ from dualarm_cli.files.cells.schema_cell import (
     PairSection,
     ShapeSection,
 )
-from dualarm_cli.files.cells.tool_changes import read_tool_changes
 from dualarm_cli.files.robots.meshes import read_hull
 from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_member
 from dualarm_cli.files.robots.robots import build_robot, find_robot
@@ -29,8 +31,8 @@ from dualarm_cli.files.source.fields import Pose, to_se3
 from dualarm_cli.files.source.projects import BadReferenceError, Project, display_name
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
-from dualarm_cli.model.cell import Cell, Obstacle, Tool, ToolChanges
-from dualarm_cli.model.conveyor import Conveyor
+from dualarm_cli.kinds import of_kinds
+from dualarm_cli.model.cell import Cell, Obstacle, Tool
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
 
@@ -105,6 +107,33 @@ class LoadedCell:
     """What the reader should know of how the files were understood."""
 
 
+@dataclass(frozen=True)
+class AddedToCell:
+    """What a kind of work has read of a cell file."""
+
+    fields: Mapping[str, Any]
+    """Its fields of a `Cell`, by name."""
+    bodies: Sequence[tuple[Loc, str]] = ()
+    """Bodies that it adds to those that may touch: where they are written, and their names."""
+
+
+@dataclass(frozen=True)
+class KindCell:
+    """What one kind of work adds to cell files."""
+
+    keys: type[CellFile]
+    """The keys that it adds, as a section of its own."""
+    read: Callable[[CellReader, CellFile, dict[str, Tool], dict[str, pin.SE3]], AddedToCell]
+    """Reads what they say, by the tool of each arm and the frames in the world; notes what is wrong."""
+
+
+@cache
+def cell_schema(kinds: tuple[KindCell, ...]) -> type[CellFile]:
+    """Returns the schema of cell files with the keys of some kinds of work."""
+    bases = tuple(reversed([kind.keys for kind in kinds])) or (CellFile,)
+    return create_model(CellFile.__name__, __base__=bases, __doc__=CellFile.__doc__)
+
+
 def load_cell(path: str | Path) -> LoadedCell:
     """Returns the cell that a cell file describes.
 
@@ -133,8 +162,9 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     document = read_document(project, path, name, "cell/1")
     findings = Findings()
     findings.extend(document.diagnostics)
-    model = validate(document, CellFile, findings)
-    reader = _CellReader(project, path, name, document, findings)
+    kinds = tuple(of_kinds("cell_reading"))
+    model = validate(document, cell_schema(kinds), findings)
+    reader = CellReader(project, path, name, document, findings)
     robot = reader.robot(document.data.get("robot"))
     if model is None:
         findings.raise_if_any()
@@ -142,13 +172,12 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
     frames = world_frames(document, dict(model.frames), findings)
     obstacles = reader.obstacles(model, frames)
     tools = reader.tools(model, robot)
-    changes = read_tool_changes(document, model, tools, frames, reader.shape, findings)
     parts = reader.parts(model)
-    conveyors = reader.conveyors(model, frames)
+    added = [kind.read(reader, model, tools, frames) for kind in kinds]
     if robot is None:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
-    bodies = reader.bodies(robot, model, changes)
+    bodies = reader.bodies(robot, model, [body for one in added for body in one.bodies])
     contacts = checked_pairs(
         document, ("allowed_contacts",), model.allowed_contacts, bodies, findings
     )
@@ -166,18 +195,26 @@ def build_cell(project: Project, path: Path, name: str) -> tuple[Cell, tuple[str
         tuple((*pair, s.clearance) for pair, s in zip(special, model.clearances, strict=True)),
         contacts,
         parts,
-        changes,
-        conveyors,
+        **{name: value for one in added for name, value in one.fields.items()},
     )
     return cell, tuple(reader.notes)
 
 
-class _CellReader:
-    """Turns the parts of one cell file into nouns, noting every error."""
+class CellReader:
+    """Turns the parts of one cell file into data, noting every error."""
 
     def __init__(
         self, project: Project, path: Path, name: str, document: Document, findings: Findings
     ) -> None:
+        """Prepares for a file.
+
+        Args:
+            project: what it must stay in.
+            path: the file.
+            name: what the user calls it.
+            document: its content.
+            findings: where errors are noted.
+        """
         self.project, self.path, self.name = project, path, name
         self.document, self.findings = document, findings
         self.notes: list[str] = []
@@ -255,36 +292,18 @@ class _CellReader:
             found[name] = tuple(s for s in shapes if s)
         return found
 
-    def conveyors(self, model: CellFile, frames: dict[str, pin.SE3]) -> dict[str, Conveyor]:
-        """Returns the conveyors, their velocities in the world."""
-        found = {}
-        for name, section in model.conveyors.items():
-            loc: Loc = ("conveyors", name, "in")
-            T_world_frame = frame_pose(self.document, loc, section.in_, frames, self.findings)
-            if T_world_frame is not None:
-                velocity = T_world_frame.rotation @ np.array(section.velocity)
-                found[name] = Conveyor(name, velocity)
-        return found
-
-    def bodies(
-        self, robot: Robot, model: CellFile, changes: Mapping[str, ToolChanges]
-    ) -> list[str]:
-        """Returns the names of all bodies, after noting those that two of them share."""
+    def bodies(self, robot: Robot, model: CellFile, added: Sequence[tuple[Loc, str]]) -> list[str]:
+        """Returns the names of all bodies, some added by kinds of work, after noting those that two of them share."""
         known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
-        named: list[tuple[Loc, str]] = [
-            (("tool_changes", arm, "tools", name), f"{arm}_{name}")
-            for arm, own in changes.items()
-            for name in own.tools
-        ]
-        changed = [name for _, name in named]
-        named += [(("parts", name), name) for name in model.parts]
+        named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
         named += [(("obstacles", k, "name"), o.name) for k, o in enumerate(model.obstacles)]
-        for loc, name in named:
-            taken = loc[0] != "tool_changes" and name in changed
+        names = {name for _, name in added}
+        for loc, name in (*added, *named):
+            taken = loc[0] in ("parts", "obstacles") and name in names
             if name in known or taken or (loc[0] == "obstacles" and name in model.parts):
                 message = f"{quote(name)} is already the name of a link, tool or part"
                 self.findings.add(self.document, loc, message, key=loc[0] != "obstacles")
-        return list(dict.fromkeys([*known, *(name for _, name in named)]))
+        return list(dict.fromkeys([*known, *(name for _, name in (*added, *named))]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
         """Returns the obstacles, posed in the world; their names must differ."""
@@ -304,7 +323,13 @@ class _CellReader:
         return tuple(found)
 
     def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
-        """Returns a solid in the frame that holds it, or None after noting what is wrong."""
+        """Returns a solid in the frame that holds it, or None after noting what is wrong.
+
+        Args:
+            section: the solid as the file has it.
+            loc: where it stands.
+            frames: those that it may name, in the world.
+        """
         T_world_frame = frame_pose(self.document, (*loc, "in"), section.in_, frames, self.findings)
         if T_world_frame is None:
             return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
@@ -11,7 +10,6 @@ from pydantic_core import core_schema
 from dualarm_cli.files.source.fields import (
     BodyPair,
     Distance,
-    Duration,
     FramedPose,
     Mass,
     Name,
@@ -20,14 +18,11 @@ from dualarm_cli.files.source.fields import (
     Section,
     Size,
     ToolSpeed,
-    Velocity3,
     refuse,
 )
 
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
 """Solids that a file can describe."""
-SLOWEST_BELT = 1e-4
-"""Least speed of a conveyor [m/s]."""
 
 
 class RoundSection(Section):
@@ -149,69 +144,6 @@ class ToolsSection(Section):
     right: ToolSection | None = Field(default=None, description="Tool of the right arm.")
 
 
-class ChangedToolSection(ToolSection):
-    """A tool that an arm takes from its stand and leaves there."""
-
-    stand: FramedPose = Field(
-        description="Where the arm's own tool frame (tools: tcp) is while it takes or leaves it; xyz must be given."
-    )
-
-    @model_validator(mode="after")
-    def _somewhere(self) -> ChangedToolSection:
-        if self.stand.xyz is None:
-            raise refuse("the stand has no place; give its xyz", "stand", "E202")
-        return self
-
-
-class ArmChangesSection(Section):
-    """The tools that one arm changes by itself."""
-
-    start: Name = Field(
-        description="The tool that is on at the start, and with return: true at the end; none for no tool."
-    )
-    time: Duration = Field(
-        default=0.0,
-        description="How long the arm stands still at a stand [s], each time it takes a tool and each time it leaves "
-        "one: a change from one tool to another is two of these.",
-    )
-    approach: Distance = Field(
-        default=0.0, description="Straight approach to a stand along the own tool's z axis [m]."
-    )
-    retract: Distance = Field(
-        default=0.0, description="Straight retract from a stand along the own tool's z axis [m]."
-    )
-    tools: Annotated[dict[Name, ChangedToolSection], Field(min_length=1)] = Field(
-        description="The tools, by name."
-    )
-
-
-class ToolChangesSection(Section):
-    """The tools that each arm changes."""
-
-    left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
-    right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
-
-
-class ConveyorSection(Section):
-    """A belt that moves at one velocity all the time and carries targets past the robot."""
-
-    velocity: Velocity3 = Field(description="Velocity of what lies on it [m/s].")
-    in_: Name | None = Field(
-        default=None,
-        alias="in",
-        description="Named frame in whose axes the velocity is given; default world.",
-    )
-
-    @model_validator(mode="after")
-    def _moves(self) -> ConveyorSection:
-        if math.hypot(*self.velocity) < SLOWEST_BELT:
-            raise refuse(
-                f"a conveyor must move by {SLOWEST_BELT * 1e3:g} mm/s or more; targets on one that stands need none",
-                "velocity",
-            )
-        return self
-
-
 class LimitsSection(Section):
     """Caps on motion, besides those of the joints."""
 
@@ -267,9 +199,6 @@ class CellFile(Section):
     )
     base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
     tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")
-    tool_changes: ToolChangesSection = Field(
-        default=ToolChangesSection(), description="Tools that arms change by themselves, by arm."
-    )
     frames: dict[Name, FramedPose] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )
@@ -287,8 +216,5 @@ class CellFile(Section):
     )
     parts: dict[Name, PartSection] = Field(
         default_factory=dict, description="Kinds of parts that tools carry, by name."
-    )
-    conveyors: dict[Name, ConveyorSection] = Field(
-        default_factory=dict, description="Belts that carry targets of tasks, by name."
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for the whole cell.")

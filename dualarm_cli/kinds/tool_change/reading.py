@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from dualarm_cli.files.cells.tool_changes import NO_TOOL
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import Name
 from dualarm_cli.files.source.text_source import quote, suggest
@@ -16,6 +15,7 @@ from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TaskHead, Task
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
 from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.kinds.tool_change.cell_reading import NO_TOOL
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import ANY, PoseTarget, Target, Task
 

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field, model_validator
 
 from dualarm_cli.files.cells.cell_frames import frame_pose
-from dualarm_cli.files.cells.schema_cell import (
-    ArmChangesSection,
-    CellFile,
-    ChangedToolSection,
-    ShapeSection,
-)
+from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
+from dualarm_cli.files.cells.schema_cell import CellFile, ShapeSection, ToolSection
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.fields import to_se3
+from dualarm_cli.files.source.fields import (
+    Distance,
+    Duration,
+    FramedPose,
+    Name,
+    Section,
+    refuse,
+    to_se3,
+)
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.model.cell import ChangedTool, Held, Tool, ToolChanges
@@ -33,24 +39,70 @@ APART = 1e-3
 ShapeReader = Callable[[ShapeSection, Loc, dict[str, pin.SE3]], Shape | None]
 
 
+class ChangedToolSection(ToolSection):
+    """A tool that an arm takes from its stand and leaves there."""
+
+    stand: FramedPose = Field(
+        description="Where the arm's own tool frame (tools: tcp) is while it takes or leaves it; xyz must be given."
+    )
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> ChangedToolSection:
+        if self.stand.xyz is None:
+            raise refuse("the stand has no place; give its xyz", "stand", "E202")
+        return self
+
+
+class ArmChangesSection(Section):
+    """The tools that one arm changes by itself."""
+
+    start: Name = Field(
+        description="The tool that is on at the start, and with return: true at the end; none for no tool."
+    )
+    time: Duration = Field(
+        default=0.0,
+        description="How long the arm stands still at a stand [s], each time it takes a tool and each time it leaves "
+        "one: a change from one tool to another is two of these.",
+    )
+    approach: Distance = Field(
+        default=0.0, description="Straight approach to a stand along the own tool's z axis [m]."
+    )
+    retract: Distance = Field(
+        default=0.0, description="Straight retract from a stand along the own tool's z axis [m]."
+    )
+    tools: Annotated[dict[Name, ChangedToolSection], Field(min_length=1)] = Field(
+        description="The tools, by name."
+    )
+
+
+class ToolChangesSection(Section):
+    """The tools that each arm changes."""
+
+    left: ArmChangesSection | None = Field(default=None, description="Those of the left arm.")
+    right: ArmChangesSection | None = Field(default=None, description="Those of the right arm.")
+
+
+class ToolChangesFile(CellFile):
+    """A cell file that may have tools that arms change."""
+
+    tool_changes: ToolChangesSection = Field(
+        default=ToolChangesSection(), description="Tools that arms change by themselves, by arm."
+    )
+
+
 def read_tool_changes(
-    document: Document,
-    model: CellFile,
-    tools: Mapping[str, Tool],
-    frames: dict[str, pin.SE3],
-    shape: ShapeReader,
-    findings: Findings,
-) -> dict[str, ToolChanges]:
-    """Returns the tools that each arm changes, by arm, after noting what is wrong with them.
+    reader: CellReader, model: CellFile, tools: dict[str, Tool], frames: dict[str, pin.SE3]
+) -> AddedToCell:
+    """Returns the tools that each arm changes, after noting what is wrong with them.
 
     Args:
-        document: the cell file.
+        reader: of the cell file.
         model: its content.
         tools: what is always on each arm.
         frames: named frames in the world.
-        shape: reads a solid.
-        findings: where errors are noted.
     """
+    assert isinstance(model, ToolChangesFile)  # as the list of kinds has it
+    document, findings = reader.document, reader.findings
     found = {}
     sections = {"left": model.tool_changes.left, "right": model.tool_changes.right}
     for arm, section in sections.items():
@@ -61,7 +113,7 @@ def read_tool_changes(
             message = f"the robot has no {arm} arm; it has {', '.join(tools)}"
             findings.add(document, loc, message, key=True)
             continue
-        found[arm] = _of_arm(document, section, loc, tools[arm], frames, shape, findings)
+        found[arm] = _of_arm(document, section, loc, tools[arm], frames, reader.shape, findings)
     _check_stands(document, found, findings)
     _check_names(document, found, list(model.parts), findings)
     if found and model.limits.tool_speed is not None:
@@ -70,7 +122,12 @@ def read_tool_changes(
             "on the arm, not at the tools that are changed; remove one of the two"
         )
         findings.add(document, ("limits", "tool_speed"), message, "E310")
-    return found
+    bodies: list[tuple[Loc, str]] = [
+        (("tool_changes", arm, "tools", name), f"{arm}_{name}")
+        for arm, own in found.items()
+        for name in own.tools
+    ]
+    return AddedToCell({"tool_changes": found}, bodies)
 
 
 def _of_arm(
@@ -169,3 +226,6 @@ def _check_names(
                 message = f"{quote(name)} can be taken for a part or for another tool; choose another name"
                 findings.add(document, ("tool_changes", arm, "tools", name), message, key=True)
             others |= mine
+
+
+CELL_READING = KindCell(ToolChangesFile, read_tool_changes)

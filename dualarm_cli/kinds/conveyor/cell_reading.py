@@ -1,0 +1,65 @@
+"""Conveyors of cell files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field, model_validator
+
+from dualarm_cli.files.cells.cell_frames import frame_pose
+from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
+from dualarm_cli.files.cells.schema_cell import CellFile
+from dualarm_cli.files.source.fields import Name, Section, Velocity3, refuse
+from dualarm_cli.model.cell import Tool
+from dualarm_cli.model.conveyor import Conveyor
+
+SLOWEST_BELT = 1e-4
+"""Least speed of a conveyor [m/s]."""
+
+
+class ConveyorSection(Section):
+    """A belt that moves at one velocity all the time and carries targets past the robot."""
+
+    velocity: Velocity3 = Field(description="Velocity of what lies on it [m/s].")
+    in_: Name | None = Field(
+        default=None,
+        alias="in",
+        description="Named frame in whose axes the velocity is given; default world.",
+    )
+
+    @model_validator(mode="after")
+    def _moves(self) -> ConveyorSection:
+        if math.hypot(*self.velocity) < SLOWEST_BELT:
+            raise refuse(
+                f"a conveyor must move by {SLOWEST_BELT * 1e3:g} mm/s or more; targets on one that stands need none",
+                "velocity",
+            )
+        return self
+
+
+class ConveyorsFile(CellFile):
+    """A cell file that may have conveyors."""
+
+    conveyors: dict[Name, ConveyorSection] = Field(
+        default_factory=dict, description="Belts that carry targets of tasks, by name."
+    )
+
+
+def read_conveyors(
+    reader: CellReader, model: CellFile, tools: dict[str, Tool], frames: dict[str, pin.SE3]
+) -> AddedToCell:
+    """Returns the conveyors, their velocities in the world."""
+    assert isinstance(model, ConveyorsFile)  # as the list of kinds has it
+    found = {}
+    for name, section in model.conveyors.items():
+        loc = ("conveyors", name, "in")
+        T_world_frame = frame_pose(reader.document, loc, section.in_, frames, reader.findings)
+        if T_world_frame is not None:
+            velocity = T_world_frame.rotation @ np.array(section.velocity)
+            found[name] = Conveyor(name, velocity)
+    return AddedToCell({"conveyors": found})
+
+
+CELL_READING = KindCell(ConveyorsFile, read_conveyors)
