@@ -10,25 +10,23 @@ from dualarm_cli.cli.parts.output import JsonOption, print_json, stdout_console
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
-    from dualarm_cli.kinds.path.following import PATH_SOLVERS
-    from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
+    from dualarm_cli.kinds.planning import families
     from dualarm_cli.platform_angle import PLATFORM_SOLVERS
     from dualarm_cli.postures import REDUNDANCY_SOLVERS
     from dualarm_cli.stages.methods import METHODS
     from dualarm_cli.timing import TIMING_SOLVERS
 
-    families: list[Any] = [
+    listed: list[Any] = [
         METHODS,
         PLATFORM_SOLVERS,
         REDUNDANCY_SOLVERS,
-        PATH_SOLVERS,
-        SEAM_SOLVERS,
+        *(solvers for _, solvers in families()),
         TIMING_SOLVERS,
         CALIBRATION_SOLVERS,
     ]
     rows = [
         {"family": family.family, "name": s.name, "summary": s.summary, "reference": s.reference}
-        for family in families
+        for family in listed
         for s in family
     ]
     if json_output:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, clearance_notes, quickest_clear
 from dualarm_cli.errors import Diagnostic
@@ -15,6 +16,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.postures.stage_plan import StagePlan
+from dualarm_cli.registry import Registry
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import drawn_out
@@ -96,6 +98,12 @@ class KindPlanning:
     """What is said of `mode: free` where both arms go from stage to stage together all the same; empty otherwise."""
     quickest: Callable[..., ClearedPlan] | None = None
     """Decides stages and makes them clear, where `quickest_clear` does not; with the same parameters."""
+    solvers: Registry[Any] | None = None
+    """The family of solvers that `--redundancy` chooses from; None for none."""
+    setting: str = ""
+    """The field of the settings that names one of them."""
+    does: str = ""
+    """What they do, in words: follows paths."""
     check: Callable[[Job], Sequence[Diagnostic]] = lambda job: ()
     """What tasks ask for that there is not."""
     notes: Callable[[Job, PlanSettings, Trajectory], list[str]] = lambda job, settings, motion: []
@@ -116,6 +124,11 @@ def kinds_of(job: Job) -> list[KindPlanning]:
     """Returns the kinds of work that any task of a job is of."""
     kinds: list[KindPlanning] = of_kinds("planning")
     return [kind for kind in kinds if any(map(kind.works, job.tasks))]
+
+
+def families() -> list[tuple[KindPlanning, Registry[Any]]]:
+    """Returns the kinds of work that have a family of solvers, with it."""
+    return [(one, one.solvers) for one in of_kinds("planning") if one.solvers is not None]
 
 
 def kind_of(section: Section) -> KindPlanning | None:

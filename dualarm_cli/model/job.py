@@ -139,6 +139,11 @@ class Stop:
         x, y, z = (0.0,) * 3 if self.belt is None else self.belt.conveyor.velocity.tolist()
         return x, y, z
 
+    @property
+    def window(self) -> tuple[float, float]:
+        """The first and the last instant at which the tool may come to it [s], by itself: any where it stands."""
+        return (0.0, math.inf) if self.belt is None else (self.belt.passes, self.belt.last)
+
     def met(self, time: float) -> Stop:
         """Returns the stop with its target where the conveyor has it at a time [s]; the same where nothing moves."""
         if self.belt is None:
@@ -330,9 +335,9 @@ class Job:
         return any(task.handover is not None for task in self.tasks)
 
     @property
-    def has_conveyors(self) -> bool:
-        """Whether any target moves with a conveyor."""
-        return any(stop.belt is not None for task in self.tasks for stop in task.stops)
+    def moves(self) -> bool:
+        """Whether any target moves."""
+        return any(stop.moves for task in self.tasks for stop in task.stops)
 
     @property
     def in_sections(self) -> bool:

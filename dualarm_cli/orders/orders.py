@@ -139,8 +139,8 @@ class PairedSearch:
             InfeasibleError: rules that no order keeps.
         """
         job, model = self.order.job, self.order.model
-        # An arm's own clock knows windows of whole tasks only, not those of parts on conveyors.
-        if len(model.arms) == 1 and not model.platform.is_turntable and not job.has_conveyors:
+        # An arm's own clock knows windows of whole tasks only, not those of targets that move.
+        if len(model.arms) == 1 and not model.platform.is_turntable and not job.moves:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)
@@ -158,9 +158,9 @@ class PairedSearch:
         )
         if not found or self._is_late(found[0]):
             # Lateness is as far as the search knows: only what is proven ends here.
-            # And with parts on conveyors where they are guessed to be met it proves nothing.
+            # And with targets that move where they are guessed to be met it proves nothing.
             why = None
-            if not job.has_conveyors:
+            if not job.moves:
                 why = why_impossible(self.order, of_stages(self.problem))
             if why is not None or not found:
                 raise why or InfeasibleError(Refusal("no_order_found"))
@@ -181,8 +181,8 @@ class PairedSearch:
         if (bound is None or of_stages(self.problem).timed) and not watch.stop():
             least = least_total(self.order, self.problem, self.effort, self.seed, watch)
             bound = max(bound or 0.0, least)
-        if job.has_conveyors:
-            # Parts are elsewhere when they are met.
+        if job.moves:
+            # They are elsewhere when they are met.
             bound = None
         answers = [self._answer(one) for one in found]
         return Orders(tuple(sorted(answers, key=lambda one: one.total)), bound or None, how)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from dualarm_cli.errors import InfeasibleError, MissingDependencyError, UnsupportedError
-from dualarm_cli.kinds.path.following import PATH_SOLVERS
-from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
+from dualarm_cli.kinds.planning import families, kinds_of
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Schedule
@@ -129,8 +128,8 @@ def job_cases(
 
 def _solvers(job: Job) -> list[str]:
     """Returns the followers of paths and the seam solvers that a job asks for."""
-    paths = PATH_SOLVERS.names if job.has_paths else []
-    return [*paths, *(SEAM_SOLVERS.names if job.has_seams else [])]
+    own = [kind.solvers for kind in kinds_of(job) if kind.solvers is not None]
+    return [name for solvers in own for name in solvers.names]
 
 
 def _with_each(names: Sequence[str], every: Sequence[Case]) -> list[Case]:
@@ -189,10 +188,9 @@ def _why_unserved(job: Job, settings: PlanSettings, case: Case) -> str | None:
     """Returns why a case cannot be run on a job, or None."""
     redundancy = case.redundancy
     if redundancy not in REDUNDANCY_SOLVERS.names:
-        if not job.has_paths and redundancy in PATH_SOLVERS.names:
-            return f"{redundancy} follows paths, and the job has none"
-        if not job.has_seams and redundancy in SEAM_SOLVERS.names:
-            return f"{redundancy} works seams, and the job has none"
+        for kind, solvers in families():
+            if redundancy in solvers.names and kind not in kinds_of(job):
+                return f"{redundancy} {kind.does}, and the job has none"
         redundancy = own_redundancy(case.method, job.cell.robot)
     model = cell_model(job.cell, redundancy)
     problem = MethodProblem(model, job, redundancy, settings.effort, settings.seed)

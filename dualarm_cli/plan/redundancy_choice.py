@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dualarm_cli.errors import UnknownSolverError, UnsupportedError
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
+from dualarm_cli.kinds.planning import families
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
@@ -24,16 +25,17 @@ def with_redundancy(settings: PlanSettings, name: str | None) -> PlanSettings:
     """
     if name is None:
         return settings
-    stops, paths = name in REDUNDANCY_SOLVERS.names, name in PATH_SOLVERS.names
-    if name in SEAM_SOLVERS.names:
-        return replace(settings, seam_solver=name)
-    if not stops and not paths:
-        families = (REDUNDANCY_SOLVERS, PATH_SOLVERS, SEAM_SOLVERS)
-        known = [*dict.fromkeys(member for family in families for member in family.names)]
-        raise UnknownSolverError("--redundancy", name, known)
+    stops, others = name in REDUNDANCY_SOLVERS.names, families()
+    of_kinds = {kind.setting: name for kind, solvers in others if name in solvers.names}
+    if not stops and not of_kinds:
+        known = [
+            *REDUNDANCY_SOLVERS.names,
+            *(one for _, solvers in others for one in solvers.names),
+        ]
+        raise UnknownSolverError("--redundancy", name, list(dict.fromkeys(known)))
     if stops:
         settings = settings.naming(redundancy=name)
-    return replace(settings, follower=name) if paths else settings
+    return replace(settings, **of_kinds)  # type: ignore[arg-type]
 
 
 def check_follower(job: Job, asked: str | None) -> None:

@@ -33,7 +33,7 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         UsageError: there is no such stage, or only one arm works in it.
         UnsupportedError: the robot has no platform of one revolute joint or not two arms.
     """
-    if job.has_conveyors:
+    if job.moves:
         raise UnsupportedError(
             "a single move has no time at which a part on a conveyor is met; `dualarm plan` plans the whole of it"
         )

@@ -142,7 +142,7 @@ def test_a_job_knows_what_kinds_of_work_it_has() -> None:
     belt = OnBelt(Conveyor("belt", np.array([0.1, 0.0, 0.0])), 0.0, 1.0, 0.0)
     met = Task("b", "left", (stop("pick", belt=belt), stop("place")))
     hand = Task("h", "left", (stop("pick"),), handover=Handover("left", "right", HERE))
-    kinds = ("has_conveyors", "has_handovers", "has_paths", "has_seams", "in_sections")
+    kinds = ("moves", "has_handovers", "has_paths", "has_seams", "in_sections")
     for task, expected in ((move, set()), (met, {kinds[0]}), (hand, {kinds[1]})):
         job = Job(CELL, (move, task, move), "home", False)
         assert {kind for kind in kinds if getattr(job, kind)} == expected

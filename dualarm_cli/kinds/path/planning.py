@@ -209,6 +209,9 @@ def least_time(job: Job, section: Section) -> float:
 
 PLANNING = KindPlanning(
     works=lambda task: task.path is not None,
+    solvers=PATH_SOLVERS,
+    setting="follower",
+    does="follows paths",
     check=check_paths,
     notes=lambda job, settings, motion: path_job_notes(job, settings.platform, motion),
     add=add_path,

@@ -15,6 +15,7 @@ from dualarm_cli.kinds.planning import (
     add_transfer,
     drawn_out_transfer,
 )
+from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
 from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
 from dualarm_cli.kinds.seam.words import seam_bound, seam_faults
@@ -113,6 +114,9 @@ def least_time(job: Job, section: Section) -> float:
 
 PLANNING = KindPlanning(
     works=lambda task: task.seam is not None,
+    solvers=SEAM_SOLVERS,
+    setting="seam_solver",
+    does="works seams",
     check=seam_faults,
     notes=lambda job, settings, motion: [SEAMS_KEPT],
     add=add_seam_section,

@@ -349,7 +349,7 @@ def _windows(
     A window is for the instant at which a tool is there: lines are taken to last half of what is not dwell each.
     """
     tasks = order.tasks
-    if not order.job.has_conveyors and all(
+    if not order.job.moves and all(
         task.not_before == 0.0 and np.isinf(task.not_after) for task in tasks
     ):
         return None, None
@@ -362,7 +362,7 @@ def _windows(
                 early[k] = max(0.0, task.not_before - line)
             if k == own[-1]:
                 late[k] = task.not_after + line
-            if stop.belt is not None:
-                early[k] = max(early[k], stop.belt.passes - line)
-                late[k] = min(late[k], stop.belt.last + line)
+            if stop.moves:
+                first, last = stop.window
+                early[k], late[k] = max(early[k], first - line), min(late[k], last + line)
     return early, late
