@@ -9,6 +9,7 @@ import pytest
 
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinds.path import planning as path_jobs
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following import PATH_SOLVERS, NoPath, PathMotion, PathProblem
 from dualarm_cli.kinds.path.following.velocity import follow_min_norm
@@ -17,9 +18,8 @@ from dualarm_cli.kinds.path.starts import path_starts
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.settings import PlanSettings
-from dualarm_cli.plan import sections as path_jobs
 from dualarm_cli.plan.planner import plan_without_bound
-from dualarm_cli.registry import Solver
+from dualarm_cli.registry import Registry, Solver
 from dualarm_cli.verification import verify
 
 CELL = """\
@@ -89,7 +89,7 @@ def test_a_part_is_turned_the_other_way_round_too(tmp_path: Path, speed: str) ->
     )
     job = turn(tmp_path, speed, -180)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(path_jobs, "PATH_SOLVERS", {"manipulability": counted})
+        patch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "--redundancy", [counted]))
         schedule = plan_without_bound(job, PlanSettings(follower="manipulability"))
     assert verify(schedule, job, clearance=True).passed
     metres = float(speed.split()[0]) / 1000.0
@@ -123,8 +123,8 @@ def test_a_refusal_has_tried_slower_from_few_starts(
 ) -> None:
     """A method that never follows is asked at a sixteenth of the speed before the path is refused, 32 times at most."""
     follower = Follower(np.inf)
-    solver = Solver(name="picky", solve=follower, summary="", reference="")
-    monkeypatch.setattr(path_jobs, "PATH_SOLVERS", {"manipulability": solver})
+    solver = Solver(name="manipulability", solve=follower, summary="", reference="")
+    monkeypatch.setattr(path_jobs, "PATH_SOLVERS", Registry("path", "--redundancy", [solver]))
     job = turn(tmp_path, "300 mm/s", 90)
     with pytest.raises(InfeasibleError) as error:
         plan_without_bound(job, PlanSettings(follower="manipulability"))
