@@ -94,7 +94,7 @@ def test_json_is_one_document(folder: Path) -> None:
             "column": 1,
             "code": "E201",
             "message": "unknown key 'claerance', did you mean 'clearance'? Allowed: dualarm, "
-            "robot, base, tools, tool_changes, frames, obstacles, clearance, clearances, allowed_contacts, parts, "
+            "robot, base, tools, frames, obstacles, clearance, clearances, allowed_contacts, parts, limits, "
             "conveyors and 1 more",
         }
     ]
