@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 
 SIGINT_EXIT = 130
+NO_MEMORY_EXIT = 4
+LEAST_MEMORY = 400_000_000
+"""Address space that the libraries need by themselves [B]: with less, OpenBLAS tries for ever to get some."""
 
 
 def main() -> None:
     """Runs the command line and ends the process with its exit code."""
+    allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
+        print(
+            f"error: there is too little memory: this process may have {allowed / 1e6:.0f} MB of addresses (ulimit -v), "
+            f"at least {LEAST_MEMORY / 1e6:.0f} MB are needed",
+            file=sys.stderr,
+        )
+        sys.exit(NO_MEMORY_EXIT)
     # The matrices here are small: more than one thread of the linear algebra only costs time. It must be
     # said before numpy is loaded, and a user who said otherwise is right.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -317,11 +317,13 @@ def test_too_little_memory_is_no_bug(error, monkeypatch, capsys):
     assert "bug" not in said
 
 
-def test_a_plan_within_too_little_memory_says_so(tmp_path, tasks_folder):
-    """350 MB of addresses: some library does not fit, and says so in words of its own."""
+@pytest.mark.parametrize("megabytes", [100, 250, 399, 420])
+def test_a_plan_within_too_little_memory_says_so(megabytes, tmp_path, tasks_folder):
+    """Before any library is loaded that would not end; beyond that, some library does not fit and says so itself."""
+    most = megabytes * 1_000_000
     ended = dualarm(
         *("plan", tasks_folder / "02_two_trays/tasks.yaml", "--out", tmp_path / "out"),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (350_000_000, 350_000_000)),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most)),
     )
     assert ended.returncode == 4
     assert "there is too little memory" in ended.stderr
