@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -128,3 +129,17 @@ def test_every_refusal_has_a_sentence_that_is_used():
                 assert not isinstance(key, ast.Constant) or key.value in SENTENCES, (name, key)
     assert texts >= {*SENTENCES, *REMEDIES}
     assert {*HEADS, *HELPS} <= set(SENTENCES)
+
+
+def test_modules_that_docs_name_are_there():
+    """A page that names `plan/planner.py` or `tests/test_kinds.py` names a file, seen from the package or the root."""
+    root = PACKAGE.parent
+    named = {
+        (page.name, path)
+        for page in (root / "docs").rglob("*.md")
+        for path in re.findall(r"`([a-z_]+/[a-z_/]*\.(?:py|yaml))`", page.read_text("utf-8"))
+    }
+    assert ("architecture.md", "plan/planner.py") in named
+    assert not [
+        n for n in sorted(named) if not ((PACKAGE / n[1]).exists() or (root / n[1]).exists())
+    ]
