@@ -1,4 +1,4 @@
-"""What keeping clear costs: the quick test against coal, planning times and cycle times against blind plans.
+"""What avoiding collisions costs: the quick test against coal, and plans with and without collision checking.
 
     python benchmarks/clearance.py [--stages 100]
 
@@ -82,7 +82,7 @@ def _by_coal(
 
 
 def plans(name: str, job: Job) -> None:
-    """Prints how long a job is planned blind and clear, what it costs in cycle time, and what is proven."""
+    """Prints how long a job is planned unchecked and clear, what it costs in cycle time, and what is proven."""
     times, cycles = [], []
     for clear in (False, True):
         begin = perf_counter()
@@ -94,7 +94,7 @@ def plans(name: str, job: Job) -> None:
     proof = perf_counter() - begin
     least = min(found.clearances, key=lambda stage: stage.margin)
     print(
-        f"{name}: {len(job.stages())} stages: blind {times[0]:.2f} s, clear {times[1]:.2f} s "
+        f"{name}: {len(job.stages())} stages: unchecked {times[0]:.2f} s, clear {times[1]:.2f} s "
         f"({times[1] / times[0]:.2f} times), verification {proof:.2f} s; cycle {cycles[0]:.3f} -> "
         f"{cycles[1]:.3f} s ({cycles[1] / cycles[0] - 1.0:+.1%}); "
         f"{'passed' if found.passed else 'FAILED'}, least proven {least.clearance * 1e3:.1f} mm of "

@@ -27,7 +27,7 @@ from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.verification import verify
 
 MENDED = 12
-"""So often the stages of a baseline that do not keep clear are taken apart."""
+"""So often the stages of a baseline that collide are taken apart."""
 BASELINES = ("file", "own", "nearest")
 """The file's order, each arm's own nearest neighbours, and the nearest stages, which both arms choose together."""
 
@@ -81,7 +81,7 @@ def row_of(seed: int, tasks: int, family: str, mode: str, effort: str) -> dict[s
     instance = random_instance(seed, tasks, family, mode)  # type: ignore[arg-type]
     settings = PlanSettings(effort=effort)
     row: dict[str, float] = {}
-    # Arms with clocks of their own have no stages to choose together.
+    # Asynchronous arms have no stages to choose together.
     for what in [*(one for one in BASELINES if mode == "paired" or one != "own"), "search"]:
         begin = time.perf_counter()
         try:

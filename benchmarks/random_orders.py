@@ -53,7 +53,7 @@ def random_instance(seed: int, tasks: int, family: str, mode: Mode) -> Instance:
     the file's order is one that nobody has thought about.
 
     A task is left out, and the next one drawn, where the arm whose turn it is cannot make all of its stops: from some
-    platform angle of the search's grid (15 degrees), with lines that keep clear of the cell at both ends, and in the
+    platform angle of the search's grid (15 degrees), with lines that are clear of the cell at both ends, and in the
     file's stages from an angle that serves both arms. Where arms have clocks of their own the angle is that of home.
     Whether arms touch each other is not looked at.
 

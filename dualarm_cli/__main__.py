@@ -18,7 +18,7 @@ def main() -> None:
     allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
         print(
-            f"error: there is too little memory: this process may have {allowed / 1e6:.0f} MB of addresses (ulimit -v), "
+            f"error: there is too little memory: this process may use {allowed / 1e6:.0f} MB (ulimit -v), "
             f"at least {LEAST_MEMORY / 1e6:.0f} MB are needed",
             file=sys.stderr,
         )

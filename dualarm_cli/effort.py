@@ -49,7 +49,7 @@ class Mesh:
 
 
 NEAR = Mesh(np.radians(6.0), 24, 1500, 40, 4, around=3)
-"""The grid around a plan that does not keep clear, but for thorough effort."""
+"""The grid around a plan that collides, but for thorough effort."""
 LOCAL = Mesh(np.radians(3.0), 36, 1500, 40, 4, around=1)
 FINE = Mesh(np.radians(2.0), 48, 4000, 200, 8, around=2)
 
@@ -80,7 +80,7 @@ class SearchEffort:
     plans: int = 1
     """Plans of every grid that are polished: different in branches, targets or yaws."""
     near: Mesh = NEAR
-    """The grid around a plan that does not keep clear."""
+    """The grid around a plan that collides."""
     spares: bool = True
     """Whether time is spared where more of it seldom helps: sequences longer than WHOLE get fewer nodes and fewer of
     their plans polished, and simpler plans are not refined beside a good one."""

@@ -113,7 +113,7 @@ class InfeasibleError(DualArmError):
 
 
 class BlockedError(InfeasibleError):
-    """Stages that do not keep clear, whatever is done about them."""
+    """Stages that collide, whatever is done about them."""
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class BlockedError(InfeasibleError):
         Args:
             refusals: what is wrong.
             stages: the numbers.
-            alone: whether in one of them an arm does not keep clear even by itself, whatever the other one does.
+            alone: whether in one of them an arm collides even by itself, whatever the other one does.
             never: arms and ids of tasks that no posture of the arm does clear of the cell, in whatever order.
         """
         self.stages, self.alone, self.never = stages, alone, never

@@ -126,9 +126,7 @@ _CLEAR_HELPS = (
     "pair{standing:*}"
 )
 _MISFIT = "no posture helps where a part or a tool reaches into something"
-_NOT_CLEAR = (
-    "no plan was found that keeps clear by other postures, platform angles, waits or detours"
-)
+_NOT_CLEAR = "no collision-free plan was found: other postures, platform angles, delays and detours were tried"
 
 SENTENCES: Mapping[str, str] = {
     # Orders.
@@ -187,9 +185,9 @@ SENTENCES: Mapping[str, str] = {
     "no_posture_at_angles_tried": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_from_start": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_common_angle": "reached, but at no platform angle that suits both arms",
-    "no_pair_of_postures": "postures that keep clear were found for single places, but none for this stop and the "
+    "no_pair_of_postures": "collision-free postures were found for single places, but none for this stop and the "
     "other arm's together",
-    "no_postures_together": "postures that keep clear were found for single places, but none for this stop along "
+    "no_postures_together": "collision-free postures were found for single places, but none for this stop along "
     "its lines together",
     "no_plan_on_grid": "no plan was found on the grid of nodes",
     # Clearance.
@@ -236,7 +234,7 @@ SENTENCES: Mapping[str, str] = {
     "points_do_not_match": "{causes:*; }",
     # Conveyors.
     "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} s and is {within:g} m on at {last:.3f} s",
-    "delayed": " ({measured:.3f} s of it to keep clear)",
+    "delayed": " ({measured:.3f} s of it to avoid collisions)",
     "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
     "{measured:mm} beyond what 'within' allows: {window}; what helps: a later 'passes', a longer 'within', a slower "
     "conveyor, another arm or order (arm: any, order: optimise), or less before it",
@@ -246,8 +244,8 @@ SENTENCES: Mapping[str, str] = {
     "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
     "helps: a slower conveyor, or parts that do not come at the same time for both arms",
     "stop_of": "'{task}' ({action})",
-    "parts_missed": "no plan was found in which the arms keep clear and are in time for the parts on conveyors; "
-    "what helps: more room between the arms, other pairs of targets side by side (order: optimise), or a slower "
+    "parts_missed": "no collision-free plan was found in which the arms are in time for the parts on conveyors; "
+    "what helps: more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
     "conveyor",
     "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
     "(limits: tool_speed); allow more, or take a slower conveyor",
@@ -316,7 +314,7 @@ HEADS: Mapping[str, str] = {
     "stage_touches": _NOT_CLEAR,
     "return_touches": _NOT_CLEAR,
 }
-"""What is said once before all refusals of one error, by what is wrong."""
+"""Message once before all refusals of one error, by what is wrong."""
 
 HELPS: Mapping[str, str] = {
     "arms_cannot_meet": _MEETING_HELPS,
@@ -333,7 +331,7 @@ HELPS: Mapping[str, str] = {
     "stage_touches": _CLEAR_HELPS,
     "return_touches": _CLEAR_HELPS,
 }
-"""What is said once after them."""
+"""Message once after them."""
 
 REMEDIES: Mapping[str, str] = {
     # Stops.

@@ -65,7 +65,7 @@ def shares(reader, section, loc):
     return [reader.task(section, loc, arm, (stop,), "")]
 
 
-READING = KindReading(key="screw", noun="screws", task_keys=ScrewTask, shares=shares)
+READING = KindReading(key="screw", plural="screws", task_keys=ScrewTask, shares=shares)
 '''
 CHECKS = '''
 """Whether every screw is driven in for as long as it takes."""
@@ -228,7 +228,7 @@ def test_each_kind_has_its_parts(kind: str) -> None:
     """Reading and checks, each told by its noun or key; what it does not go with are kinds and settings."""
     reading = importlib.import_module(f"dualarm_cli.kinds.{kind}.reading").READING
     checks = importlib.import_module(f"dualarm_cli.kinds.{kind}.checks").CHECKS
-    assert bool(reading.key) == bool(reading.noun)
+    assert bool(reading.key) == bool(reading.plural)
     assert checks.judge
     assert set(KINDS[kind]) <= SETTINGS | set(KINDS) - {kind}
     if not reading.key:

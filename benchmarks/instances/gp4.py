@@ -124,7 +124,7 @@ def write_instance(name: str, folder: Path, mode: str = "paired", *, bare: bool 
         name: one of `SPEED_SUMS`.
         folder: where.
         mode: paired: a stage per step, also for an arm that stays; free: each arm has its own moves only.
-        bare: whether the links have no shapes, so that the arms need not keep clear of each other.
+        bare: whether the links have no shapes, so that the arms need not be clear of each other.
     """
     steps = read_steps(name)
     return write_job(

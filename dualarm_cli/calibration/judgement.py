@@ -299,7 +299,7 @@ def _disagreement(
             f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
             f"distance of {worst.first} and {worst.second}, more than "
             + (f"a noise of {TOUCH_NOISE * 1000:g} mm" if consistency.too_much else "their noise")
-            + " explains: no transform can mend that; touch them again, or look at tools and robot files"
+            + " explains: no transform can repair that; touch them again, or look at tools and robot files"
         )
     elif consistency.too_much and problem.noise is not None:
         degrees = 3 * len(problem.names) - 6 - fitted

@@ -1,4 +1,4 @@
-"""A method's quickest plan that keeps clear: blind first, then with clearance, then without what would not do."""
+"""A method's quickest collision-free plan: first without collision checking, then with it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clearing import Cleared, Clearing
+from dualarm_cli.clearing.repairs import Cleared, Clearing
 from dualarm_cli.clearing.stage_samples import StageSamples, alone_clear, stage_samples
 from dualarm_cli.collision.lying import too_near
 from dualarm_cli.effort import less_effort
@@ -86,11 +86,11 @@ def check_grips(problem: MethodProblem) -> None:
 
 
 MANY = 0.02
-"""Share of stages; where lines touch in more of them, another order is better than mending."""
+"""Share of stages; where lines touch in more of them, another order is better than repairing."""
 
 
 def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Motion) -> None:
-    """Refuses many stages in which both arms' lines touch: no mending helps them as much as another order.
+    """Refuses many stages in which both arms' lines touch: no repairing helps them as much as another order.
 
     Args:
         clearing: the job.
@@ -106,7 +106,7 @@ def refuse_touching_lines(clearing: Clearing, plans: list[StagePlan], motion: Mo
 
 
 def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
-    """Returns which stages do not keep clear, with the pair of bodies and what is missing."""
+    """Returns which stages collide, with the pair of bodies and what is missing."""
     if found is None:
         return [Refusal("not_clear")]
     refusals, cell = [], clearing.holding.cell
@@ -138,7 +138,7 @@ def why_blocked(clearing: Clearing, found: Cleared | None) -> list[Refusal]:
 
 
 def _standing(job: Job, found: Cleared) -> list[Refusal]:
-    """Returns which arms stand where they started in stages that do not keep clear, as their work begins later."""
+    """Returns which arms stand where they started in stages that collide, as their work begins later."""
     standing = []
     for arm in job.cell.robot.arms:
         first = next((k for k, plan in enumerate(found.plans) if arm.name in plan.stops), 0)
@@ -153,11 +153,11 @@ def _standing(job: Job, found: Cleared) -> list[Refusal]:
 
 
 COSTLY = 1.5
-"""What mending a stage costs that is worth looking for another one, at full speed [s]."""
+"""What repairing a stage costs that is worth looking for another one, at full speed [s]."""
 
 
 def bars_of(clearing: Clearing, tried: Cleared) -> list[Barred]:
-    """Returns what a plan's blocked stages have to be different in, and what its mended ones really cost."""
+    """Returns what a plan's blocked stages have to be different in, and what its repaired ones really cost."""
     found = []
     everything = tuple(range(len(clearing.job.cell.robot.joints)))
     # With a cap on the tools' speed all takes longer than the search thinks.
@@ -186,7 +186,7 @@ def bars_of(clearing: Clearing, tried: Cleared) -> list[Barred]:
 
 
 def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ...]:
-    """Returns the columns of the arm that does not keep clear by itself, or else of all joints."""
+    """Returns the columns of the arm that collides by itself, or else of all joints."""
     model, cell = clearing.model, clearing.holding.cell
     for a, name in enumerate(cell.arms):
         if not alone_clear(cell, samples, a):
@@ -195,43 +195,43 @@ def _joints_at_fault(clearing: Clearing, samples: StageSamples) -> tuple[int, ..
 
 
 NEGLIGIBLE = 0.005
-"""Share of the cycle time that keeping clear may cost a blind plan for no other one to be looked for."""
+"""Share of the cycle time; where repairing the unchecked plan costs no more, no other plan is looked for."""
 FEW = 0.34
-"""Share of stages; a blind plan with more that do not keep clear is not mended."""
+"""Share of stages; an unchecked plan in which more of them collide is not repaired."""
 DEAR = 0.25
-"""Share of the cycle time; where keeping clear costs more that is said."""
+"""Share of the cycle time; where avoiding collisions costs more, a note says so."""
 SHOWN = 5e-4
 """Costs that are shown as more than nothing [s]."""
 RIVALS = 0.08
-"""Share of the cycle time; where keeping clear costs more, simpler methods' plans may do better."""
+"""Share of the cycle time; where avoiding collisions costs more, simpler methods' plans may do better."""
 UNLUCKY = 0.03
-"""Share of the cycle time; where keeping clear costs more, the plan of less effort, which begins elsewhere, may do
-better."""
+"""Share of the cycle time; where avoiding collisions costs more, the plan of less effort may do better: it starts
+elsewhere."""
 ROUNDS = 3
 """So many times a method decides anew without the stages that would not do."""
 
 
 @dataclass(frozen=True)
 class ClearedPlan:
-    """A method's plan, mended and timed."""
+    """A method's plan, repaired and timed."""
 
     decided: Decided
     """What it came from."""
     cleared: Cleared
-    """The plan that keeps clear."""
-    blind: float
-    """Duration of the method's plan where nothing has to keep clear [s]."""
+    """The plan that is collision-free."""
+    unchecked: float
+    """Duration of the method's plan where nothing has to be collision-free [s]."""
     replanned: bool
     """Whether other postures or platform angles were needed."""
     checked: bool = True
-    """Whether anything had to keep clear."""
+    """Whether anything had to be collision-free."""
 
     @property
     def cost(self) -> float | None:
-        """How much longer the plan is than the blind one [s]; None where nothing had to keep clear."""
+        """How much longer the plan is than the unchecked one [s]; None where nothing had to be collision-free."""
         if not self.checked:
             return None
-        return self.cleared.motion.trajectory.duration - self.blind
+        return self.cleared.motion.trajectory.duration - self.unchecked
 
 
 def quickest_clear(
@@ -243,38 +243,40 @@ def quickest_clear(
     clear: bool = True,
     crossing: bool = True,
 ) -> ClearedPlan:
-    """Returns the quickest plan of a method that keeps clear.
+    """Returns the quickest plan of a method that is collision-free.
 
-    The method decides as if nothing could touch; where that plan keeps clear, or mending it costs next to nothing, it
-    is the plan. Otherwise the method decides anew with clearance, and again without stages that do not keep clear when
-    they are timed, whatever is done about them.
+    The method decides without collision checking. Where that plan is collision-free, or repairing it costs next to
+    nothing, it is the plan. Otherwise the method decides anew with collision checking, and again without stages that
+    collide when they are timed, whatever is done about them.
 
     Args:
         problem: what the method is asked.
         solve: the method.
         timing: how motions are timed.
-        progress: is told what is being done.
-        clear: whether anything has to keep clear.
-        crossing: whether arms have to keep clear of one another.
+        progress: receives what is being done.
+        clear: whether anything has to be collision-free.
+        crossing: whether arms have to be clear of one another.
 
     Raises:
-        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
+        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
     model, job = problem.model, problem.job
     holding = None
     if clear:
-        # What no plan can mend is told before one is looked for.
+        # What no plan can repair is refused before one is looked for.
         holding = Holding.of(job, crossing=crossing)
         check_start(problem, holding)
         check_parts(problem, holding)
         check_grips(problem)
-    blind = solve(problem)
+    unchecked = solve(problem)
     progress("timing the motion")
     known = Known()
-    timed = _timed(problem, blind, timing, known)
+    timed = _timed(problem, unchecked, timing, known)
     reference = timed[0][1].trajectory.duration
     if holding is None:
-        return ClearedPlan(blind, Cleared(*timed[0], ()), reference, replanned=False, checked=False)
+        return ClearedPlan(
+            unchecked, Cleared(*timed[0], ()), reference, replanned=False, checked=False
+        )
     clearing = Clearing(model, job, holding, timing, problem.seed, known)
     best = None
     for plans, motion in timed:
@@ -284,25 +286,25 @@ def quickest_clear(
         if not touching:
             best = Cleared(plans, motion, ())
         elif len(touching) <= max(1, FEW * len(plans)):
-            progress("keeping clear")
+            progress("avoiding collisions")
             best = _better(best, clearing.cleared(plans, motion, touching, give_up=True))
     if best is not None and not best.blocked:
         cost = best.motion.trajectory.duration - reference
         if cost <= NEGLIGIBLE * reference:
-            return ClearedPlan(blind, best, reference, replanned=False)
-    found = ClearedPlan(blind, best, reference, replanned=False) if best is not None else None
-    blind_plan = timed[0]
+            return ClearedPlan(unchecked, best, reference, replanned=False)
+    found = ClearedPlan(unchecked, best, reference, replanned=False) if best is not None else None
+    unchecked_plan = timed[0]
     asked = replace(
         problem,
         holding=holding,
-        blind=tuple(blind_plan[0]),
-        touching=tuple(clearing.touching(*blind_plan)),
+        unchecked=tuple(unchecked_plan[0]),
+        touching=tuple(clearing.touching(*unchecked_plan)),
     )
     failure: InfeasibleError | None = None
-    decided = blind
+    decided = unchecked
     before: list[StagePlan] | None = None
     for _ in range(ROUNDS):
-        progress("deciding again, keeping clear")
+        progress("deciding again, avoiding collisions")
         try:
             decided = solve(asked)
         except InfeasibleError as error:
@@ -324,7 +326,7 @@ def quickest_clear(
         asked = replace(
             asked,
             barred=(*asked.barred, *bars),
-            blind=tuple(before),
+            unchecked=tuple(before),
             touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
         )
     if found is not None and decided.simpler is not None and _is_dear(found):
@@ -333,7 +335,7 @@ def quickest_clear(
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
         less = less_effort(problem.effort)
-        if less is None or (found.cost or 0.0) <= UNLUCKY * found.blind:
+        if less is None or (found.cost or 0.0) <= UNLUCKY * found.unchecked:
             return found
         progress("looking at the plan of less effort")
         try:
@@ -348,7 +350,7 @@ def quickest_clear(
         except InfeasibleError:
             return found
         quicker = min(found, other, key=lambda one: _badness(one.cleared))
-        return replace(quicker, blind=min(found.blind, other.blind))
+        return replace(quicker, unchecked=min(found.unchecked, other.unchecked))
     blocked = () if found is None else found.cleared.blocked
     reasons = why_blocked(clearing, None if found is None else found.cleared)
     alone = found is not None and any(clearing.fails_alone(found.cleared, k) for k in blocked)
@@ -356,14 +358,14 @@ def quickest_clear(
 
 
 def _is_dear(found: ClearedPlan) -> bool:
-    """Returns whether simpler plans are worth a look: this one does not keep clear, or at a cost."""
-    return bool(found.cleared.blocked) or (found.cost or 0.0) > RIVALS * found.blind
+    """Returns whether simpler plans are worth a look: this one collides, or it avoids that at a cost."""
+    return bool(found.cleared.blocked) or (found.cost or 0.0) > RIVALS * found.unchecked
 
 
 def _with_rivals(
     found: ClearedPlan, clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]]
 ) -> ClearedPlan:
-    """Returns the best of what was found and of simpler plans after mending."""
+    """Returns the best of what was found and of simpler plans after repairing."""
     if not timed:
         return found
     tried = _cleared(clearing, timed, None if found.cleared.blocked else found.cleared)
@@ -375,7 +377,7 @@ def _with_rivals(
 def _touching(
     clearing: Clearing, timed: list[tuple[list[StagePlan], Motion]], plan: list[StagePlan]
 ) -> list[int]:
-    """Returns the stages that do not keep clear of one of several timed plans."""
+    """Returns the stages of one of several timed plans that collide."""
     [motion] = [motion for stages, motion in timed if stages is plan]
     return clearing.touching(plan, motion)
 
@@ -396,7 +398,7 @@ def _cleared(
     timed: list[tuple[list[StagePlan], Motion]],
     best: Cleared | None = None,
 ) -> Cleared:
-    """Returns the best of some plans after mending, or one that is known if that is better."""
+    """Returns the best of some plans after repairing, or one that is known if that is better."""
     for plans, motion in timed:
         if best is not None and best.is_done_within(motion.trajectory.duration):
             break
@@ -436,16 +438,17 @@ def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
         shorter = f"it is {-found.cost:.3f} s shorter"
         costs = f"{shorter}: the method does not find the quickest plan of all"
     notes = [
-        f"clearance: {', '.join(done)}; against the plan that could touch ({found.blind:.3f} s) {costs}"
+        f"clearance: {', '.join(done)}; compared with the plan without collision checking "
+        f"({found.unchecked:.3f} s) {costs}"
     ]
-    if found.cost > DEAR * found.blind:
+    if found.cost > DEAR * found.unchecked:
         notes.append(
-            f"clearance costs {found.cost / found.blind:.0%} of the cycle time: other methods, see `dualarm compare "
-            "solvers`, or another cell layout may do better"
+            f"clearance costs {found.cost / found.unchecked:.0%} of the cycle time: other methods (`dualarm compare "
+            "solvers`) or another cell layout may do better"
         )
     if any(stage.waits or stage.detours for stage in found.cleared.plans):
         notes.append(
-            "sensitivity: transfers that wait or are bent to keep clear count as straight ones there, and what "
+            "sensitivity: transfers that wait or are bent to avoid collisions count as straight ones there, and what "
             "they take longer as constant"
         )
     return notes

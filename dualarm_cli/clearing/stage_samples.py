@@ -1,4 +1,4 @@
-"""A stage at many instants: everybody's joints and what the arms hold, and whether all of it keeps clear."""
+"""A stage at many instants: everybody's joints and what the arms hold, and whether all of it is collision-free."""
 
 from __future__ import annotations
 
@@ -217,13 +217,13 @@ def _meeting(way: ArmWay, met: int) -> ArmWay:
     return ArmWay(way.q[rows], way.held[rows], way.arrival, met)
 
 
-def keeps_clear(cell: CellClearance, samples: StageSamples) -> bool:
-    """Returns whether everything keeps clear of everything in a stage."""
-    return bool(which_keep_clear(cell, [samples])[0])
+def is_clear(cell: CellClearance, samples: StageSamples) -> bool:
+    """Returns whether everything is clear of everything in a stage."""
+    return bool(which_are_clear(cell, [samples])[0])
 
 
-def which_keep_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
-    """Returns in which of s stages everything keeps clear of everything, shape (s,)."""
+def which_are_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> BoolArray:
+    """Returns in which of s stages everything is clear of everything, shape (s,)."""
     kept = np.ones(len(stages), dtype=np.bool_)
     kinds = [_cross(cell), *(_own(cell, a) for a in range(len(cell.arms)))]
     for margins in kinds:
@@ -233,12 +233,12 @@ def which_keep_clear(cell: CellClearance, stages: Sequence[StageSamples]) -> Boo
 
 
 def apart(cell: CellClearance, samples: StageSamples) -> bool:
-    """Returns whether the arms keep clear of each other."""
+    """Returns whether the arms are clear of each other."""
     return bool(_kept([samples], _cross(cell))[0])
 
 
 def alone_clear(cell: CellClearance, samples: StageSamples, a: int) -> bool:
-    """Returns whether one arm keeps clear of itself and of all that is not the other arm."""
+    """Returns whether one arm is clear of itself and of all that is not the other arm."""
     return bool(_kept([samples], _own(cell, a))[0])
 
 

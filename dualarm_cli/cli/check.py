@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dualarm_cli.model.study import Study
     from dualarm_cli.model.touches import Touches
 
-    Noun = Robot | Cell | Job | Touches | Base | Study
+    Loaded = Robot | Cell | Job | Touches | Base | Study
 
 
 def check_command(
@@ -59,38 +59,38 @@ def _check_one(file: str) -> dict[str, Any]:
     from dualarm_cli.files.checking import load_file
 
     try:
-        noun = load_file(file)
+        loaded = load_file(file)
     except InputError as error:
         return {"file": file, "kind": None, "summary": "", "diagnostics": error.diagnostics}
-    kind, summary = _describe(noun)
-    wrong = [*_geometry(noun), *_paths(noun)]
+    kind, summary = _describe(loaded)
+    wrong = [*_geometry(loaded), *_paths(loaded)]
     return {"file": file, "kind": kind, "summary": summary, "diagnostics": wrong}
 
 
-def _geometry(noun: Noun) -> list[Diagnostic]:
+def _geometry(loaded: Loaded) -> list[Diagnostic]:
     """Returns what is wrong with the geometry: arms that are not what they are called."""
     from dualarm_cli.kinematics.cell_model import find_false_kinds
     from dualarm_cli.model.cell import Cell
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.robot import Robot
 
-    cell = noun.cell if isinstance(noun, Job) else noun
+    cell = loaded.cell if isinstance(loaded, Job) else loaded
     if not isinstance(cell, Cell | Robot):
         return []
     return find_false_kinds(cell.robot if isinstance(cell, Cell) else cell)
 
 
-def _paths(noun: Noun) -> list[Diagnostic]:
+def _paths(loaded: Loaded) -> list[Diagnostic]:
     """Returns what paths and seams ask for that there is not: methods, torque limits, too much time."""
     from dualarm_cli.kinds.planning import kinds_of
     from dualarm_cli.model.job import Job
 
-    if not isinstance(noun, Job):
+    if not isinstance(loaded, Job):
         return []
-    return [fault for kind in kinds_of(noun) for fault in kind.check(noun)]
+    return [fault for kind in kinds_of(loaded) for fault in kind.check(loaded)]
 
 
-def _describe(noun: Noun) -> tuple[str, str]:
+def _describe(loaded: Loaded) -> tuple[str, str]:
     """Returns the kind of a file and what is in it."""
     from dualarm_cli.files.calibration.points import Base
     from dualarm_cli.model.cell import Cell
@@ -99,35 +99,39 @@ def _describe(noun: Noun) -> tuple[str, str]:
     from dualarm_cli.model.touches import Touches
     from dualarm_cli.orders.model.tool_changes import with_changes
 
-    if isinstance(noun, Study):
-        counts = [(len(noun.parameters), "parameter"), (len(noun.tasks), "task file")]
+    if isinstance(loaded, Study):
+        counts = [(len(loaded.parameters), "parameter"), (len(loaded.tasks), "task file")]
         return "study", ", ".join(_count(*count) for count in counts)
-    if isinstance(noun, Touches):
-        return "points", _count(len(noun.names), "point")
-    if isinstance(noun, Base):
-        where = "the cell" if noun.relative_to is None else f"the {noun.relative_to} robot"
+    if isinstance(loaded, Touches):
+        return "points", _count(len(loaded.names), "point")
+    if isinstance(loaded, Base):
+        where = "the cell" if loaded.relative_to is None else f"the {loaded.relative_to} robot"
         return "base", f"a pose relative to {where}"
-    if isinstance(noun, Job):
-        targets = sum(len(task.stops) for task in noun.tasks)
+    if isinstance(loaded, Job):
+        targets = sum(len(task.stops) for task in loaded.tasks)
         counts = [
-            (len({task.id for task in noun.tasks}), "task"),
+            (len({task.id for task in loaded.tasks}), "task"),
             (targets, "target"),
         ]
-        if noun.is_decided:
-            counts.append((len(with_changes(noun).stages()), "stage"))
+        if loaded.is_decided:
+            counts.append((len(with_changes(loaded).stages()), "stage"))
         words = [_count(*count) for count in counts]
-        if not noun.is_decided:
-            words.append("order open" if noun.order == "optimise" else "arms open")
+        if not loaded.is_decided:
+            words.append("order open" if loaded.order == "optimise" else "arms open")
         return "tasks", ", ".join(words)
-    if isinstance(noun, Cell):
-        counts = [(len(noun.frames), "frame"), (len(noun.obstacles), "obstacle")]
-        return "cell", ", ".join([noun.robot.name, *(_count(*count) for count in counts)])
-    counts = [(len(noun.arms), "arm"), (len(noun.joints), "joint"), (len(noun.postures), "posture")]
-    return "robot", ", ".join([noun.name, *(_count(*count) for count in counts)])
+    if isinstance(loaded, Cell):
+        counts = [(len(loaded.frames), "frame"), (len(loaded.obstacles), "obstacle")]
+        return "cell", ", ".join([loaded.robot.name, *(_count(*count) for count in counts)])
+    counts = [
+        (len(loaded.arms), "arm"),
+        (len(loaded.joints), "joint"),
+        (len(loaded.postures), "posture"),
+    ]
+    return "robot", ", ".join([loaded.name, *(_count(*count) for count in counts)])
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _shown(file: str) -> str:

@@ -249,7 +249,7 @@ def schedules_command(
     ],
     b: Annotated[
         Path,
-        typer.Argument(metavar="B", help="The one that is held against it.", show_default=False),
+        typer.Argument(metavar="B", help="The one that is compared with it.", show_default=False),
     ],
     out: OutOption = None,
     force: ForceOption = False,

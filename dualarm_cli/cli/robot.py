@@ -66,13 +66,12 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     from dualarm_cli.files.robots.robots import load_robot
 
     loaded = load_robot(robot)
-    noun = loaded.robot
-    document = describe_robot(noun) | {"notes": list(loaded.notes)}
+    document = describe_robot(loaded.robot) | {"notes": list(loaded.notes)}
     if json_output:
         print_json(document)
         return
     console = stdout_console()
-    console.print(_limits_table(noun))
+    console.print(_limits_table(loaded.robot))
     for name, arm in document["arms"].items():
         console.print(f"{name} arm: {arm['summary']}", markup=False, soft_wrap=True)
     console.print(f"postures: {', '.join(document['postures'])}", markup=False)

@@ -1,4 +1,4 @@
-"""`dualarm score`: many cells planned, held against a baseline; for CI."""
+"""`dualarm score`: many cells planned, compared with a baseline; for CI."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def score_command(
         math.inf if update_baseline else allowed,
         subset=subset or update_baseline,
     )
-    # Where the baseline is written anew, or is not there yet, nothing is held against it.
+    # Where the baseline is written anew, or is not there yet, nothing is compared with it.
     compared = baseline if former is not None and not update_baseline else None
     write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
     if update_baseline and baseline is not None:
@@ -217,7 +217,7 @@ def _tell(
     """Prints the result; what failed is told on stderr where stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
-    from dualarm_cli.scoring.words import reason_lines
+    from dualarm_cli.scoring.messages import reason_lines
 
     if github:
         for line in github_commands(verdicts, os.environ.get("GITHUB_WORKSPACE")):
@@ -234,8 +234,8 @@ def _tell(
 
 
 def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
+    from dualarm_cli.scoring.messages import advice, counted, reason_lines, rule_words
     from dualarm_cli.scoring.table import score_table
-    from dualarm_cli.scoring.words import advice, counted, reason_lines, rule_words
 
     console = stdout_console()
     console.print(score_table(verdicts))
@@ -259,7 +259,7 @@ def _update(
             print_message(f"written: {path}")
     else:
         what = "stays as it is" if path.exists() else "is not written"
-        print_message(f"{path} {what}: cases without a plan cannot be held against anything")
+        print_message(f"{path} {what}: cases without a plan cannot be compared with anything")
 
 
 def _end(verdicts: list[Verdict]) -> None:

@@ -213,14 +213,14 @@ def sweep_command(
     )
     refuse_results(out, csv, force)
     with recorded_reads() as read:
-        noun = load_study(study)
+        loaded = load_study(study)
     refuse_inputs(out, csv, read)
-    check_settings(noun)
-    points, method = _points(noun, search, quiet)
+    check_settings(loaded)
+    points, method = _points(loaded, search, quiet)
     store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
-        rows, reference = _carry_out(noun, points, method, run, store, quiet)
-    document: dict[str, Any] = printable(study_document(noun, rows, reference, method))
+        rows, reference = _carry_out(loaded, points, method, run, store, quiet)
+    document: dict[str, Any] = printable(study_document(loaded, rows, reference, method))
     say_unkept(store)
     write_results(document, out, csv, quiet)
     if json_output:

@@ -1,4 +1,4 @@
-"""What keeps clear in a cell, asked by arm, by what each arm holds, and on or off its lines."""
+"""What is collision-free in a cell, asked by arm, by what each arm holds, and on or off its lines."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class CellClearance:
     """The quick test of a cell.
 
     What an arm holds is a number: twice the place of its name in `parts`, and one more on a stop's lines, where a part
-    need not keep clear of what stands still. In a hand-over twice the number of parts are added: the other arm's tool,
+    need not be clear of what stands still. In a hand-over twice the number of parts are added: the other arm's tool,
     and what that holds, may touch the part then.
     """
 
@@ -34,14 +34,14 @@ class CellClearance:
     parts: tuple[str, ...]
     """Names of all that is ever held, see `Held.name`; the first one is nothing, tools come before parts in them."""
     crossing: bool = True
-    """Whether arms have to keep clear of one another; else each is looked at by itself."""
+    """Whether arms have to be clear of one another; else each is looked at by itself."""
 
     @classmethod
     def of(cls, cell: Cell, carried: Sequence[tuple[str, str]]) -> CellClearance:
         """Prepares a cell.
 
         Args:
-            cell: the noun.
+            cell: of the data model.
             carried: arm and name of everything that an arm ever holds.
         """
         arms = cell.robot.arms

@@ -222,7 +222,7 @@ OVERLAPS = 1e-3
 SURE = 5e-4
 """Margins of boxes that are greater are as good as true ones [m]."""
 DOUBTED = 0.004
-"""Margins below this of solids in hulls wider than they are are looked at by coal, if all else keeps clear [m]."""
+"""Margins below this of solids in wider hulls are computed by coal, if all else is collision-free [m]."""
 
 
 class QuickTest:
@@ -232,7 +232,7 @@ class QuickTest:
         """Prepares a cell.
 
         Args:
-            cell: the noun.
+            cell: of the data model.
             carried: arm and name of everything that an arm ever holds, see `Held.name`.
         """
         robot = cell.robot
@@ -400,7 +400,7 @@ class QuickTest:
     def _look_closer(
         self, group: PairGroup, frames: Frames, position: FloatArray, margins: Singles
     ) -> None:
-        """Puts true margins in the place of doubted ones (q, n) at n postures, where all else keeps clear."""
+        """Puts true margins in the place of doubted ones (q, n) at n postures, where all else is collision-free."""
         sure = margins[~group.rough].min(axis=0, initial=np.inf) >= 0.0
         doubted = group.rough[:, None] & (margins < DOUBTED) & sure
         boxes = group.both_boxes

@@ -1,6 +1,6 @@
 """The solids of a cell for coal: links, tools, carried parts and obstacles, and which of them must keep apart.
 
-It says what is there and judges nothing, as readers and nouns do.
+It says what is there and judges nothing, as readers and the data model do.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def shape_solid(body: str, joint: int, T_joint_holder: pin.SE3, shape: Shape) ->
         body: what it belongs to.
         joint: the joint that it moves with.
         T_joint_holder: the frame that the shape is posed in, in the joint's frame.
-        shape: the noun.
+        shape: of the data model.
     """
     return _solid(body, joint, T_joint_holder * shape.pose, _geometry(shape))
 
@@ -162,7 +162,7 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     """Returns all solids of a cell, as the robot's root link sees them.
 
     Args:
-        cell: the noun.
+        cell: of the data model.
         model: of its robot's URDF.
         carried: arm and name of everything that an arm ever holds, see `Held.name`.
     """

@@ -43,7 +43,7 @@ def answers(
         seen: hashes by path of the files that earlier answers were made from, added to; None where there are none.
 
     Raises:
-        InputError: a file changed meanwhile, so that answers cannot be held against each other.
+        InputError: a file changed meanwhile, so that answers cannot be compared with each other.
     """
     seen = {} if seen is None else seen
     open_ones: dict[str, list[int]] = {}

@@ -30,12 +30,12 @@ ELSEWHERE = (
     "the cluster does not see this file as it is here: workers need the same files at the same paths, such as a "
     "shared folder"
 )
-"""What is said of a case whose files other machines lack or have otherwise."""
+"""Message of a case whose files other machines lack or have otherwise."""
 OTHER_PROGRAMS = (
     "a worker of the cluster that came later would plan otherwise: it has another version of dualarm, of Python or of "
     "a library; install the same there"
 )
-"""What is said of a case that came to a worker which was not there when all were compared."""
+"""Message of a case that came to a worker which was not there when all were compared."""
 _here = threading.local()
 
 

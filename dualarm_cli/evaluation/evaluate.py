@@ -79,7 +79,7 @@ def _evaluated(request: Request) -> Evaluation:
 
 
 def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
-    """Returns the evaluation of a plan: judged, measured, held against its budget.
+    """Returns the evaluation of a plan: judged, measured, compared with its budget.
 
     Args:
         case: what the job is called.

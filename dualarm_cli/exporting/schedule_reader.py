@@ -41,7 +41,7 @@ def read_schedule(path: Path) -> Schedule:
     """Returns the schedule in a file, or in the folder's `schedule.json`.
 
     NaN in a trajectory, unsorted times and broken limits are read as they are: they are findings, not crashes.
-    Stated facts that the noun derives itself (`duration`, `files`) are kept in `extra`.
+    Stated facts that the data model derives itself (`duration`, `files`) are kept in `extra`.
 
     Raises:
         InputError: no such file, not JSON, or a member that cannot be understood, with its path.

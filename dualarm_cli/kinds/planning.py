@@ -60,10 +60,10 @@ class SectionTools:
     progress: Callable[[str], None]
     """Is told what is being done."""
     clear: bool
-    """Whether anything has to keep clear."""
+    """Whether anything has to be collision-free."""
 
     def transfer(self, here: FloatArray, there: FloatArray) -> ClearedPlan:
-        """Returns the motion of all joints from one configuration (n,) to another [rad or m] that keeps clear."""
+        """Returns the motion of all joints from one configuration (n,) to another [rad or m] that is collision-free."""
         problem = self.part((), here)
         limits = problem.job.cell.robot.limits.scaled(problem.job.speed)
         law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
@@ -95,7 +95,7 @@ class KindPlanning:
     Raises InfeasibleError where it cannot be.
     """
     together: str = ""
-    """What is said of `mode: free` where both arms go from stage to stage together all the same; empty otherwise."""
+    """Message of `mode: free` where both arms go from stage to stage together all the same; empty otherwise."""
     quickest: Callable[..., ClearedPlan] | None = None
     """Decides stages and makes them clear, where `quickest_clear` does not; with the same parameters."""
     solvers: Registry[Any] | None = None

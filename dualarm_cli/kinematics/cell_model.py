@@ -29,7 +29,7 @@ class ArmModel:
     """One arm: its kinematics in the carried frame, and its tool."""
 
     arm: Arm
-    """The noun."""
+    """In the data model."""
     kinematics: SrsArm | GeneralArm
     """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, a WristArm if
     it is of kind spherical_wrist and has closed forms."""
@@ -49,7 +49,7 @@ class CellModel:
     """A cell ready for kinematics."""
 
     cell: Cell
-    """The noun."""
+    """In the data model."""
     platform: PlatformChain
     """Joints that carry the arms."""
     platform_columns: list[int]
@@ -62,7 +62,7 @@ class CellModel:
         """Measures the robot's kinematics.
 
         Args:
-            cell: the noun.
+            cell: of the data model.
             numeric: whether closed forms over the arm angle are left aside where an arm has them.
 
         Raises:
@@ -154,7 +154,7 @@ def measure_general(
 
     Args:
         model: the whole robot.
-        robot: the noun.
+        robot: of the data model.
         arm: which arm.
         platform: the chain that carries it.
         base: pose of the model's root in the world.
@@ -176,7 +176,7 @@ def find_false_kinds(robot: Robot) -> list[Diagnostic]:
     """Returns a diagnostic for every arm that is not of the kind it is called, with what was measured.
 
     Args:
-        robot: the noun.
+        robot: of the data model.
     """
     model = pin.buildModelFromXML(robot.urdf)
     base = pin.SE3.Identity()
@@ -209,7 +209,7 @@ def _why_false(
         if gap > SRS_TOLERANCE:
             return (
                 f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
-                f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); mend the URDF, "
+                f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
                 "or call it kind: general"
             )
     return ""
@@ -224,7 +224,7 @@ def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
         )
     return (
         f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-revolute-spherical: "
-        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; mend the URDF, or call it "
+        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; correct the URDF, or call it "
         "kind: general, which is planned with numeric inverse kinematics"
     )
 
@@ -236,7 +236,7 @@ def measure_arm(
 
     Args:
         model: the whole robot.
-        robot: the noun.
+        robot: of the data model.
         arm: which arm.
         platform: the chain that carries it.
         base: pose of the model's root in the world.

@@ -1,1 +1,1 @@
-"""The nouns: frozen values that flow from the files to the reports; they neither read, write nor solve."""
+"""The data model: frozen values that flow from the files to the reports; they neither read, write nor solve."""

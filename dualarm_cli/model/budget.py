@@ -23,7 +23,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Kept:
-    """One line of a budget, held against what was measured."""
+    """One line of a budget, compared with what was measured."""
 
     name: str
     """cycle_time or clearance."""

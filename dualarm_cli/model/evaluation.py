@@ -83,7 +83,7 @@ class Evaluation:
         return self.status == "planned"
 
     def as_document(self) -> dict[str, Any]:
-        """Returns it as JSON-ready data; `of_document` gives the same noun back."""
+        """Returns it as JSON-ready data; `of_document` gives the same value back."""
         document = asdict(self)
         document["limiting"] = dict(self.limiting)
         document["limits"] = {joint: dict(limits) for joint, limits in self.limits.items()}
@@ -95,7 +95,7 @@ class Evaluation:
 
     @classmethod
     def of_document(cls, document: Any) -> Evaluation:
-        """Returns the noun that a document holds.
+        """Returns the value that a document holds.
 
         Args:
             document: as `as_document` makes it, read from JSON.

@@ -488,4 +488,4 @@ __all__ = [
     "Target",
     "Task",
 ]
-"""A job's own nouns, and those of its stops."""
+"""A job's own types, and those of its stops."""

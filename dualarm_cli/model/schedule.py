@@ -79,7 +79,7 @@ class ScheduleRobot:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stretch of the schedule that both arms start together; of arms with clocks of their own, one arm's stop."""
+    """A stretch of the schedule that both arms start together; of asynchronous arms, one arm's stop."""
 
     start: float
     """When it starts [s]."""
@@ -196,13 +196,13 @@ class Schedule:
     """By what share another order may at most be quicker than this one on the grid of the search for orders, which says
     nothing of their plans; None where the order was given or no bound is known."""
     clearance_cost: float | None = None
-    """How much longer it is than the same method's plan where nothing has to keep clear [s], or None."""
+    """How much longer it is than the same method's plan where nothing has to be collision-free [s], or None."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()
     """What a reader should know: choices, assumptions, what was not used."""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """What a file states and the noun derives itself: `duration` and `files`, kept to be checked."""
+    """What a file states and the data model derives itself: `duration` and `files`, kept to be checked."""
 
     @property
     def duration(self) -> float:

@@ -1,4 +1,4 @@
-"""Points that two robots have touched, as nouns."""
+"""Points that two robots have touched, as values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms and order of a job whose arms have clocks of their own, with the platform standing at one angle."""
+"""Arms and order of a job whose arms are asynchronous, with the platform standing at one angle."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def free_orders(order: OrderModel, effort: str, seed: int, watch: Watch) -> Free
         order: the job's tasks.
         effort: one of EFFORTS.
         seed: of all randomness.
-        watch: is told the best so far.
+        watch: receives the best so far.
     """
     how = EFFORTS[effort].clocks
     if order.job.is_decided:

@@ -29,7 +29,7 @@ class OrderMoves:
     """Where the arms are before and after moves, in the postures of the search for orders."""
 
     order: OrderModel
-    """The job's tasks as each arm may do them; something has to keep clear."""
+    """The job's tasks as each arm may do them; something has to be collision-free."""
     stages: StageModel
     """Its stages, and what their numbers mean."""
     entry: tuple[FloatArray, ...]
@@ -57,7 +57,7 @@ class OrderMoves:
         return cls(order, stages, tuple(entry), tuple(leaving), held[:, [0, 2]].T)
 
     def costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
-        """Returns about how much longer moves take, so that all keeps clear [s]; see `stage_near.Look`."""
+        """Returns about how much longer moves take, so that all is collision-free [s]; see `stage_near.Look`."""
         found = np.zeros(len(moves))
         idle = np.append((graph.stops == IDLE).any(axis=1), False)
         asked = np.flatnonzero(~idle[moves].any(axis=1))
@@ -135,7 +135,7 @@ def proven_orders(
         problem: the stages as the search has them; `is_provable`.
         best: the best order known.
         effort: one of EFFORTS.
-        watch: is told how it goes, and may end it.
+        watch: receives progress, and may end it.
     """
     watch.tell("bounding all orders, and looking for better ones on the way")
     how = EFFORTS[effort].order_bound.of_stops(problem.stops)
@@ -156,7 +156,7 @@ def _near(
 ) -> list[StageOrder]:
     """Returns orders that are nearly as good as the best one, and cost little for clearance between stops.
 
-    None where nothing has to keep clear, and where more than the order decides what is done between stops.
+    None where nothing has to be collision-free, and where more than the order decides what is done between stops.
     """
     more = order.job.has_handovers or order.job.cell.tool_changes or problem.stores is not None
     if proven.graph is None or proven.prices is None or order.clearance is None or more:
@@ -181,7 +181,7 @@ def least_total(
         problem: its stages.
         effort: one of EFFORTS.
         seed: of CP-SAT's randomness.
-        watch: is told how it goes, and may end it.
+        watch: receives progress, and may end it.
     """
     watch.tell("bounding all orders")
     found = 0.0

@@ -9,7 +9,7 @@ from dualarm_cli.model.job import StopKey
 from dualarm_cli.orders.orders import DecidedOrder, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.peers.repair import repaired
+from dualarm_cli.stages.peers.feasible_start import repaired
 from dualarm_cli.stages.search.node_plans import with_yaws
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
 from dualarm_cli.stages.search.polish import polish
@@ -38,7 +38,7 @@ class _Trial:
 
     @property
     def worth(self) -> float:
-        """About how long a plan in this order takes [s], with what it costs to keep clear."""
+        """About how long a plan in this order takes [s], with what it costs to avoid collisions."""
         lost = plan_clearance(self.problem, self.plan).penalty
         return self.plan.total + min(lost, UNLIKELY)
 

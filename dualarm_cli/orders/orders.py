@@ -13,16 +13,16 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import ANY, Job
 from dualarm_cli.orders.decided_jobs import decided
 from dualarm_cli.orders.free_orders import free_orders
-from dualarm_cli.orders.model.order_model import OrderModel
-from dualarm_cli.orders.model.stage_order_model import StageModel, stage_model, stage_stands
-from dualarm_cli.orders.model.tool_changes import paired_as, with_changes
-from dualarm_cli.orders.order_proofs import is_provable, least_total, proven_orders
-from dualarm_cli.orders.order_words import (
+from dualarm_cli.orders.messages import (
     check_meetings,
     check_reach,
     grid_gap,
     why_impossible,
 )
+from dualarm_cli.orders.model.order_model import OrderModel
+from dualarm_cli.orders.model.stage_order_model import StageModel, stage_model, stage_stands
+from dualarm_cli.orders.model.tool_changes import paired_as, with_changes
+from dualarm_cli.orders.order_proofs import is_provable, least_total, proven_orders
 from dualarm_cli.orders.paired.changes import (
     StageStands,
     closed,
@@ -116,8 +116,8 @@ class PairedSearch:
             job: what is to be done.
             effort: one of EFFORTS.
             seed: of all randomness.
-            watch: is told what is being done.
-            clear: whether postures have to keep clear of the cell, and arms of each other at their stops.
+            watch: receives what is being done.
+            clear: whether postures have to be clear of the cell, and arms of each other at their stops.
 
         Raises:
             InfeasibleError: a task that no arm reaches.
@@ -167,9 +167,9 @@ class PairedSearch:
         few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
-            how = f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks were timed, k-th stops side by side"
+            how = f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks were timed, k-th stops in one stage"
             if self.problem.stores is not None:
-                how = how.replace("k-th stops side by side", "whoever waits for whom")
+                how = how.replace("k-th stops in one stage", "whoever waits for whom")
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
         if provable and not watch.stop():
             known = found[0]
@@ -226,7 +226,7 @@ class PairedSearch:
         )
 
     def without(self, pairs: set[StagePair], others: set[ArmTask], near: Job) -> PairedSearch:
-        """Returns the search among orders in which pairs of stops are not made side by side.
+        """Returns the search among orders in which pairs of stops are not made in one stage.
 
         Args:
             pairs: stops of the first and of the second arm, each by task and action.
@@ -299,7 +299,7 @@ def _left_to_the_other(problem: StageProblem, barred: list[tuple[int, int]]) -> 
 
 
 def _kept_apart(problem: StageProblem, cuts: set[tuple[int, int]]) -> StageProblem:
-    """Returns stages in which pairs of stops are not made side by side."""
+    """Returns stages in which pairs of stops are not made in one stage."""
     size = problem.stops + 2
     table: FloatArray = np.zeros((size, size, len(problem.turn)))
     if problem.apart is not None:

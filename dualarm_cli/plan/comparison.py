@@ -151,10 +151,10 @@ def run_cases(
         job: the same work for all.
         settings: effort and seed for all.
         matrix: how to plan.
-        bound: lower bound that every plan is held against [s], or None.
+        bound: lower bound that every plan is compared with [s], or None.
         judge: the verifier.
         clock: wall clock [s].
-        progress: is told what is being done.
+        progress: receives what is being done.
     """
     every = [case.on(job.cell.robot) for case in matrix]
     for number, case in enumerate(every, start=1):

@@ -1,4 +1,4 @@
-"""Plans of jobs whose arms have clocks of their own: the best orders found are planned, the quickest plan is taken."""
+"""Plans of jobs whose arms are asynchronous: the best orders found are planned, the quickest plan is taken."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.orders.decided_jobs import stage_by_stage
 from dualarm_cli.orders.free_orders import FreeOrder, FreeOrders, free_orders
+from dualarm_cli.orders.messages import check_reach, grid_gap
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import with_changes
-from dualarm_cli.orders.order_words import check_reach, grid_gap
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan.asynchronous.free_epochs import (
     FreeEpochs,
@@ -47,7 +47,7 @@ def plan_by_own_clocks(
     paired: Callable[[Job, Callable[[Schedule], None]], Schedule],
     schedule: Callable[[Motion, Job], Schedule],
 ) -> Schedule:
-    """Returns the quickest plan found of arms with clocks of their own.
+    """Returns the quickest plan found of asynchronous arms.
 
     The platform stands at one angle while both arms work, or at several ones after another; where neither is quicker,
     both arms go from stage to stage together as they do where they are paired.
@@ -55,7 +55,7 @@ def plan_by_own_clocks(
     Args:
         planner: makes plans with a standing platform.
         settings: as for any plan.
-        watch: is told how it goes, and may end the search.
+        watch: receives progress, and may end the search.
         paired: plans the job as if it were paired; what it is given besides is given every plan.
         schedule: what a motion of a decided job is told with.
 
@@ -123,7 +123,7 @@ def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
 
 
 def _turns(model: CellModel) -> bool:
-    """Returns whether the platform can stand at several angles for two arms with clocks of their own."""
+    """Returns whether the platform can stand at several angles for two asynchronous arms."""
     return model.platform.is_turntable and len(model.arms) > 1
 
 
@@ -131,7 +131,7 @@ def _why_together(own: Schedule | None) -> str:
     """Returns why both arms go from stage to stage together although each could go by its own clock."""
     if own is None:
         return (
-            "mode: free: no plan was found in which each arm goes by its own clock (the platform stands while tools "
+            "mode: free: no plan was found in which the arms run asynchronously (the platform stands while tools "
             "work there); both go from stage to stage together"
         )
     return (
@@ -177,7 +177,7 @@ def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
         for (angle, _), count in zip(found.epochs, counts, strict=True)
     )
     notes = [
-        f"mode: free: the platform stands {stands}; meanwhile each arm goes by its own clock; {found.total:.2f} s by "
+        f"mode: free: the platform stands {stands}; meanwhile the arms run asynchronously; {found.total:.2f} s by "
         "the search's own estimate"
     ]
     return notes + _together_notes(together)
@@ -198,7 +198,7 @@ def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> l
         together: a plan in which both arms go from stage to stage together, if there is one.
     """
     notes = [
-        f"mode: free: the platform stands while tools work, and each arm goes by its own clock; {total:.2f} s by "
+        f"mode: free: the platform stands while tools work, and the arms run asynchronously; {total:.2f} s by "
         "the search's own estimate"
     ]
     notes += _together_notes(together)

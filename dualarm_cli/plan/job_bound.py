@@ -22,12 +22,12 @@ SHARED = (
 )
 """What the bound over all orders assumes."""
 OWN_CLOCKS = (
-    "lower bound: holds for every plan in this order in which each arm goes by its own clock: the slower arm's stops, "
+    "lower bound: holds for every plan in this order in which the arms run asynchronously: the slower arm's stops, "
     "as if the platform served it alone"
 )
-"""What the bound of arms with clocks of their own assumes."""
+"""What the bound of asynchronous arms assumes."""
 DWELLS_ONLY = "lower bound: of the tasks beyond the first {most} only dwells count"
-"""What is said where there are too many tasks to bound each."""
+"""Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
 """So many tasks are bounded one by one."""
 
@@ -131,7 +131,7 @@ PATH_BOUND = (
 )
 """What a bound with paths assumes."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
-"""What is said where there is no bound."""
+"""Message where there is no bound."""
 
 
 def job_bound(job: Job, effort: str) -> LowerBound:

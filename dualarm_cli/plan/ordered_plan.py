@@ -19,7 +19,7 @@ from dualarm_cli.orders.watch import Watch
 from dualarm_cli.stages.search.problem import Decisions
 
 Planner = Callable[[Job, Decisions | None, bool], Schedule]
-"""Plans a decided job from a plan to begin with; whether what does not keep clear is decided again."""
+"""Plans a decided job from a plan to begin with; whether what collides is decided again."""
 SEARCHES, SEARCHES_OF_LONG = 2, 1
 """So often orders are searched for anew without pairs of stops that turned out to touch; fewer of long ones."""
 TAKEN_APART = 3
@@ -48,13 +48,13 @@ def plan_in_best_order(
         job: what is to be done.
         settings: as for any plan.
         model: the job's cell.
-        watch: is told how it goes, and may end the search.
+        watch: receives progress, and may end the search.
         decided_plan: plans a job that says which arm does what in which order, from the search's angles and postures.
         keep: is given every plan, with its notes.
-        clear: whether anything has to keep clear.
+        clear: whether anything has to be collision-free.
 
     Raises:
-        InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found keeps clear.
+        InfeasibleError: a task that no arm reaches, rules that no order keeps, or no order found is collision-free.
     """
     watch.begin()
 
@@ -76,14 +76,14 @@ def _searched(
     watch: Watch,
     planned: Callable[..., Schedule],
 ) -> Schedule:
-    """Returns the quickest plan of the orders that the search finds, anew where what they do side by side touches.
+    """Returns the quickest plan of the orders that the search finds, anew where what they do in one stage touches.
 
     Args:
         search: where orders come from.
         orders: what it finds at first.
         settings: as for any plan.
-        watch: is told how it goes, and may end the search.
-        planned: plans an order, `of` those found; `patient` where what does not keep clear is decided again.
+        watch: receives progress, and may end the search.
+        planned: plans an order, `of` those found; `patient` where what collides is decided again.
     """
     tried = _Tried(EFFORTS[settings.effort].hopeless_orders, search.of_either_arm())
     long = len(orders.found[0].job.stages()) > LONG
@@ -126,9 +126,9 @@ def _quickest(
 
     Args:
         orders: those that are worth it.
-        watch: is told how it goes.
+        watch: receives progress.
         planned: plans an order.
-        tried: what turns out not to keep clear is added.
+        tried: what turns out to collide is added.
     """
     best: Schedule | None = None
     failure: InfeasibleError | None = None
@@ -164,13 +164,13 @@ class _Tried:
     """What orders without a plan teach."""
 
     most: int
-    """No other order is tried after so many in which an arm does not keep clear whatever the other one does."""
+    """No other order is tried after so many in which an arm collides whatever the other one does."""
     either: frozenset[str] = frozenset()
     """Tasks that either arm may do."""
     alone: int = 0
     """So many of them there are."""
     pairs: set[StagePair] = field(default_factory=set)
-    """What does not keep clear side by side."""
+    """What collides side by side."""
     others: set[ArmTask] = field(default_factory=set)
     """Tasks that an arm has no clear way to do while the other one stands idle: the other one is to do them."""
 
@@ -180,7 +180,7 @@ class _Tried:
         return len(self.pairs) + len(self.others)
 
     def add(self, job: Job, error: BlockedError) -> None:
-        """Learns from an order whose plan does not keep clear."""
+        """Learns from an order whose plan collides."""
         before = len(self.others)
         left = self.either - {task for _, task in self.others}
         # What is in the way of later stages may be there because of the first one.
@@ -215,7 +215,7 @@ def _lone_tasks(job: Job, stages: Collection[int]) -> list[ArmTask]:
 
 
 def _blocked_pairs(job: Job, stages: tuple[int, ...]) -> set[StagePair]:
-    """Returns the stops that are made side by side in some stages of a decided job."""
+    """Returns the stops that are made in one stage in some stages of a decided job."""
     found: set[StagePair] = set()
     for k, work in enumerate(job.stages()):
         if k in stages and len(work) == 2:

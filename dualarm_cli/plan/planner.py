@@ -36,16 +36,16 @@ from dualarm_cli.stages.serving import (
     served_settings,
     why_redundancy_unserved,
 )
-from dualarm_cli.stages.stages import StagePlan
+from dualarm_cli.stages.stage_by_stage import StagePlan
 from dualarm_cli.timing import TIMING_SOLVERS
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
-"""What is said where the user had seen enough once there was a plan."""
+"""Message where the user had seen enough once there was a plan."""
 OF_THE_FILE = "order: that of the file, whose plan is quicker than those of the orders found"
-"""What is said where a search does no better than the file."""
+"""Message where a search does no better than the file."""
 T = TypeVar("T")
 UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
-"""What is said of a time limit where nothing was searched."""
+"""Message of a time limit where nothing was searched."""
 
 
 def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedule:
@@ -113,13 +113,13 @@ def plan_without_bound(
     Args:
         job: cell and tasks.
         settings: names of method and solvers, and tunables.
-        watch: is told what is being done, and may end a search for orders early.
-        clear: whether anything has to keep clear; without, methods are compared for their speed alone.
+        watch: receives what is being done, and may end a search for orders early.
+        clear: whether anything has to be collision-free; without, methods are compared for their speed alone.
 
     Raises:
         UnknownSolverError: a solver that its family does not have.
         UnsupportedError: a robot or a limit that a chosen solver does not serve.
-        InfeasibleError: no posture reaches a target, or nothing that was found keeps clear.
+        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
     watch = watch or Watch(limit=settings.time_limit)
     settings, replaced = served_settings(settings, job.cell.robot)

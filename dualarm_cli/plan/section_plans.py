@@ -196,7 +196,7 @@ def quickest_of_sections(
         model: the job's cell.
         job: with paths or seams.
         effort: one of EFFORTS.
-        watch: is told how it goes, and may end the search.
+        watch: receives progress, and may end the search.
         plan: plans the job with its sections in the order of its tasks.
 
     Raises:

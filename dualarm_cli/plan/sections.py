@@ -54,7 +54,7 @@ class SectionPlanner(SectionTools):
             job = with_needs(job)
         here = None if job.start == "free" else np.array(job.start_joints)
         if self.clear and here is not None:
-            # What no plan can mend is told before one is looked for.
+            # What no plan can repair is refused before one is looked for.
             check_start(self.problem, Holding.of(self.part((), here).job))
         sections = job.sections()
         done: list[Task] = []

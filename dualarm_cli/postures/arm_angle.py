@@ -314,7 +314,7 @@ def choose_near(
 ) -> list[StopPosture | None]:
     """Returns for each stop the quickest posture of a round of variation about another stop's, None for too slow.
 
-    What a search over platform positions needs: the same posture a little further on, mended where it can be.
+    What a search over platform positions needs: the same posture a little further on, repaired where it can be.
 
     Args:
         problems: of any arms.
@@ -387,7 +387,7 @@ def _first_that_hold(batch: StopBatch, coarse: StopWays) -> dict[int, StopPostur
 
 
 def _with_clear_ends(batch: StopBatch, ways: StopWays) -> StopWays:
-    """Returns the ways that keep clear where their lines begin and end."""
+    """Returns the ways that are collision-free where their lines begin and end."""
     if not len(ways.row) or all(problem.clear is None for problem in batch.problems):
         return ways
     ends = ways.follow(batch, END_SAMPLES).q[-1, ..., 0].T
@@ -412,7 +412,7 @@ def _no_lines(batch: StopBatch) -> NoPosture:
             "shoulder cannot: give others, or approach: 0 and retract: 0)"
         )
     clear = any(problem.clear is not None for problem in batch.problems)
-    also = " and keep clear at their ends" if clear else ""
+    also = " and are collision-free at their ends" if clear else ""
     return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
 
 
@@ -443,7 +443,7 @@ def _held(batch: StopBatch, ways: StopWays, samples: int = DENSE_SAMPLES) -> dic
 
 
 def _keeps_clear(problem: StopProblem, posture: StopPosture) -> bool:
-    """Returns whether a posture keeps clear at its target and at the ends of its lines."""
+    """Returns whether a posture is collision-free at its target and at the ends of its lines."""
     if problem.clear is None:
         return True
     places: dict[Place, FloatArray] = {

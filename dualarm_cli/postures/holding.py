@@ -54,7 +54,7 @@ class Holding:
         Args:
             job: what is to be done.
             cell: its cell with all that it carries, where that is at hand.
-            crossing: whether arms have to keep clear of one another; else each is looked at by itself.
+            crossing: whether arms have to be clear of one another; else each is looked at by itself.
         """
         cell = cell or CellClearance.of(job.cell, job.carried())
         cell = replace(cell, crossing=crossing)
@@ -106,7 +106,7 @@ def _fitting(
     if not shapes or not isinstance(stop.target, PoseTarget) or not job.cell.obstacles:
         return yaws, None
     if stop.action not in LYING and not task.is_change:
-        return yaws, None  # a part in the air keeps clear as all else does
+        return yaws, None  # a part in the air is collision-free as all else does
     line = stop.retract if stop.action in TAKES else stop.approach
     reaches = [
         part_reaches(

@@ -72,7 +72,7 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
         return NoPosture(
             "every posture at the target that is within limits touches something or is too near to it"
         )
-    also = "" if problem.clear is None else " and keep clear at their ends"
+    also = "" if problem.clear is None else " and are collision-free at their ends"
     return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
 
 
@@ -164,7 +164,7 @@ def _settled(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> StopPosture
 
 
 def holds(batch: StopBatch, arm: GeneralArm, way: NumericWays) -> bool:
-    """Returns whether one way's lines can be followed at DENSE_SAMPLES samples and its postures keep clear."""
+    """Returns whether one way's lines can be followed at DENSE_SAMPLES samples and its postures are collision-free."""
     dense = followed(batch, arm, way, DENSE_SAMPLES)
     return bool(np.isfinite(dense.line).all()) and len(clear_ones(batch, dense)) == 1
 

@@ -138,7 +138,7 @@ def _given(batch: StopBatch) -> NumericWays:
 
 
 def clear_ones(batch: StopBatch, ways: NumericWays) -> NumericWays:
-    """Returns the ways that keep clear at their targets and, where these are known, at the ends of their lines."""
+    """Returns the ways that are collision-free at their targets and, where known, at the ends of their lines."""
     kept = np.ones(len(ways), dtype=np.bool_)
     for row in np.unique(ways.row).tolist():
         test = batch.problems[row].clear

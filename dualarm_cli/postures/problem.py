@@ -54,7 +54,7 @@ class StopProblem:
     refine: bool = True
     """Whether the best posture is refined between the grid's arm angles; without, it is found faster."""
     clear: Callable[[FloatArray, Place], BoolArray] | None = None
-    """Whether joints (k, n) [rad] at a place keep clear of everything, shape (k,); None where nothing has to."""
+    """Whether joints (k, n) [rad] at a place are clear of everything, shape (k,); None where nothing has to."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""

@@ -60,7 +60,7 @@ class StagePlan:
     waits: Mapping[str, float] = field(default_factory=dict)
     """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
     detours: Mapping[str, Detour] = field(default_factory=dict)
-    """What an arm passes by on its transfer, to keep clear of the cell or the other arm; by arm."""
+    """What an arm passes by on its transfer, to be clear of the cell or the other arm; by arm."""
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:

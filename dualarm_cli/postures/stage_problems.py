@@ -13,8 +13,8 @@ from dualarm_cli.kinematics.cell_model import ArmModel, CellModel
 from dualarm_cli.model.job import Job, JointTarget, PoseTarget, Stop, Task
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.postures import StopProblem
+from dualarm_cli.postures.clear_postures import KeepClear
 from dualarm_cli.postures.holding import stop_yaws
-from dualarm_cli.postures.keep_clear import KeepClear
 from dualarm_cli.timing.line_profile import estimate_line_durations
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
@@ -101,7 +101,7 @@ def stage_problems(
         angles: platform positions, shape (m, k).
         work: the stage's targets by arm.
         refine: whether postures are to be refined.
-        keep: what has to keep clear; None where nothing has to.
+        keep: what has to be collision-free; None where nothing has to.
     """
     waiting = clock.platform_times(angles - position[model.platform_columns])
     R_world, p_world = model.platform.pose(angles)

@@ -69,7 +69,7 @@ def _clear_ones(
     time: FloatArray,
     postures: Callable[[IntArray], StopWays],
 ) -> StopWays | NoPosture:
-    """Returns the KEPT quickest postures of a problem that keep clear, best first, or why there is none.
+    """Returns the KEPT quickest postures of a problem that are collision-free, best first, or why there is none.
 
     Args:
         batch: the problems.
@@ -93,7 +93,7 @@ def _clear_ones(
 
 
 def _clear(batch: StopBatch, row: int, q: FloatArray) -> BoolArray:
-    """Returns which joints at a problem's target (n, 7) keep clear, shape (n,)."""
+    """Returns which joints at a problem's target (n, 7) are collision-free, shape (n,)."""
     test = batch.problems[row].clear
     return np.ones(len(q), dtype=np.bool_) if test is None else test(q, "target")
 
@@ -162,7 +162,7 @@ def _quickest(time: FloatArray, count: int) -> IntArray:
 
 
 def _given(batch: StopBatch, row: int) -> StopWays | NoPosture:
-    """Returns a problem's configurations that keep clear as postures at targets, or why there is none."""
+    """Returns a problem's configurations that are collision-free as postures at targets, or why there is none."""
     q = batch.problems[row].configurations
     index = np.arange(0 if q is None else len(q))
     q = batch.configurations(np.full(len(index), row), index)

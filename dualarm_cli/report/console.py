@@ -58,9 +58,9 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     what = "cycle time (period)" if report["closes"] else "time of one pass"
     lines = [f"{what}: {report['cycle_time']:.3f} s"]
     if report["parts_per_hour"] is not None and report["parts"]:
-        noun = "part" if report["parts"] == 1 else "parts"
+        word = "part" if report["parts"] == 1 else "parts"
         rate = f"{report['parts_per_hour']:.0f} parts per hour"
-        lines[0] += f", {report['parts']} {noun}, {rate}"
+        lines[0] += f", {report['parts']} {word}, {rate}"
     for name, use in report["arms"].items():
         lines.append(
             f"{name} arm: works {use['utilisation']:.0%}: transfers {use['transfer']:.2f} s, "

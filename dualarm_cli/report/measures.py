@@ -44,7 +44,7 @@ def bottlenecks(schedule: Schedule) -> Bottlenecks:
 
     A stage ends with the arm that is done last, its critical arm, so the stage is that arm's transfer, lines and
     dwell. The transfer is decided by the platform or by the arm, whichever alone needs longer. Where stages overlap,
-    since each arm runs on a clock of its own, the length is that of the arm that is done last: its stages, and `other`
+    since the arms run asynchronously, the length is that of the arm that is done last: its stages, and `other`
     for what it waits.
 
     Args:

@@ -54,7 +54,7 @@ def _arrival(parts: Sequence[Segment], stage: Stage) -> float:
 
 
 def overlap(stages: Sequence[Stage]) -> bool:
-    """Returns whether any stage begins before the one before it ends: each arm runs on a clock of its own."""
+    """Returns whether any stage begins before the one before it ends: the arms run asynchronously."""
     return any(later.start < before.end - SAME_TIME for before, later in pairwise(stages))
 
 
@@ -155,7 +155,7 @@ def _stages_of_events(schedule: Schedule) -> tuple[Stage, ...]:
     clock, last = float(schedule.trajectory.time[0]), float(schedule.trajectory.time[-1])
     stages = []
     for k, group in enumerate(groups):
-        # Arms on clocks of their own may dwell into each other's next stage.
+        # Asynchronous arms may dwell into each other's next stage.
         following = groups[k + 1][0].time if k + 1 < len(groups) else last
         until = min(following, max(event.time + event.dwell for event in group))
         until = max(clock, until)

@@ -1,1 +1,1 @@
-"""Cells that must not get worse: cases found, held against a baseline, and told in the formats of CI."""
+"""Cells that must not get worse: cases found, compared with a baseline, and told in the formats of CI."""

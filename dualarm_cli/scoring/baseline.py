@@ -82,7 +82,7 @@ def read_baseline(path: Path) -> Baseline:
     if not isinstance(cases, dict) or not isinstance(settings, dict):
         _refuse(name, "is damaged: 'cases' and 'settings' must be there")
     if not cases:
-        _refuse(name, "has no cases, so that nothing could be held against it")
+        _refuse(name, "has no cases, so that nothing could be compared with it")
     return Baseline(settings, {case: _recorded(name, case, entry) for case, entry in cases.items()})
 
 

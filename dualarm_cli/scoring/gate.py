@@ -1,4 +1,4 @@
-"""The gate: every case held against the baseline and its budget; what is not known to be good does not pass."""
+"""The gate: every case compared with the baseline and its budget; what is not known to be good does not pass."""
 
 from __future__ import annotations
 

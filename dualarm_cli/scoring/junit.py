@@ -10,13 +10,13 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
-from dualarm_cli.scoring.words import (
+from dualarm_cli.scoring.messages import (
     change_words,
     clearance_words,
     cycle_words,
     gap_words,
 )
+from dualarm_cli.scoring.verdict import EXIT_CODES, Verdict, words
 
 SUITE = "dualarm score"
 MARK = b"<?xml version='1.0' encoding='UTF-8'?>\n<testsuites name=\"dualarm score\""

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 
 from dualarm_cli.model.evaluation import Finding
 from dualarm_cli.report.printable import printable
-from dualarm_cli.scoring.verdict import Verdict, words
-from dualarm_cli.scoring.words import (
+from dualarm_cli.scoring.messages import (
     advice,
     change_words,
     clearance_words,
@@ -19,6 +18,7 @@ from dualarm_cli.scoring.words import (
     reason_lines,
     rule_words,
 )
+from dualarm_cli.scoring.verdict import Verdict, words
 
 MOST = 10
 """Most annotations of a kind that GitHub shows of one step."""

@@ -8,8 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from dualarm_cli.report.printable import one_line
+from dualarm_cli.scoring.messages import change_words, clearance_words, cycle_words, gap_words
 from dualarm_cli.scoring.verdict import Verdict, words
-from dualarm_cli.scoring.words import change_words, clearance_words, cycle_words, gap_words
 
 _COLOURS = {"pass": "green", "improved": "bold green", "new": "yellow"}
 

@@ -11,7 +11,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages.search.clearance import Barred
 from dualarm_cli.stages.search.problem import Decisions
-from dualarm_cli.stages.stages import StagePlan
+from dualarm_cli.stages.stage_by_stage import StagePlan
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,17 @@ class MethodProblem:
     seed: int = 0
     """Seed of all randomness."""
     holding: Holding | None = None
-    """What has to keep clear; None where nothing has to."""
+    """What has to be collision-free; None where nothing has to."""
     barred: tuple[Barred, ...] = ()
-    """Stages that turned out not to keep clear; only methods over the whole sequence avoid them."""
-    blind: tuple[StagePlan, ...] = ()
-    """The method's own plan for the same job that does not keep clear, if there is one."""
+    """Stages that turned out to collide; only methods over the whole sequence avoid them."""
+    unchecked: tuple[StagePlan, ...] = ()
+    """The method's own plan for the same job that collides, if there is one."""
     touching: tuple[int, ...] = ()
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
     patient: bool = True
-    """Whether stages in which arms touch while they work side by side are mended and decided once more; else the order
+    """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
     will be changed, which is what helps most."""
 
     @property
@@ -78,4 +78,4 @@ class Decided:
     hopeless: bool = False
     """Whether something has to touch at a stop whatever the method does: the plan only shows what."""
     simpler: Callable[[], list[list[StagePlan]]] | None = None
-    """Simpler methods' plans, to be asked for where keeping clear turns out to be dear; None where they were asked."""
+    """Simpler methods' plans, for where avoiding collisions costs much; None where they were tried."""

@@ -12,8 +12,8 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
 from dualarm_cli.platform_angle import PlatformProblem
 from dualarm_cli.stages.serving import why_no_closed_form
+from dualarm_cli.stages.stage_by_stage import choose_stages, stop_problems
 from dualarm_cli.stages.stage_choice import in_axis_frame, stage_problem
-from dualarm_cli.stages.stages import choose_stages, stop_problems
 
 
 def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:

@@ -26,7 +26,12 @@ from dualarm_cli.stages.search.times import (
 )
 from dualarm_cli.stages.sequence_problem import sequence_problem
 from dualarm_cli.stages.serving import FIXED
-from dualarm_cli.stages.stages import ArmStop, choose_stages, choose_stages_with, stop_problems
+from dualarm_cli.stages.stage_by_stage import (
+    ArmStop,
+    choose_stages,
+    choose_stages_with,
+    stop_problems,
+)
 
 
 def decisions_of(problem: SequenceProblem, model: CellModel, stages: list[StagePlan]) -> Decisions:
@@ -165,13 +170,13 @@ def solve_sequence(problem: MethodProblem) -> Decided:
     given = (
         problem.start is not None and len(job.stages()) > LONG and EFFORTS[problem.effort].spares
     )
-    if problem.blind:
+    if problem.unchecked:
         # Simpler methods, which take long with clearance, are then asked only where that turns out to be dear.
-        blind = decisions_of(numbers, model, list(problem.blind))
+        unchecked = decisions_of(numbers, model, list(problem.unchecked))
         # The search knows no cap on the tools' speed: under one, what is good is left as it is.
         near = search_near(
             numbers,
-            blind,
+            unchecked,
             problem.touching,
             problem.effort,
             problem.seed,

@@ -28,8 +28,8 @@ def sequence_problem(
     Args:
         model: the job's cell.
         job: what is to be done.
-        holding: what has to keep clear; None where nothing has to.
-        barred: stages that turned out not to keep clear.
+        holding: what has to be collision-free; None where nothing has to.
+        barred: stages that turned out to collide.
     """
     stages = job.stages()
     stops = {

@@ -14,7 +14,7 @@ from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.model.job import Stop, Task
 from dualarm_cli.platform_angle import PLATFORM_SOLVERS, PlatformProblem
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem, solve_stops
-from dualarm_cli.postures.keep_clear import KeepClear, angles_looked_at, explain_touching
+from dualarm_cli.postures.clear_postures import KeepClear, angles_looked_at, explain_touching
 from dualarm_cli.postures.reach import explain_reach, reachable_positions
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
@@ -238,13 +238,13 @@ def made_apart(
     problems: Mapping[str, StopProblem],
     postures: dict[str, StopPosture | NoPosture],
 ) -> dict[str, StopPosture | NoPosture]:
-    """Returns postures of two arms that keep clear of each other: of one of them, another one where they do not.
+    """Returns postures of two arms that are clear of each other: of one of them, another one where they do not.
 
     Where nothing else is found, they need to only where their retracts end: one may wait for the other.
 
     Args:
         stage: what is to be done.
-        keep: what has to keep clear.
+        keep: what has to be collision-free.
         position: all joints before the stage [rad], shape (n,).
         angles: where the platform is then, shape (k,).
         problems: the arms' stops there.
@@ -325,7 +325,7 @@ def explain_clearance(
 def explain(
     stage: OpenStage, position: FloatArray, reasons: Mapping[str, NoPosture]
 ) -> InfeasibleError:
-    """Returns what a person needs to mend a stage that cannot be made: only the arms at fault.
+    """Returns what a person needs to repair a stage that cannot be made: only the arms at fault.
 
     Where it is reached and lacks clearance, a BlockedError with the stage: in another order that may be different.
     """

@@ -1,4 +1,4 @@
-"""The independent judge: it shares readers, nouns, pinocchio and coal with the planner, nothing else."""
+"""The independent judge: it shares readers, the data model, pinocchio and coal with the planner, nothing else."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from dualarm_cli.verification.clearance_checks import check_clearance
 
 
 def judge_budget(schedule: Schedule, job: Job) -> tuple[Kept, ...]:
-    """Returns the lines of a job's budget, held against a schedule; nothing where it has none.
+    """Returns the lines of a job's budget, compared with a schedule; nothing where it has none.
 
     Args:
         schedule: with its verification; without clearances in it a clearance counts as missed.

@@ -125,7 +125,7 @@ def first_move(schedule: Schedule, arm: str, start: float, end: float) -> float:
 def check_stages(schedule: Schedule, job: Job | None = None) -> Check:
     """Checks that stages follow one another from the start of the motion to its end.
 
-    Where each arm goes by its own clock, those of one arm, and both arms', follow one another with waits between them;
+    Where the arms run asynchronously, those of one arm, and both arms', follow one another with waits between them;
     each has the event of its task.
 
     Args:
@@ -209,7 +209,7 @@ def check_pairing(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) -> Ch
         spans: of the job's stops.
     """
     if job.mode == "free":
-        return not_checked("pairing", "each arm goes by its own clock")
+        return not_checked("pairing", "the arms run asynchronously")
     if wrong := _unpaired(schedule, job):
         return judge("pairing", np.inf, tol.SAME_TIME, "s", wrong)
     worst, where = 0.0, "both arms start every stage together"

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from dualarm_cli.clearing.clearing import Clearing
+from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.clearing.stage_samples import (
     KEPT,
     StageSamples,
     _kept,
     stage_samples,
-    which_keep_clear,
+    which_are_clear,
 )
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Known
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 
 def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
-    """Greedy blind plans of two cells: at full density, no instant of a stage that is called clear lacks anything."""
+    """Greedy plans without collision checking: at full density, no instant of a clear stage lacks anything."""
     timing = TIMING_SOLVERS["ruckig"]
     touched = 0
     for name in ("06_shared_bin", "08_narrow_bin"):
@@ -32,9 +32,9 @@ def test_stages_that_touch_are_those_of_which_an_instant_touches(tasks_folder):
         motion = realise(model, job, plans, timing)
         holding = Holding.of(job)
         stages = [stage_samples(motion, k, k, holding) for k in range(len(motion.stages))]
-        together = which_keep_clear(holding.cell, stages)
+        together = which_are_clear(holding.cell, stages)
         for stage, clear in zip(stages, together, strict=True):
-            assert which_keep_clear(holding.cell, [stage])[0] == clear
+            assert which_are_clear(holding.cell, [stage])[0] == clear
             lacks = holding.cell.margins(stage.position, stage.held).min() < KEPT
             # Between instants it is looked at more closely: there may be more, never less.
             assert not (lacks and clear)

@@ -478,7 +478,7 @@ def test_a_full_disk_costs_the_cache_and_not_the_result(cells):
 
 
 def test_a_limit_on_files_costs_the_cache_and_not_the_result(cells):
-    """No file may be longer than 300 bytes: half an entry is none, and the next score mends it."""
+    """No file may be longer than 300 bytes: half an entry is none, and the next score repairs it."""
     cells(1)
     process = start(
         ALL,

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
-from dualarm_cli.clearing.clearing import Cleared
+from dualarm_cli.clearing.repairs import Cleared
 from dualarm_cli.errors import InfeasibleError, UnsupportedError
 from dualarm_cli.exporting.schedule_json import to_json
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.conveyor import planning as conveyor_plan
 from dualarm_cli.kinds.conveyor.measures import conveyor_lines, conveyor_rows
-from dualarm_cli.kinds.conveyor.stages import MeetingTime
+from dualarm_cli.kinds.conveyor.meeting import MeetingTime
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.plan.planner import plan, plan_without_bound
@@ -217,10 +217,10 @@ def test_a_single_move_does_not_know_when_parts_are_met(belt):
 
 
 def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatch):
-    """Keeping clear lets the left arm wait 0.3 s each time: the plan is made again with that much more time."""
+    """Avoiding collisions lets the left arm wait 0.3 s each time: the plan is made again with that much more time."""
     calls = []
 
-    def mended(problem, solve, timing, progress, **how):
+    def repaired(problem, solve, timing, progress, **how):
         found = quickest_clear(problem, solve, timing, progress, **how)
         first, *others = found.cleared.plans
         plans = [dataclasses.replace(first, waits={"left": 0.3}), *others]
@@ -229,7 +229,7 @@ def test_an_arm_that_turns_out_late_for_its_part_meets_it_later(belt, monkeypatc
         return dataclasses.replace(found, cleared=Cleared(plans, motion, ()))
 
     job = dataclasses.replace(belt, tasks=belt.tasks[:1])
-    monkeypatch.setattr(conveyor_plan, "quickest_clear", mended)
+    monkeypatch.setattr(conveyor_plan, "quickest_clear", repaired)
     found = plan_without_bound(job, GREEDY, clear=False)
     assert len(calls) >= 2
     # The first one was late for the part, and no check would have passed it.

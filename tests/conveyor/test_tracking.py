@@ -13,7 +13,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinds.conveyor.tracking import Tracking
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.verification.motion_checks import check_agreement, check_limits, check_rest
 
 DWELL = 0.2

@@ -146,7 +146,7 @@ def test_a_file_that_changed_while_it_was_planned_is_not_kept(asked, tmp_path):
 
 
 def test_no_damage_of_an_entry_is_taken_for_an_answer(asked, tmp_path):
-    """Cut off at any place, any byte changed, nested without end: as if it were not there, and mended."""
+    """Cut off at any place, any byte changed, nested without end: as if it were not there, and repaired."""
     request, answer = asked
     store = Store(tmp_path / "c")
     store.keep(request, answer)

@@ -69,7 +69,7 @@ def test_what_a_file_leaves_open_is_left_open(opened: Callable[..., str]) -> Non
 
 
 def test_a_job_that_says_all_is_decided(opened: Callable[..., str]) -> None:
-    """Arms with clocks of their own may still be told all; one task for any arm leaves something open."""
+    """Asynchronous arms may still be told all; one task for any arm leaves something open."""
     opened("order: optimise\n" + SEQUENCES, "order: given", "arm: any", "arm: left")
     assert load_job("tasks.yaml").is_decided
     opened("order: optimise\n" + SEQUENCES, "order: given")

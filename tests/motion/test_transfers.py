@@ -20,7 +20,7 @@ from dualarm_cli.motion.transfers import (
     slowed,
     transfers_within_tool_speed,
 )
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 

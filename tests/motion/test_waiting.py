@@ -13,7 +13,7 @@ from dualarm_cli.model.schedule import Segment
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.waiting import transfer_ends, whole_transfers, with_ends
 from dualarm_cli.postures.stage_plan import Detour
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 

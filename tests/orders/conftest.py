@@ -35,7 +35,7 @@ def _rules(rng: np.random.Generator, n: int, kind: str) -> dict[str, object]:
 
 @pytest.fixture(scope="session")
 def by_clocks() -> Callable[..., SequencingProblem]:
-    """Makes problems of arms with clocks of their own: two joints, some tasks of two stops, some of one arm only."""
+    """Makes problems of asynchronous arms: two joints, some tasks of two stops, some of one arm only."""
 
     def made(
         seed: int,

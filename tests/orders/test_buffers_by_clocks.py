@@ -1,4 +1,4 @@
-"""Buffers and arms with clocks of their own, against a simulation that knows levels at all instants."""
+"""Buffers and asynchronous arms, against a simulation that knows levels at all instants."""
 
 from __future__ import annotations
 

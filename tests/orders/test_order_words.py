@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dualarm_cli.orders.order_words import why_impossible
+from dualarm_cli.orders.messages import why_impossible
 from dualarm_cli.orders.proof.cp_sat import prove
 from dualarm_cli.orders.proof.relaxation import Relaxation
 

@@ -1,4 +1,4 @@
-"""Stages with tool changes: lengths over all angles in between, and every way to put two arms' stops side by side."""
+"""Stages with tool changes: lengths over all angles in between, and every way to put two arms' stops in one stage."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def test_the_file_s_order_lets_the_arms_meet():
 
 
 def test_stops_that_touch_are_taken_apart_but_for_handovers():
-    """Where no angle lets arms meet, nothing else mends it."""
+    """Where no angle lets arms meet, nothing else repairs it."""
     problem = made(0, giver=0)
     apart = np.zeros((9, 9, 2))
     apart[GIVE, TAKE] = apart[4, 6] = np.inf

@@ -21,9 +21,9 @@ from dualarm_cli.model.schedule import Event, Segment
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.model.trajectory import Trajectory
+from dualarm_cli.orders.messages import check_reach
 from dualarm_cli.orders.model.order_model import OrderModel
 from dualarm_cli.orders.model.tool_changes import changes_of, with_changes
-from dualarm_cli.orders.order_words import check_reach
 from dualarm_cli.orders.orders import PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan import free_ordered_plan
@@ -191,7 +191,7 @@ def test_on_its_stand_a_tool_may_touch_what_stands_there_and_nowhere_else(kit):
         return test.own_margins(a, position, held, ground=True)
 
     free = margins("", False) >= 0.0
-    assert free.any(), "the arm itself keeps clear of the rack somewhere"
+    assert free.any(), "the arm itself is clear of the rack somewhere"
     # 95 mm under the changer at 0.95 m is 5 mm above the rack's 0.85 m, where 4 mm are required; 2 mm lower it is not.
     assert stand.pose.translation[2] == 0.95
     assert (margins("fingers", False)[free] >= 0.0).any()

@@ -1,4 +1,4 @@
-"""Which stops of two arms are not made side by side: the table of all pairs, and when lines that touch are mended."""
+"""Which stops of two arms are not made in one stage: the table of all pairs, and when lines that touch are repaired."""
 
 from __future__ import annotations
 

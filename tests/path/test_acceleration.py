@@ -104,7 +104,7 @@ def braked(printed: bool, eta: float = 20.0) -> float:
 
 
 def test_mended_bounds_keep_a_position_limit_and_the_printed_ones_break_it() -> None:
-    """[Zhang2024] Eq. 23 with eta 20 and 5: as printed a joint overshoots by milliradians, mended it does not."""
+    """[Zhang2024] Eq. 23 with eta 20 and 5: as printed a joint overshoots by milliradians, repaired it does not."""
     assert braked(printed=False) <= 0.0
     assert braked(printed=True) > 5e-3
 

@@ -183,7 +183,7 @@ def test_a_start_out_of_reach_says_by_how_much(tmp_path: Path) -> None:
 
 
 def test_obstacles_on_the_way_are_kept_clear_of_or_named(tmp_path: Path) -> None:
-    """A block where the path is: no start keeps clear, and the message names the bodies; beside it all is well."""
+    """A block where the path is: every start collides, and the message names the bodies; beside it all is well."""
     block = "obstacles:\n  - {name: block, box: [0.1, 0.1, 0.2], xyz: [%s, 0.25, 0.9]}"
     with pytest.raises(InfeasibleError, match="block"):
         planned(job_of(tmp_path, WIPE, head="start: free\n", more=block % "0.6"))

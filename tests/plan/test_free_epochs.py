@@ -1,4 +1,4 @@
-"""Arms with clocks of their own while the platform stands first here, then there."""
+"""Asynchronous arms while the platform stands first here, then there."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.bound.bound import lower_bound
-from dualarm_cli.clearing.clearing import Clearing
+from dualarm_cli.clearing.repairs import Clearing
 from dualarm_cli.clearing.stage_samples import arm_ways, combined, stage_samples
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
@@ -30,7 +30,7 @@ from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, solve_sequence
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
@@ -106,8 +106,8 @@ def test_the_search_knows_how_long_handovers_last(flip):
     motion = realise(model, flip, stages, TIMING_SOLVERS["ruckig"])
     timed = [stage.end - stage.start for stage in motion.stages]
     np.testing.assert_allclose(plan.stages, timed[:-1], rtol=0.04)
-    blind = evaluate(dataclasses.replace(problem, handing=()), tables, plan.decisions)
-    assert blind.stages[1] < 0.75 * timed[1]
+    unchecked = evaluate(dataclasses.replace(problem, handing=()), tables, plan.decisions)
+    assert unchecked.stages[1] < 0.75 * timed[1]
     assert [one.duration for one in stages[:-1]] == pytest.approx(timed[:-1], rel=0.04)
 
 
@@ -116,8 +116,8 @@ def test_no_plan_is_quicker_than_the_bound(flip, schedule):
     bound = job_bound(flip, "quick").value
     assert 4 * 0.15 < bound < schedule.duration
     problem = sequence_problem(CellModel.from_cell(flip.cell), flip)
-    blind = lower_bound(dataclasses.replace(problem, handing=()), "quick").value
-    assert bound > blind + 0.15
+    unchecked = lower_bound(dataclasses.replace(problem, handing=()), "quick").value
+    assert bound > unchecked + 0.15
     for a, (arm, action, line) in enumerate(
         (("left", "give", "retract"), ("right", "take", "approach"))
     ):
@@ -225,7 +225,7 @@ def test_the_other_arm_may_give(flip):
 
 @pytest.mark.parametrize("late", ["left", "right"])
 def test_an_arm_that_is_late_makes_both_late(flip, late):
-    """What mending thinks of a wait before the hand-over is what comes of it: the other arm's lines begin later too."""
+    """A delay before the hand-over costs what its repair expects: the other arm's lines begin later too."""
     model, timing = CellModel.from_cell(flip.cell), TIMING_SOLVERS["ruckig"]
     holding = Holding.of(flip)
     plan = choose_stages(model, flip, "exact", "arm_angle")[1]

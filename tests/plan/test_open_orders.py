@@ -135,7 +135,7 @@ def test_the_first_line_of_a_free_start_waits_as_well(tasks_folder):
 
 
 def test_one_arm_may_be_without_any_task(tasks_folder):
-    """All tasks are one robot's, with a rule that must be kept; the other robot only keeps clear."""
+    """All tasks are one robot's, with a rule that must be kept; the other robot only is collision-free."""
     job = load_job(tasks_folder / "05_two_robots" / "tasks.yaml")
     tasks = tuple(t for t in job.tasks if t.id in ("a", "d"))
     job = changed(dataclasses.replace(job, order="optimise", tasks=tasks), a={"after": ("d",)})

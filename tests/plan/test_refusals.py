@@ -1,4 +1,4 @@
-"""What no order can mend is refused after few tries, not after all."""
+"""What no order can repair is refused after few tries, not after all."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from dualarm_cli.plan import ordered_plan
 from dualarm_cli.plan.ordered_plan import SEARCHES, TAKEN_APART
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 
 TOUCHES = Refusal("not_clear")
 
 
 class Blocked:
-    """A search whose orders never keep clear: each time in another stage of both arms."""
+    """A search whose orders never are collision-free: each time in another stage of both arms."""
 
     start = ()
 
@@ -71,7 +71,7 @@ def test_where_an_arm_touches_by_itself_other_orders_are_soon_given_up(alone, ef
     monkeypatch.setattr(ordered_plan, "stop_name", lambda task: task.id)
     search = Blocked(alone)
     settings = PlanSettings(effort=effort)
-    with pytest.raises(BlockedError, match="keeps clear"):
+    with pytest.raises(BlockedError, match="is collision-free"):
         ordered_plan._searched(search, search.orders(), settings, Watch(), search.planned)
     most = SEARCHES + TAKEN_APART + 1
     assert search.tries == (min(most, EFFORTS[effort].hopeless_orders) if alone else most)
@@ -187,7 +187,7 @@ def test_what_an_idle_arm_blocks_is_done_by_that_arm(orders_left, monkeypatch):
         assert planned().duration == 1.0
         assert search.tries == 3  # once by the left arm, two orders by the right one
     else:
-        with pytest.raises(BlockedError, match="keeps clear"):
+        with pytest.raises(BlockedError, match="is collision-free"):
             planned()
         assert search.tries == 1
     assert search.others == {("left", "box")}

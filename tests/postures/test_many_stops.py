@@ -24,7 +24,7 @@ from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stop_batch import StopBatch, batches
 from dualarm_cli.postures.target_grid import target_postures
 from dualarm_cli.postures.ways import StopWays
-from dualarm_cli.stages.stages import stop_problems
+from dualarm_cli.stages.stage_by_stage import stop_problems
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Arms on clocks of their own: stages that overlap in time, by hand."""
+"""Asynchronous arms: stages that overlap in time, by hand."""
 
 from __future__ import annotations
 

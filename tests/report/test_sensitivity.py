@@ -13,7 +13,7 @@ from dualarm_cli.model.schedule import Provenance, Schedule, ScheduleRobot
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.report.measures import bottlenecks
 from dualarm_cli.report.sensitivity import SHARE, sensitivity
-from dualarm_cli.stages.stages import StagePlan, choose_stages
+from dualarm_cli.stages.stage_by_stage import StagePlan, choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 

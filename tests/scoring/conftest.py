@@ -1,4 +1,4 @@
-"""Evaluations and baselines that tests hold against each other."""
+"""Evaluations and baselines that tests compare with each other."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_what_is_no_text_is_said_in_words_of_ours(tmp_path):
 
 
 def test_no_cases_and_no_file_are_refused(tmp_path):
-    """Nothing could be held against them."""
+    """Nothing could be compared with them."""
     empty = baseline_bytes(SETTINGS, {}).decode()
     assert "has no cases" in refused(tmp_path / "scores.json", empty)
     with pytest.raises(InputError, match="cannot be read"):

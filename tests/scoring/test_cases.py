@@ -79,7 +79,7 @@ def test_what_matches_nothing_is_refused_though_others_match(tree, pattern):
     ],
 )
 def test_a_task_file_of_a_folder_is_one_however_it_is_written(tmp_path, text, is_one):
-    """What is passed over in silence is not held against the baseline."""
+    """What is passed over in silence is not compared with the baseline."""
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "other.yaml").write_text("dualarm: tasks/1\n")
     (tmp_path / "a" / "job.yaml").write_bytes(text.encode())

@@ -22,7 +22,7 @@ from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import Variables
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing.line_profile import estimate_line_durations
 
 Problems = Callable[..., SequenceProblem]

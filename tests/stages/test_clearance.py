@@ -18,12 +18,12 @@ from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 
 
 @pytest.fixture(scope="module")
 def shelves(tasks_folder):
-    """A crowded sequence of sixteen stages, with a greedy blind plan that touches."""
+    """A crowded sequence of sixteen stages, with a greedy plan without collision checking that touches."""
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     model = CellModel.from_cell(job.cell)
     plans = choose_stages(model, job, "exact", "arm_angle", refine=False)
@@ -64,7 +64,7 @@ def test_known_costs_count_for_moves_that_are_alike_and_for_no_others(shelves):
 
 
 def test_local_repair_touches_nothing_else_and_makes_better_what_it_touches(shelves):
-    """All stages but those that do not keep clear and their neighbours stay to the last bit."""
+    """All stages but those that collide and their neighbours stay to the last bit."""
     problem, tables, _, decisions = shelves
     before = plan_clearance(problem, evaluate(problem, tables, decisions))
     found = search_near(problem, decisions, [], "quick", 0, local=True)

@@ -62,10 +62,10 @@ def test_clearance_is_kept_by_any_arms(general_robots, tmp_path):
     post = "obstacles: [{name: post, box: [0.04, 0.04, 0.3], xyz: [0.33, 0.26, 0.2]}]\nclearance: 10 mm\n"
     job = load_job(general_robots.write_cell(tmp_path, "yumi", 1, shapes, post))
     schedule = plan_without_bound(job, QUICK)
-    blind = plan_without_bound(job, QUICK, clear=False)
-    assert not verify(blind, job, clearance=True).passed
+    unchecked = plan_without_bound(job, QUICK, clear=False)
+    assert not verify(unchecked, job, clearance=True).passed
     assert verify(schedule, job, clearance=True).passed
-    assert schedule.clearance_cost == pytest.approx(schedule.duration - blind.duration)
+    assert schedule.clearance_cost == pytest.approx(schedule.duration - unchecked.duration)
 
 
 @pytest.mark.parametrize("platform", ["sequence", "fixed"])

@@ -16,8 +16,8 @@ from dualarm_cli.motion.motion import realise
 from dualarm_cli.postures.stage_problems import Clock, stage_problems
 from dualarm_cli.stages import minimum_time_move as move
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
+from dualarm_cli.stages.stage_by_stage import StagePlan, choose_stages, choose_stages_with
 from dualarm_cli.stages.stage_choice import OpenStage, choose_stage
-from dualarm_cli.stages.stages import StagePlan, choose_stages, choose_stages_with
 from dualarm_cli.timing import TIMING_SOLVERS
 
 SIMPLER = ["fixed", "exact", "linearised"]

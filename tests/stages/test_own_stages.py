@@ -238,13 +238,13 @@ def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing
     model = CellModel.from_cell(job.cell)
     found = search(sequence_problem(model, job), [], "quick", 0)
     assert found is not None
-    blind = found.best.decisions
+    unchecked = found.best.decisions
     problem = sequence_problem(model, job, Holding.of(job, crossing=True))
     for touching in ([], [0], [1]):
-        near = search_near(problem, blind, touching, "quick", 0, local=False)
+        near = search_near(problem, unchecked, touching, "quick", 0, local=False)
         assert near is not None
-        assert near.decisions.angle[1] == blind.angle[1]
-        for mine, theirs in zip(near.decisions.arms, blind.arms, strict=True):
+        assert near.decisions.angle[1] == unchecked.angle[1]
+        for mine, theirs in zip(near.decisions.arms, unchecked.arms, strict=True):
             np.testing.assert_array_equal(mine.near[1], theirs.near[1])
 
 
@@ -252,7 +252,7 @@ def test_a_stage_that_is_clear_by_less_than_nodes_must_be_stays_as_it_is(packing
 def test_a_beam_in_which_all_the_best_steps_touch_looks_at_the_others(
     packing: Job, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
-    """Both arms near the front, and but a few steps looked at: pairs of postures that keep clear are found still."""
+    """Both arms near the front, and only a few steps looked at: collision-free pairs of postures are found still."""
     random = np.random.default_rng(seed)
     stages = [
         {

@@ -27,7 +27,7 @@ from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.search.variables import FIELDS, Variables, slopes
 from dualarm_cli.stages.sequence import decisions_of
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.verification import verify
 

@@ -12,7 +12,7 @@ from dualarm_cli.stages.search.stops import StopTable
 from dualarm_cli.stages.search.times import evaluate
 from dualarm_cli.stages.sequence import decisions_of, stage_plans
 from dualarm_cli.stages.sequence_problem import sequence_problem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 
 JOBS = {

@@ -89,7 +89,7 @@ def test_points_without_a_plan_are_avoided(make_study, counting, desk) -> None:
 
 
 def test_several_objectives_have_their_pareto_set_searched(make_study, counting, desk) -> None:
-    """Small a is quick, large a keeps clear, b is good for nothing: b = 0 with all a is the set.
+    """Small a is quick, large a is collision-free, b is good for nothing: b = 0 with all a is the set.
 
     At random b would be 0.5 on average, with a standard deviation of 0.05 over 32 points.
     """

@@ -231,7 +231,7 @@ CLOCK_TASKS = {
     "fit": ("right", {"pick": (-0.2, 0.7), "place": (0.5, 0.8)}),
     "turn": ("right", {"move": (0.2, 0.6)}),
 }
-"""Arm and targets, (φ, distance) from its shoulder, of tasks of arms with clocks of their own; the platform stands."""
+"""Arm and targets, (φ, distance) from its shoulder, of tasks of asynchronous arms; the platform stands."""
 
 
 def _clock_job(job: Job) -> Job:
@@ -334,7 +334,7 @@ def _together(job: Job, clocks: list[Clock]) -> Schedule:
 
 @pytest.fixture(scope="session")
 def by_clocks(clean: SimpleNamespace) -> SimpleNamespace:
-    """A job for arms with clocks of their own, `play` for schedules of it, and one without any fault.
+    """A job for asynchronous arms, `play` for schedules of it, and one without any fault.
 
     Left: fill picks until 2.0 s and places until 4.0 s, look until 4.8 s, back at 5.6 s. Right: turn until 0.8 s,
     waits, is on its way to fit from 3.2 s, so that its approach begins at 4.0 s; picks until 5.2 s, places until 7.2 s,

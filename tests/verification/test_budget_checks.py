@@ -1,4 +1,4 @@
-"""Budgets held against schedules: at the figure, a little beyond it, and where pairs have clearances of their own."""
+"""Budgets compared with schedules: at the figure, a little beyond it, and where pairs have clearances of their own."""
 
 from __future__ import annotations
 

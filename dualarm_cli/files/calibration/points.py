@@ -150,7 +150,7 @@ def load_points(path: str | Path) -> LoadedTouches:
 
 
 class _PointsReader:
-    """Turns one file into nouns, noting every error."""
+    """Turns one file into the data model, noting every error."""
 
     def __init__(
         self, project: Project, path: Path, document: Document, findings: Findings

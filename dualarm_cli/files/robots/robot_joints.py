@@ -235,7 +235,7 @@ def joint_position(
 
 
 def model_arms(document: Document, model: RobotFile) -> tuple[Arm, ...]:
-    """Returns the arms as nouns, left before right."""
+    """Returns the arms as values, left before right."""
     return tuple(
         Arm(
             name,

@@ -179,7 +179,7 @@ class TasksFile(Section):
     cell: Name = Field(description="Path of the cell file, relative to this file.")
     mode: Literal["paired", "free"] = Field(
         default="paired",
-        description="paired: both arms start each stage together; free: each on its own clock.",
+        description="paired: both arms start each stage together; free: the arms run asynchronously.",
     )
     order: Literal["given", "optimise"] = Field(
         default="given", description="Who chooses the order of the tasks."

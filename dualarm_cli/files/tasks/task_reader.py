@@ -39,7 +39,7 @@ class KindReading:
 
     key: str = ""
     """The key of tasks that are its work; empty where it only adds to others."""
-    noun: str = ""
+    plural: str = ""
     """What messages call such tasks."""
     beside: tuple[str, ...] = ()
     """The core's keys that go with it, all of them."""

@@ -29,7 +29,7 @@ def apart(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
 
 def listed_nouns(what: str) -> str:
     """Returns what messages call the kinds of work that do not go with a kind or a setting."""
-    *first, last = [kind.noun for kind in of_kinds("reading", what)]
+    *first, last = [kind.plural for kind in of_kinds("reading", what)]
     return f"{', '.join(first)} and {last}" if first else str(last)
 
 

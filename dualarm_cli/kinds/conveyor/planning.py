@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
 from dualarm_cli.errors import InfeasibleError
-from dualarm_cli.kinds.conveyor.stages import ConveyorMeeting, MissedError, Times, met_times
+from dualarm_cli.kinds.conveyor.meeting import ConveyorMeeting, MissedError, Times, met_times
 from dualarm_cli.kinds.planning import KindPlanning
 from dualarm_cli.model.job import Job, Stop, Task
 from dualarm_cli.postures.stage_plan import StagePlan
@@ -15,7 +15,7 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME
 from dualarm_cli.stages.serving import FIXED, NUMERIC
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TimingSolver
 
 ROUNDS = 4
@@ -31,11 +31,11 @@ LATE = 1e-9
 NO_SENSITIVITY = (
     "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
 )
-"""What is said of assumed limits."""
+"""Message of assumed limits."""
 NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
 """The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
 FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
-"""What is said of arms with clocks of their own."""
+"""Message of asynchronous arms."""
 
 
 def conveyor_notes(job: Job, duration: float) -> list[str]:
@@ -98,8 +98,8 @@ def quickest_meeting(
         problem: what the method is asked; its job says who does what in which order.
         solve: the method.
         timing: how motions are timed.
-        progress: is told what is being done.
-        clear: whether anything has to keep clear.
+        progress: receives what is being done.
+        clear: whether anything has to be collision-free.
 
     Raises:
         InfeasibleError: a part that no plan found meets in its window, or what else makes a plan impossible.

@@ -7,6 +7,6 @@ from dualarm_cli.kinds.planning import KindPlanning
 HANDED_TOGETHER = (
     "mode: free: with hand-overs both arms go from stage to stage together in this version"
 )
-"""What is said of arms with clocks of their own that have to meet."""
+"""Message of asynchronous arms that have to meet."""
 
 PLANNING = KindPlanning(works=lambda task: task.handover is not None, together=HANDED_TOGETHER)

@@ -150,7 +150,7 @@ def with_taken_parts(document: Document, model: TasksFile, job: Job) -> Job:
 
 READING = KindReading(
     key="handover",
-    noun="hand-overs",
+    plural="hand-overs",
     beside=("pick", "place"),
     task_keys=HandoverTask,
     shares=handed,

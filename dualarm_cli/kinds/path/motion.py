@@ -371,14 +371,14 @@ LOOKED_AT = 0.02
 """Time between the postures of a path that are looked at [s]."""
 
 
-def keeps_clear(holding: Holding, position: FloatArray) -> BoolArray:
-    """Returns which configurations (k, n) [rad] keep clear, shape (k,)."""
+def is_clear(holding: Holding, position: FloatArray) -> BoolArray:
+    """Returns which configurations (k, n) [rad] are collision-free, shape (k,)."""
     held = np.zeros((len(position), len(holding.cell.arms)), dtype=np.int64)
     return np.asarray(holding.cell.margins(position, held) >= SLACK)
 
 
 def touching_path(holding: Holding, found: FollowedPath) -> Refused | None:
-    """Returns where a followed path does not keep clear, or None."""
+    """Returns where a followed path collides, or None."""
     trajectory = found.trajectory
     count = max(2, int(np.ceil(trajectory.duration / LOOKED_AT)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)

@@ -12,17 +12,17 @@ from dualarm_cli.errors import Diagnostic, InfeasibleError, did_you_mean
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.context import PathContext
 from dualarm_cli.kinds.path.following import PATH_SOLVERS
+from dualarm_cli.kinds.path.messages import path_job_notes, path_notes, why_not
 from dualarm_cli.kinds.path.motion import (
     FollowedPath,
     Refused,
     TrialBudget,
     follow_path,
-    keeps_clear,
+    is_clear,
     touching_path,
 )
 from dualarm_cli.kinds.path.record import add_followed
 from dualarm_cli.kinds.path.starts import path_starts
-from dualarm_cli.kinds.path.words import path_job_notes, path_notes, why_not
 from dualarm_cli.kinds.planning import (
     KindPlanning,
     Section,
@@ -128,7 +128,7 @@ def add_path(
     refusals: list[Refused] = []
     looked_at, budget = 0, TrialBudget()
     best: tuple[ClearedPlan | None, FollowedPath] | None = None
-    clear = None if holding is None else partial(keeps_clear, holding)
+    clear = None if holding is None else partial(is_clear, holding)
     starts = path_starts(context, work, start, tools.problem.seed, clear)
     stuck: list[tuple[float, FloatArray]] = []
     # From all starts first at full speed or as much less as limits tell; then slower from those where only

@@ -235,4 +235,4 @@ def _wrong_arms(arms: Sequence[str], section: PathSection, task_arm: str | None)
     return ""
 
 
-READING = KindReading(key="path", noun="paths", task_keys=PathTask, shares=followers)
+READING = KindReading(key="path", plural="paths", task_keys=PathTask, shares=followers)

@@ -71,7 +71,7 @@ def path_starts(
         work: the path.
         here: where the robot is [rad], shape (n,).
         seed: of what is drawn.
-        clear: whether configurations (k, n) [rad] touch nothing, shape (k,); None where nothing has to keep clear.
+        clear: whether configurations (k, n) [rad] are collision-free, shape (k,); None where nothing has to be.
     """
     robot = context.job.cell.robot
     if work.posture is not None:

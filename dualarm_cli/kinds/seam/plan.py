@@ -18,10 +18,10 @@ from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS, NoSeam, SeamMotion
 from dualarm_cli.kinds.seam.closed_chain.chain import Chain
 from dualarm_cli.kinds.seam.closed_chain.closing import all_equations
 from dualarm_cli.kinds.seam.closed_chain.starts import seam_starts
+from dualarm_cli.kinds.seam.messages import seam_refusal, where_it_fails
 from dualarm_cli.kinds.seam.motion import is_too_fast, timed_seam
 from dualarm_cli.kinds.seam.path import SeamPath
 from dualarm_cli.kinds.seam.record import PlannedSeam, quicker
-from dualarm_cli.kinds.seam.words import seam_refusal, where_it_fails
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.seam import SeamWork
@@ -132,7 +132,7 @@ KEPT_AT_NODES, KEPT_BETWEEN = SLACK / 2.0, SLACK / 4.0
 
 
 def seam_holding(job: Job, work: SeamWork) -> Holding:
-    """Returns what has to keep clear while the tool works: it may touch the part, not reach into it."""
+    """Returns what has to be collision-free while the tool works: it may touch the part, not reach into it."""
     cell, tool = job.cell, f"{work.slave}_tool"
     contacts = tuple((tool, body, -OVERLAP) for body in work.touches)
     cell = replace(cell, clearances=(*cell.clearances, *contacts))
@@ -140,7 +140,7 @@ def seam_holding(job: Job, work: SeamWork) -> Holding:
 
 
 def clearance_test(holding: Holding) -> Callable[[FloatArray], BoolArray]:
-    """Returns a test of which configurations (k, n) [rad] keep clear, (k,)."""
+    """Returns a test of which configurations (k, n) [rad] are collision-free, (k,)."""
 
     def clear(position: FloatArray) -> BoolArray:
         return np.asarray(_margins(holding, position) >= KEPT_AT_NODES)
@@ -158,7 +158,7 @@ def nearest_bodies(holding: Holding, position: FloatArray) -> Refusal:
 def where_it_touches(
     holding: Holding, motions: Sequence[tuple[str, Trajectory | None]]
 ) -> Refusal | None:
-    """Returns where motions do not keep clear, or None.
+    """Returns where motions collide, or None.
 
     Args:
         holding: what has to.
@@ -220,7 +220,7 @@ class SeamPlanner:
     seed: int
     """Of what is drawn."""
     clear: bool
-    """Whether anything has to keep clear."""
+    """Whether anything has to be collision-free."""
     free_start: bool = False
     """Whether the motion may start anywhere, so that there is no way to where the seam begins."""
     asked: str | None = None

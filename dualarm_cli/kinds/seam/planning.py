@@ -16,9 +16,9 @@ from dualarm_cli.kinds.planning import (
     drawn_out_transfer,
 )
 from dualarm_cli.kinds.seam.closed_chain import SEAM_SOLVERS
+from dualarm_cli.kinds.seam.messages import seam_bound, seam_faults
 from dualarm_cli.kinds.seam.plan import SeamPlanner
 from dualarm_cli.kinds.seam.record import PlannedSeam, add_seam, seam_notes
-from dualarm_cli.kinds.seam.words import seam_bound, seam_faults
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.seam import SeamWork
 from dualarm_cli.motion.builder import Motion

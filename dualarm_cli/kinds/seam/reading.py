@@ -49,7 +49,7 @@ SEAM_KEYS = {
     "dwell": "write it into its entry and exit",
     "part": "its own part says where the part is held",
 }
-"""What is said of keys that a coordinate task has elsewhere."""
+"""Message of keys that a coordinate task has elsewhere."""
 
 
 class SeamReader:
@@ -341,5 +341,5 @@ def partners(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
 
 
 READING = KindReading(
-    key="coordinate", noun="coordinate tasks", task_keys=SeamTask, shares=partners
+    key="coordinate", plural="coordinate tasks", task_keys=SeamTask, shares=partners
 )

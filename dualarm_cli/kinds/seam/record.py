@@ -181,7 +181,7 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
     bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
     if bodies:
         notes.append(
-            f"{task}: {' and '.join(bodies)} without shapes: nothing keeps clear of what they stand for"
+            f"{task}: {' and '.join(bodies)} without shapes: nothing is clear of what they stand for"
         )
     if work.touches and f"{work.slave}_tool" not in bodies:
         notes.append(

@@ -1,4 +1,4 @@
-"""Tools that arms change by themselves: from a cell file's section to nouns."""
+"""Tools that arms change by themselves: from a cell file's section to the data model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms with clocks of their own on a platform that turns now and then: which tasks are done while it stands where."""
+"""Asynchronous arms on a platform that turns now and then: which tasks are done while it stands where."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class ArmTasks:
 
 @dataclass(frozen=True)
 class SequencingProblem:
-    """Tasks to be given to arms with clocks of their own and put in order, so that all is done soonest.
+    """Tasks to be given to asynchronous arms and put in order, so that all is done soonest.
 
     Every arm begins in its start posture; the platform stands still, but for a turn before and after all.
     Nodes are ways of tasks: node t w + k is way k of task t; node n w is the arm's start.

@@ -235,7 +235,7 @@ class Recreator:
         Args:
             start: an order.
             iterations: how often something is removed and put back.
-            better: is told every new best one.
+            better: receives every new best one.
             stop: whether to stop early.
         """
         best = current = start

@@ -1,4 +1,4 @@
-"""When everything begins and ends for given orders of arms with clocks of their own."""
+"""When everything begins and ends for given orders of asynchronous arms."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class State:
 
 
 class StoredOrder:
-    """One order of arms with clocks of their own, with buffers."""
+    """One order of asynchronous arms, with buffers."""
 
     def __init__(self, problem: SequencingProblem, order: Order) -> None:
         """Prepares it."""

@@ -1,4 +1,4 @@
-"""Which stops of two arms cannot be made side by side, because the arms would touch."""
+"""Which stops of two arms cannot be made in one stage, because the arms would touch."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def handover_margins(
     What each holds changes: where both come, while they meet, and where the giver's retract ends.
 
     Args:
-        order: the job's tasks; something has to keep clear.
+        order: the job's tasks; something has to be collision-free.
         shares: numbers of the giver's and of the taker's task.
         giver: number of the giving arm.
         places: by arm its joints where its lines begin, at the target and where they end [rad], shape (3, n, joints).
@@ -83,7 +83,7 @@ def met_postures(
 def _pair(
     order: OrderModel, shares: tuple[int, int], giver: int, f: int, names: Sequence[str]
 ) -> tuple[int, int]:
-    """Returns the rows of the cheapest postures of giver and taker that keep clear of each other, -1 for none."""
+    """Returns the rows of the cheapest postures of giver and taker that are clear of each other, -1 for none."""
     keys = [(names[0], shares[0], 1), (names[1], shares[1], 0)]
     rows = [order.rows(*key, f) for key in keys]
     nodes = [order.nodes[key] for key in keys]
@@ -131,7 +131,7 @@ def meeting_costs(
             NaN where a stop cannot be made.
 
     Returns:
-        Shape (s + 2, s + 2, f), see StageProblem.apart; None for one arm or where nothing has to keep clear.
+        Shape (s + 2, s + 2, f), see StageProblem.apart; None for one arm or where nothing has to be collision-free.
     """
     if order.clearance is None or len(chosen) != 2:
         return None
@@ -207,7 +207,7 @@ def stop_conflicts(order: OrderModel, f: int) -> BoolArray:
                 own[:, k, 0] = [place[rows[0]] for place in places]
         chosen.append(own)
     table = meeting_costs(order, stops, chosen)
-    assert table is not None  # there are two arms, and something has to keep clear
+    assert table is not None  # there are two arms, and something has to be collision-free
     return np.asarray(np.isinf(table[: len(stops), : len(stops), 0]))
 
 

@@ -119,7 +119,7 @@ def widened(arm: ArmTasks, width: int) -> ArmTasks:
 
 
 CANDIDATES = 16
-"""Postures of a stop at one platform angle that are looked at for whether they keep clear."""
+"""Postures of a stop at one platform angle that are looked at for whether they are collision-free."""
 WAYS = ((12, 6), (40, 4), (120, 2))
 """Ways of every task, by up to how many tasks; one beyond."""
 
@@ -137,7 +137,7 @@ class OrderModel:
     nodes: Mapping[tuple[str, int, int], Nodes]
     """Postures by arm, task and number of the stop."""
     clearance: CellClearance | None
-    """What has to keep clear, None where nothing has to."""
+    """What has to be collision-free, None where nothing has to."""
     clock: Clock
     """Closed-form times."""
     hubs: Mapping[str, FloatArray]
@@ -152,7 +152,7 @@ class OrderModel:
         Args:
             model: its cell.
             job: what is to be done.
-            clear: whether anything has to keep clear.
+            clear: whether anything has to be collision-free.
         """
         angles = platform_angles(model, job)
         tasks = (*job.tasks, *stand_tasks(job.cell))
@@ -328,7 +328,7 @@ class OrderModel:
         return stop_costs(nodes, np.arange(len(nodes.angle_index)), self.hubs[name], law.duration)
 
     def rows(self, name: str, t: int, s: int, f: int) -> IntArray:
-        """Returns the postures of one arm at a stop, seen from an angle, that keep clear of all but the other arm.
+        """Returns the postures of one arm at a stop, seen from an angle, that are clear of all but the other arm.
 
         Given joint configurations are all looked at; of postures the cheapest ones, cheapest first.
         """
@@ -355,7 +355,7 @@ class OrderModel:
             [nodes.q_approach[rows], nodes.q_target[rows], nodes.q_retract[rows]]
         )
         angle, held = np.full(len(places), f), np.repeat(self.held(t, s), len(rows))
-        return self.keeps_clear(name, places, angle, held)
+        return self.is_clear(name, places, angle, held)
 
     def held(self, t: int, s: int) -> tuple[int, int, int]:
         """Returns what an arm holds where an approach begins, at the target, and where the retract ends."""
@@ -365,10 +365,8 @@ class OrderModel:
         came, goes = task.held_before(action), task.held_after(action)
         return held(came), held(came, True), held(goes)
 
-    def keeps_clear(
-        self, name: str, places: FloatArray, angle: IntArray, held: IntArray
-    ) -> BoolArray:
-        """Returns which stops keep clear of all but the other arm, shape (n,).
+    def is_clear(self, name: str, places: FloatArray, angle: IntArray, held: IntArray) -> BoolArray:
+        """Returns which stops are clear of all but the other arm, shape (n,).
 
         Args:
             name: the arm.

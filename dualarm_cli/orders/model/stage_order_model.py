@@ -26,7 +26,7 @@ WIDTHS = (1, 1, 2, 4, 8, 16)
 def cheapest_postures(
     order: OrderModel, name: str, stops: Sequence[tuple[int, int]], angles: IntArray
 ) -> IntArray:
-    """Returns the row of the cheapest posture that keeps clear among each stop's nodes, -1 for none, shape (s, f).
+    """Returns the row of the cheapest collision-free posture of each stop's nodes, -1 for none, shape (s, f).
 
     The first of `OrderModel.rows` each; what these find for one stop and one angle is looked for in rounds for all.
 
@@ -86,7 +86,7 @@ def _clear(
     angle: IntArray,
     rows: IntArray,
 ) -> BoolArray:
-    """Returns whether postures of stops keep clear; `stop` is in rising order."""
+    """Returns whether postures of stops are collision-free; `stop` is in rising order."""
     if order.clearance is None or not len(rows):
         return np.ones(len(rows), dtype=np.bool_)
     places: list[list[FloatArray]] = [[], [], []]
@@ -100,7 +100,7 @@ def _clear(
             place.append(table[rows[begin:end]])
         held[:, begin:end] = np.array(order.held(*stops[k]))[:, None]
     joined = np.concatenate([table for place in places for table in place])
-    return order.keeps_clear(name, joined, np.tile(angle, 3), held.ravel())
+    return order.is_clear(name, joined, np.tile(angle, 3), held.ravel())
 
 
 MOST_NUMBERS = 37_000_000

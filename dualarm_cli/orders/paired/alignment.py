@@ -1,4 +1,4 @@
-"""Which stops of arms come side by side where the order of each is given: any way at all, and the best."""
+"""Which stops of arms fall into one stage where the order of each is given: any way at all, and the best."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def any_alignment(
 ) -> Aligned:
     """Returns stages that keep buffers and precedence, or the most stops that can be made where not all can.
 
-    Arms go side by side where that leads to the end, and one waits where not: depth first over how far each has got.
+    Arms go in one stage where that leads to the end, and one waits where not: depth first over how far each has got.
 
     Args:
         stores: the buffers.
@@ -223,7 +223,7 @@ class Alignments:
         return np.where(self._allowed(before, stops)[:, None], over, np.inf), angle
 
     def _allowed(self, before: tuple[int, ...], stops: IntArray) -> BoolArray:
-        """Returns whether stops may be made side by side where both arms are, shape (b,)."""
+        """Returns whether stops may be made in one stage where both arms are, shape (b,)."""
         stores, found = self._problem.stores, np.ones(self._b, dtype=np.bool_)
         if stores is not None:
             level = stores.initial + sum(

@@ -326,10 +326,10 @@ class StageAnnealing:
         Args:
             start: an order that can be.
             rounds: how many.
-            better: is told every new best one; its angles are left out.
+            better: receives every new best one; its angles are left out.
             stop: whether to stop early.
             heat: first temperature, in shares of a stage's mean length.
-            met: is told, once in a while, what order the annealing is at, with the best angles for it.
+            met: receives, once in a while, what order the annealing is at, with the best angles for it.
         """
         line = StageLine(self._problem, start.slots)
         best, total = line.slots, line.total

@@ -100,7 +100,7 @@ class StageStands:
 def with_whole_changes(stands: StageStands, tasks: int) -> StageProblem:
     """Returns the stages of the tasks' stops alone; where another tool is asked for, the transfer has the change in it.
 
-    The other arm waits meanwhile: how both go on side by side is for `stages_with_changes`.
+    The other arm waits meanwhile: how both go on in one stage is for `stages_with_changes`.
 
     Args:
         stands: all stops.
@@ -167,7 +167,7 @@ def _over_angles(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def stages_with_changes(stands: StageStands, slots: IntArray) -> IntArray:
-    """Returns an order's stages with the stops of its tool changes, each arm's stops side by side as is quickest.
+    """Returns an order's stages with the stops of its tool changes, each arm's stops in one stage as is quickest.
 
     Args:
         stands: all stops.

@@ -1,4 +1,4 @@
-"""Every order of few tasks in stages: all assignments, all orders of each arm, the k-th stops side by side."""
+"""Every order of few tasks in stages: all assignments, all orders of each arm, the k-th stops in one stage."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dualarm_cli.orders.paired.times import totals, with_angles
 FEW = 7
 """So many tasks, or sequences of tasks, are few."""
 FEW_WITH_BUFFERS = 6
-"""The same where buffers make arms wait for each other: all stops that may come side by side are timed as well."""
+"""The same where buffers make arms wait for each other: all stops that may fall into one stage are timed as well."""
 AT_ONCE = 2000
 """Orders that are timed at once."""
 NUMBERS = 1_000_000
@@ -35,7 +35,7 @@ def best_of_all(
 
     Args:
         problem: what is asked.
-        better: is told every new least total [s].
+        better: receives every new least total [s].
         stop: whether to stop early, once there is one.
     """
     if problem.stores is not None:

@@ -78,7 +78,7 @@ def _stages(
         if len(rest) and np.isfinite(lengths).any():
             m = int(lengths.argmin())
             row[other] = int(rest[m])
-            # What is done side by side is worth more than what is done alone: by the stop.
+            # What is done in one stage is worth more than what is done alone: by the stop.
             two = float(lengths[m])
             found.append((0.5 * max(one, two), one + two, g, tuple(row)))
         else:
@@ -148,7 +148,7 @@ def good_orders(
         effort: how hard to try.
         seed: of all randomness.
         start: an order that is known to be good, to begin with, shape (n, arms).
-        better: is told the total of every better order [s].
+        better: receives the total of every better order [s].
         stop: whether to stop early; one order is made in any case.
     """
     if is_few(problem) and start is None:
@@ -310,7 +310,7 @@ def _append(rows: list[list[StopUnit]], unit: StopUnit, a: int) -> None:
 
 
 def never_touching(problem: StageProblem, slots: IntArray) -> IntArray:
-    """Returns an order in which stops that no angle allows side by side are made one after the other."""
+    """Returns an order in which stops that no angle allows in one stage are made one after the other."""
     if len(problem.work) != 2:
         return slots
     both = (slots != IDLE).all(axis=1)

@@ -281,7 +281,7 @@ class StageSearch:
         Args:
             start: an order.
             iterations: how often something is removed and put back.
-            better: is told every new best one; its angles are left out.
+            better: receives every new best one; its angles are left out.
             stop: whether to stop early.
         """
         share = start.total / len(self.units) if np.isfinite(start.total) else 1.0
@@ -305,7 +305,7 @@ class StageSearch:
         Args:
             start: an order.
             stretches: how many.
-            better: is told every new best one.
+            better: receives every new best one.
             stop: whether to stop early.
         """
         slots, total = start.slots, start.total

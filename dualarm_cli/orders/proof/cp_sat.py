@@ -52,7 +52,7 @@ def prove(
         effort: how long to search at most, in CP-SAT's deterministic seconds.
         seed: of its randomness.
         stop: whether to stop early; asked every POLL.
-        bounded: is told every better bound [s].
+        bounded: receives every better bound [s].
     """
     from ortools.sat.python import cp_model
 

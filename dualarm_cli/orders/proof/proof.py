@@ -58,8 +58,8 @@ def prove_order(
         best: an order to begin with, in time.
         effort: how hard to try.
         stop: whether to stop early.
-        better: is told the total of every better order [s].
-        bounded: is told every better bound [s].
+        better: receives the total of every better order [s].
+        bounded: receives every better bound [s].
     """
     best = with_angles(problem, best.slots)
     # An order that is late counts far more than it takes: one that is in time does not take so much longer.

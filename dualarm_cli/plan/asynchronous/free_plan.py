@@ -1,4 +1,4 @@
-"""Plans of arms with clocks of their own: the platform stands where both work, each arm goes its own way."""
+"""Plans of asynchronous arms: the platform stands where both work, each arm goes its own way."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
-from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_keep_clear
+from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -29,14 +29,14 @@ from dualarm_cli.timing.composition import concatenate, hold
 from dualarm_cli.timing.rest_to_rest import RestToRest
 
 SPREADS = (1, 2, 4)
-"""By how many steps what is blocked is made larger, one after the other, until all keeps clear."""
+"""By how many steps what is blocked is made larger, one after the other, until all is collision-free."""
 CHUNK = 4000
 """Instants whose clearance is looked at together."""
 
 
 @dataclass(frozen=True)
 class FreePlanner:
-    """What plans of arms with clocks of their own are made with."""
+    """What plans of asynchronous arms are made with."""
 
     problem: MethodProblem
     """The job, decided, and how hard to try."""
@@ -47,7 +47,7 @@ class FreePlanner:
     tell: Callable[[str], None]
     """Is told what is being done."""
     clear: bool
-    """Whether anything has to keep clear."""
+    """Whether anything has to be collision-free."""
     end: FloatArray | None = None
     """All joints at the end of the motion, where the job itself does not return [rad], shape (n,); None for wherever
     the last tasks end."""
@@ -221,7 +221,7 @@ def _reversed(motion: Trajectory) -> Trajectory:
 
 
 def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
-    """Returns whether everything keeps clear of everything along a whole motion."""
+    """Returns whether everything is clear of everything along a whole motion."""
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)
     time = np.minimum(step * np.arange(count), duration)
@@ -240,4 +240,4 @@ def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
         StageSamples(position[k : k + CHUNK + 1], held[k : k + CHUNK + 1], step)
         for k in range(0, max(1, count - 1), CHUNK)
     ]
-    return bool(which_keep_clear(cell, stretches).all())
+    return bool(which_are_clear(cell, stretches).all())

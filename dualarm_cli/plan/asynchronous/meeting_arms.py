@@ -1,4 +1,4 @@
-"""How two arms with clocks of their own go their ways without touching: waits where they stand anyway."""
+"""How two asynchronous arms go their ways without touching: waits where they stand anyway."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ does not do, the second [s]."""
 COARSE = 4
 """Every so many instants of both are looked at first."""
 FAR = 0.4
-"""Between two coarse instants arms that have this to spare are taken to keep clear [m]."""
+"""Between two coarse instants arms that have this to spare are taken to be clear [m]."""
 SOON = 60
 """Waits so few steps before a place with a reason, which are as long as a transfer, have the same reason."""
 ROWS = 200_000
@@ -174,7 +174,7 @@ class ArmCoordination:
     start: FloatArray
     """All joints while the platform stands where both work [rad], shape (n,)."""
     cell: CellClearance | None
-    """What has to keep clear; None where nothing has to."""
+    """What has to be collision-free; None where nothing has to."""
     clocks: tuple[OwnClock, ...]
     """The ways of both arms, or of the only one."""
     ready: float

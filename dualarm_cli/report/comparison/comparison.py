@@ -31,7 +31,7 @@ FORMAT = "dualarm.comparison/1"
 ORDER = ("verified", "failed", "infeasible", "not served")
 """Rows by what came of them; each kind by cycle time."""
 REFERENCE = "fixed"
-"""The method that every winner is held against: the platform stays where it is."""
+"""The method that every winner is compared with: the platform stays where it is."""
 LEAST_SAVING = 0.01
 """Savings below this are not worth a word [s]."""
 SAME = 1e-6
@@ -199,8 +199,8 @@ def section_title(section: dict[str, Any], name: str) -> str:
     """
     if section["stages"] is None:
         return f"{name}: {section['robot']}, each method with the order that it finds"
-    noun = "stage" if section["stages"] == 1 else "stages"
-    return f"{name}: {section['robot']}, {section['stages']} {noun}"
+    word = "stage" if section["stages"] == 1 else "stages"
+    return f"{name}: {section['robot']}, {section['stages']} {word}"
 
 
 def share_text(value: float) -> str:

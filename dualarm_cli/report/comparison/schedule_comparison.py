@@ -360,7 +360,7 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
     for schedule, side in ((a, "A"), (b, "B")):
         if overlap(schedule.stages):
             notes.append(
-                f"stages of {side} overlap: each arm runs on a clock of its own, so that the stages' differences do "
+                f"stages of {side} overlap: the arms run asynchronously, so that the stages' differences do "
                 "not add up to the whole"
             )
         missing = [w for w in ("stages", "segments") if not getattr(schedule, w)]

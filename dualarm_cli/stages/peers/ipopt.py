@@ -60,7 +60,7 @@ def nonlinear_program(
         # A single line that is impossible after all need not spoil the other stages.
         best = best_combination(problem, tables, best, [found])
         if abs(best.total - promised) < LITTLE * best.total:
-            # The lines are as the program has them: a smaller box has nothing to mend.
+            # The lines are as the program has them: a smaller box has nothing to repair.
             break
     return best
 

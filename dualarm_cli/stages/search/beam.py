@@ -161,7 +161,7 @@ def step_waits(
     both arms together there and at their stops; as in `plan_clearance`.
 
     Args:
-        test: what keeps clear.
+        test: what is collision-free.
         stage: its number.
         start: all joints before it [rad], shape (n, columns).
         arrival: after the transfer, shape (n, columns).
@@ -189,7 +189,7 @@ def step_waits(
 WAYS = 4
 """How many times more candidates than wanted states are looked at: several lead to the same pair of nodes."""
 MORE, LIKE = 8, 2
-"""So many times more are sorted where something has to keep clear, of which but so many of a kind are looked at first:
+"""So many times more are sorted where collisions are checked, of which only so many of a kind are looked at first:
 else all the best ones touch the same thing."""
 EVERY = 16
 """Nodes of each arm that are paired at each platform angle, from the best state and all with one another, where
@@ -230,7 +230,7 @@ def beam_search(
 
     From every kept state and at every platform angle the arms' best nodes are paired; a pair costs what the slower arm
     needs, plus the larger of what the arms still need at least. The best `width` different states are kept. Where
-    something has to keep clear, a pair counts about what that costs as well, as far as it is among the best.
+    something has to be collision-free, a pair counts about what that costs as well, as far as it is among the best.
 
     Args:
         problem: the sequence.
@@ -284,7 +284,7 @@ def _extend(
 ) -> tuple[BeamStep, _States] | None:
     """Returns the best states after stage k, None where no pair of nodes fits together.
 
-    Where something has to keep clear, the best steps count as long as that takes, about.
+    Where something has to be collision-free, the best steps count as long as that takes, about.
     """
     f = len(angles)
     working = [a for a, arm in enumerate(arms) if arm.layers[k] is not None]

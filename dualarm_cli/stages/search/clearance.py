@@ -1,4 +1,4 @@
-"""Which postures and moves of a sequence keep clear of everything, by the quick test."""
+"""Which postures and moves of a sequence are clear of everything, by the quick test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ or by a move [rad]."""
 
 @dataclass(frozen=True)
 class Barred:
-    """A stage that turned out not to keep clear when it was timed, whatever was tried, or at what cost it does."""
+    """A stage that turned out to collide when it was timed, whatever was tried, or at what cost it does."""
 
     stage: int
     """Its number, or the number of stages for the return."""
@@ -90,7 +90,7 @@ class SequenceClearance:
         return self.cell.at_stops(self.after, self.handing)
 
     def arm_free(self, a: int, angle: FloatArray, q: FloatArray, held: int) -> BoolArray:
-        """Returns where one arm keeps clear of itself and of all that is not the other arm, shape (n,).
+        """Returns where one arm is clear of itself and of all that is not the other arm, shape (n,).
 
         Args:
             a: which arm.

@@ -154,7 +154,7 @@ def _bar(
     clear: PlanClearance,
     barred: set[tuple[int, int, int]],
 ) -> bool:
-    """Makes costlier what does not keep clear along a path, and returns whether there was anything new.
+    """Makes costlier what collides along a path, and returns whether there was anything new.
 
     Choices at stops and pairs of choices on moves become impossible, those where the arms meet cost what they wait.
 
@@ -162,7 +162,7 @@ def _bar(
         cost: of every stage, by the choices before and in it, shape (n, m, m).
         closing: of the return, shape (m, m).
         picked: the path, shape (n,).
-        clear: what keeps clear along it.
+        clear: what is collision-free along it.
         barred: stage and choices that have been dealt with.
     """
     n, before = len(picked), np.concatenate([[0], picked[:-1]])

@@ -45,7 +45,7 @@ def with_yaws(
         rows = decisions.arms[a]
         if free.any() and work.yaw_turns_last_joint:
             rows = _shared_out(problem, a, tables[a], decisions.angle, rows, free)
-            rows = _mended(problem, a, tables[a], decisions.angle, rows, free)
+            rows = _repaired(problem, a, tables[a], decisions.angle, rows, free)
         arms.append(rows)
     return Decisions(decisions.angle, tuple(arms))
 
@@ -111,7 +111,7 @@ def _share(k: int, last: FloatArray, loose: BoolArray, begin: float) -> float:
     return float(total / (len(run) + 1))
 
 
-def _mended(
+def _repaired(
     problem: SequenceProblem,
     a: int,
     table: StopTable,

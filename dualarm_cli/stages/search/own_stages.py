@@ -339,7 +339,7 @@ def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:
 
 
 def free_nodes(problem: SequenceProblem, a: int, k: int, angles: FloatArray, nodes: Nodes) -> Nodes:
-    """Returns the nodes at which the arm keeps clear of itself and of what stands still.
+    """Returns the nodes at which the arm is clear of itself and of what stands still.
 
     Args:
         problem: the sequence.
@@ -411,7 +411,7 @@ def _apart(
     nodes: Sequence[Nodes | None],
     shared: IntArray,
 ) -> BoolArray:
-    """Returns the platform angles, among shared ones, at which some nodes of two arms keep clear of each other (f,)."""
+    """Returns the platform angles, among shared ones, at which some nodes of two arms are clear of each other (f,)."""
     free = np.zeros(len(angles), dtype=np.bool_)
     test = problem.clearance
     if test is None:

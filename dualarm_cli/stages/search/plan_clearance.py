@@ -1,4 +1,4 @@
-"""Which stages of a plan keep clear: at their stops, on their moves, and on the return."""
+"""Which stages of a plan are collision-free: at their stops, on their moves, and on the return."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ TURNS = 1.0
 
 @dataclass(frozen=True)
 class PlanClearance:
-    """What keeps clear in a plan of n stages."""
+    """What is collision-free in a plan of n stages."""
 
     stops: BoolArray
-    """Where approach, target and retract of each arm keep clear, and where retracts of both end, shape (n,)."""
+    """Where approach, target and retract of each arm are collision-free, and where retracts of both end, shape (n,)."""
     moves: BoolArray
     """Where the move into a stage, and last the return, is not barred, shape (n + 1,)."""
     waits: FloatArray
@@ -43,7 +43,7 @@ class PlanClearance:
 
 
 def plan_clearance(problem: SequenceProblem, plan: Evaluated) -> PlanClearance:
-    """Returns what keeps clear in a plan; everything where nothing is asked for.
+    """Returns what is collision-free in a plan; everything where nothing is asked for.
 
     Arms at the same place of their lines are looked at together, as are arms that wait where they ended: where they
     meet at the targets one goes after the other, but both are where their retracts end at last. Moves are taken
@@ -100,7 +100,7 @@ def move_waits(pace: float, lacks: FloatArray, apart: BoolArray) -> FloatArray:
     Args:
         pace: how much slower than at full speed everything moves.
         lacks: what an arm lacks of clearance by itself, at most [m], shape (n,).
-        apart: where the arms keep clear of each other, shape (n,).
+        apart: where the arms are clear of each other, shape (n,).
     """
     detours = np.where(lacks > 0.0, DETOUR + DEPTH * lacks, 0.0)
     return pace * (detours + np.where(apart, 0.0, MEETING))

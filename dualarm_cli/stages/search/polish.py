@@ -77,7 +77,7 @@ def polish(
 
 
 def _best(problem: SequenceProblem, plans: list[Evaluated]) -> Evaluated:
-    """Returns the shortest plan, what does not keep clear counted in."""
+    """Returns the shortest plan, what collides counted in."""
     if problem.clearance is None:
         return min(plans, key=lambda plan: plan.total)
     least, worth = plans[0], plans[0].total + plan_clearance(problem, plans[0]).penalty

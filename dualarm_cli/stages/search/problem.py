@@ -136,7 +136,7 @@ class SequenceProblem:
     handing: tuple[bool, ...] = ()
     """Which stages are hand-overs; empty for none."""
     clearance: SequenceClearance | None = None
-    """What keeps clear; None where nothing is asked for."""
+    """What is collision-free; None where nothing is asked for."""
 
     @property
     def stages(self) -> int:

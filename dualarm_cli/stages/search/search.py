@@ -22,7 +22,7 @@ from dualarm_cli.stages.search.times import Evaluated, evaluate
 from dualarm_cli.stages.search.variables import Variables
 
 BESIDE = 1
-"""So many stages to either side of one that does not keep clear are looked at with it."""
+"""So many stages to either side of one that collides are looked at with it."""
 LITTLE = 2e-3
 """Share of the cycle time; a finer grid that gains less is the last one."""
 PROMISING = 0.06
@@ -101,17 +101,17 @@ def search_near(
     *,
     local: bool,
 ) -> Evaluated | None:
-    """Returns a fast plan about one that is fast but does not keep clear, None where no collision-free one is found.
+    """Returns a fast plan about one that is fast but collides, None where no collision-free one is found.
 
     One grid around the plan; what the beam finds there is polished, combined with the plan stage by stage, and polished
-    again. In sequences longer than WHOLE, and where that is asked for, only the stages that do not keep clear and
+    again. In sequences longer than WHOLE, and where that is asked for, only the stages that collide and
     those beside them are looked at; all others stay as they are. So does a stage for which no nodes are found: it
     may be collision-free by less than the search asks of nodes, which an exact test then decides.
 
     Args:
         problem: the sequence, with clearance.
         near: the plan.
-        touching: numbers of stages, and of stages in all for the return, that are known not to keep clear.
+        touching: numbers of stages, and of stages in all for the return, that are known to collide.
         effort: one of EFFORTS.
         seed: of the random steps of polishing.
         local: whether all else stays as it is.
@@ -144,7 +144,7 @@ def search_near(
 def _settled(problem: SequenceProblem, stages: Sequence[int]) -> SequenceProblem:
     """Returns a sequence in which further stages are taken to be collision-free at their stops as they are."""
     test = problem.clearance
-    assert test is not None  # callers ask where something has to keep clear
+    assert test is not None  # callers ask where something has to be collision-free
     return replace(problem, clearance=replace(test, settled=test.settled.union(stages)))
 
 
@@ -158,12 +158,12 @@ def _how(problem: SequenceProblem, effort: str) -> SearchEffort:
 
 
 def _loose(problem: SequenceProblem, plan: Evaluated, touching: Sequence[int]) -> BoolArray:
-    """Returns the stages to look at anew for a plan to keep clear, shape (n,): with moves that do, those before them.
+    """Returns the stages to decide anew for a plan to avoid collisions, shape (n,), with those before moves.
 
     Args:
         problem: the sequence, with clearance.
         plan: a plan for it.
-        touching: numbers of stages that are known not to keep clear, of moves as of stops.
+        touching: numbers of stages that are known to collide, of moves as of stops.
     """
     clear, n = plan_clearance(problem, plan), problem.stages
     moves = ~clear.moves | (clear.waits > 0.0)
@@ -197,7 +197,7 @@ def _combined(
 
 
 def _worth(problem: SequenceProblem, plan: Evaluated) -> float:
-    """Returns a plan's length, with what does not keep clear counted in [s]."""
+    """Returns a plan's length, with what collides counted in [s]."""
     return plan.total + plan_clearance(problem, plan).penalty
 
 

@@ -49,12 +49,12 @@ PATH_SOLVERS: Registry[Solver[PathProblem, PathMotion | NoPath]] = Registry(
             name="manipulability",
             solve=follow_manipulability,
             summary="Whole body; accelerations within all limits by a quadratic program, towards manipulability.",
-            reference="[Zhang2024] Eq. 24, signs, gradient and bounds mended",
+            reference="[Zhang2024] Eq. 24, signs, gradient and bounds corrected",
         ),
         Solver(
             name="min_acceleration",
             solve=follow_min_acceleration,
-            summary="Whole body; least accelerations within all limits: what manipulability is held against.",
+            summary="Whole body; least accelerations within all limits: what manipulability is compared with.",
             reference="[Zhang2024] Eq. 9 and 24",
         ),
         Solver(

@@ -76,7 +76,7 @@ class Bounds:
     def at(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns lowest and highest accelerations [rad/s²] at positions and velocities, each shape (n,).
 
-        [Zhang2024] Eq. 22-23 mended: the speed towards a position limit falls with the distance from it,
+        [Zhang2024] Eq. 22-23 corrected: the speed towards a position limit falls with the distance from it,
         upper = min(eta_1 (min(eta_2 (q_max - q), v_max) - qd), a_max), and its mirror. With eta_1 >= 4 eta_2 a joint
         that starts at rest within its limits stays there.
         """
@@ -92,7 +92,7 @@ class Bounds:
 
 
 def follow_manipulability(problem: PathProblem) -> PathMotion | NoPath:
-    """Returns the joints that seek manipulability within all limits ([Zhang2024] Eq. 24, mended).
+    """Returns the joints that seek manipulability within all limits ([Zhang2024] Eq. 24, corrected).
 
     Minimises |qdd - qdd*|² with qdd* = a_2 dg/dt - k (qd - a_2 g), g = grad log M, subject to the tools' accelerations
     and to the bounds. The print has +k qd in (18), against (17), and the gradient of M, which is too small to act.

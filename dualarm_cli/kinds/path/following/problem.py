@@ -30,7 +30,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class ManipulabilityWeights:
-    """Parameters of the acceleration-level method ([Zhang2024] Eq. 17-24, mended)."""
+    """Parameters of the acceleration-level method ([Zhang2024] Eq. 17-24, corrected)."""
 
     gain: float = 4.0
     """a_2: weight of the gradient of log M as a velocity."""

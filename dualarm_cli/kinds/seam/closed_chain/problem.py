@@ -52,7 +52,7 @@ class SeamProblem:
     what_touches: Callable[[FloatArray], Refusal] | None = None
     """Which two bodies come nearest at joints (n,) [rad], and how near; for reasons."""
     clear: Callable[[FloatArray], BoolArray] | None = None
-    """Which configurations (k, n) [rad] keep clear of everything; None where nothing has to."""
+    """Which configurations (k, n) [rad] are clear of everything; None where nothing has to."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""

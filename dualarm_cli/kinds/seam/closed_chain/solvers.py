@@ -71,11 +71,11 @@ def improved(
         rounds: steps at most.
         easy: whether what is left open is used at the end.
     """
-    found = _descended(problem, position, stands, rounds, easy=easy, keeps_clear=False)
+    found = _descended(problem, position, stands, rounds, easy=easy, is_clear=False)
     if problem.clear is None or bool(problem.clear(found).all()):
         return found
     # The free descent ran into something; one that stops short of it is worth less, but can be worked.
-    return _descended(problem, position, stands, rounds, easy=easy, keeps_clear=True)
+    return _descended(problem, position, stands, rounds, easy=easy, is_clear=True)
 
 
 def _descended(
@@ -85,12 +85,12 @@ def _descended(
     rounds: int,
     *,
     easy: bool,
-    keeps_clear: bool,
+    is_clear: bool,
 ) -> FloatArray:
-    """Returns joints at the nodes after steps that each make the seam faster, and if asked keep clear."""
+    """Returns joints at the nodes after steps that each make the seam faster, and if asked are collision-free."""
 
     def touches(tried: FloatArray) -> bool:
-        return keeps_clear and problem.clear is not None and not problem.clear(tried).all()
+        return is_clear and problem.clear is not None and not problem.clear(tried).all()
 
     program = SeamProgram(problem, stands)
     best, time = position, steady_time(position, problem.limits)

@@ -55,8 +55,8 @@ def counted(verdicts: Sequence[Verdict]) -> str:
     """Returns how many cases there are of each state, most severe first."""
     states = [verdict.state for verdict in verdicts]
     counts = [f"{states.count(s)} {words(s)}" for s in STATES if s in states]
-    noun = "case" if len(verdicts) == 1 else "cases"
-    return f"{len(verdicts)} {noun}: {', '.join(counts)}"
+    word = "case" if len(verdicts) == 1 else "cases"
+    return f"{len(verdicts)} {word}: {', '.join(counts)}"
 
 
 def rule_words(max_regression: float) -> str:

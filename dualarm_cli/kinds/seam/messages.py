@@ -1,4 +1,4 @@
-"""What is said of seams: methods that there are not, times that are too long, bounds, and where they fail."""
+"""Message of seams: methods that there are not, times that are too long, bounds, and where they fail."""
 
 from __future__ import annotations
 

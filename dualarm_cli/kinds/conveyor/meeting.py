@@ -141,7 +141,7 @@ def too_late(arm_stop: ArmStop, time: float, late: float) -> Refusal:
     Args:
         arm_stop: the stop.
         time: when the arm can be there [s].
-        late: how much of that is to keep clear of the other arm [s].
+        late: how much of that is to be clear of the other arm [s].
     """
     gone = _named_belt(arm_stop).gone(time) - _named_belt(arm_stop).within
     delay = [Refusal("delayed", measured=late)] if late > 0.0 else []
@@ -224,7 +224,7 @@ class ConveyorMeeting:
     timing: TimingSolver
     """How transfers and lines are timed."""
     delays: Delays = field(default_factory=dict)
-    """What is known of how late arms turn out to be, as when they have to keep clear of each other."""
+    """What is known of how late arms turn out to be, as when they have to be clear of each other."""
     known: Known = field(default_factory=Known)
     """What is timed already."""
 
@@ -237,7 +237,7 @@ class ConveyorMeeting:
         comes just then. What begins and ends elsewhere for that, the stages before and after are led to.
 
         Args:
-            plans: all stages of a plan, none of them mended.
+            plans: all stages of a plan, none of them repaired.
 
         Raises:
             MissedError: a part that is not met in its window.

@@ -1,4 +1,4 @@
-"""What is said where no order can be found: tasks that no arm reaches, rules that no order keeps."""
+"""Message where no order can be found: tasks that no arm reaches, rules that no order keeps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the nouns' constructors see to."""
+"""What the types' constructors see to."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_trajectory_between_knots_is_the_integral_of_its_jerk():
 
 
 def test_frozen_means_frozen():
-    """Arrays of nouns cannot be written to."""
+    """Arrays of types cannot be written to."""
     with pytest.raises(ValueError, match="read-only"):
         limits().velocity[0] = 5.0
 
@@ -135,9 +135,9 @@ def test_numbers_that_are_left_out_are_none():
     """No mass, no clearance, no length, no wait, no turn, no freedom: all but a few of the data model's defaults."""
     found = {}
     for module in pkgutil.walk_packages(model.__path__, f"{model.__name__}."):
-        for name, noun in vars(importlib.import_module(module.name)).items():
-            if isinstance(noun, type) and dataclasses.is_dataclass(noun):
-                for field in dataclasses.fields(noun):
+        for name, value in vars(importlib.import_module(module.name)).items():
+            if isinstance(value, type) and dataclasses.is_dataclass(value):
+                for field in dataclasses.fields(value):
                     if type(field.default) in (int, float, bool):
                         found[f"{name}.{field.name}"] = field.default
     assert {name: value for name, value in found.items() if value} == SOMETHING

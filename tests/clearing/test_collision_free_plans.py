@@ -1,4 +1,4 @@
-"""Plans that keep clear: other postures, waits and detours, each only where it is needed; or the reason why not."""
+"""Collision-free plans: other postures, delays and detours, each only where it is needed; or the reason why not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dualarm_cli.model.shape import Shape
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
-from dualarm_cli.stages.stages import choose_stages
+from dualarm_cli.stages.stage_by_stage import choose_stages
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
@@ -47,18 +47,18 @@ def least(schedule, job):
 
 
 def test_a_plan_goes_round_what_stands_in_the_way_of_the_one_before(packing):
-    """A ball where the left elbow link was at an event of the blind plan: the new plan keeps its 10 mm from it."""
-    blind = plan_without_bound(packing, QUICK)
+    """A ball where the left elbow link was in the unchecked plan: the new plan keeps its 10 mm from it."""
+    unchecked = plan_without_bound(packing, QUICK)
     robot = packing.cell.robot
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
-    event = next(e for e in blind.events if e.arm == "left")
-    [q], _, _ = blind.trajectory.at(np.array([event.time]))
-    order = [blind.trajectory.joints.index(name) for name in model.names[1:]]
+    event = next(e for e in unchecked.events if e.arm == "left")
+    [q], _, _ = unchecked.trajectory.at(np.array([event.time]))
+    order = [unchecked.trajectory.joints.index(name) for name in model.names[1:]]
     pin.forwardKinematics(model, data, q[order])
     elbow = packing.cell.base * data.oMi[model.getJointId("left_u")]
     job = with_obstacle(packing, "sphere", (0.03,), elbow.translation)
-    blind_check = verify(blind, job, clearance=True)
+    blind_check = verify(unchecked, job, clearance=True)
     assert "collisions" in [check.name for check in blind_check.failures]
     schedule = plan_without_bound(job, QUICK)
     assert least(schedule, job) >= 0.0
@@ -98,16 +98,18 @@ def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
 def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
     tasks_folder, name, some
 ):
-    """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the blind plan."""
+    """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the unchecked plan."""
     job = load_job(tasks_folder / name / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:some])
     schedule = plan_without_bound(job, PlanSettings())
     assert least(schedule, job) >= 0.0
-    blind = plan_without_bound(job, PlanSettings(), clear=False)
-    assert schedule.clearance_cost == pytest.approx(schedule.duration - blind.duration, abs=1e-9)
-    assert not verify(blind, job, clearance=True).passed
+    unchecked = plan_without_bound(job, PlanSettings(), clear=False)
+    assert schedule.clearance_cost == pytest.approx(
+        schedule.duration - unchecked.duration, abs=1e-9
+    )
+    assert not verify(unchecked, job, clearance=True).passed
     if name == "06_shared_bin":
-        assert schedule.clearance_cost <= 0.1 * blind.duration
+        assert schedule.clearance_cost <= 0.1 * unchecked.duration
 
 
 @pytest.mark.parametrize("method", ["fixed", "exact", "minimum_time", "ipopt", "continuous"])
@@ -272,8 +274,8 @@ def test_detours_keep_a_cap_on_the_tools_speed_and_cost_little(tasks_folder):
     schedule = plan_without_bound(job, QUICK)
     assert least(schedule, job) >= 0.0
     assert any("detour" in note for note in schedule.notes)
-    blind = plan_without_bound(job, QUICK, clear=False)
-    assert schedule.duration < 1.25 * blind.duration
+    unchecked = plan_without_bound(job, QUICK, clear=False)
+    assert schedule.duration < 1.25 * unchecked.duration
 
 
 def two_arms_at(job, gap):
@@ -324,7 +326,7 @@ def test_a_plan_of_no_length_may_be_the_one_that_keeps_clear(tasks_folder, metho
 
 
 def test_where_keeping_clear_is_dear_simpler_plans_are_looked_at(tasks_folder):
-    """A method that dawdles to keep clear, and a simpler one that does not: its plan is taken, mended."""
+    """A method that dawdles to avoid collisions, and a simpler one that does not: its plan is taken, repaired."""
     job = load_job(tasks_folder / "07_two_shelves" / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:4])
     model, timing = CellModel.from_cell(job.cell), TIMING_SOLVERS["ruckig"]

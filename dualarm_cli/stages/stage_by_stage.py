@@ -10,8 +10,8 @@ import numpy as np
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
+from dualarm_cli.postures.clear_postures import KeepClear
 from dualarm_cli.postures.holding import Holding
-from dualarm_cli.postures.keep_clear import KeepClear
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
 from dualarm_cli.postures.stage_problems import Clock, stop_problems
 from dualarm_cli.stages.minimum_time_move import MINIMUM_TIME, choose_quickest
@@ -46,7 +46,7 @@ def choose_stages(
         redundancy: name of the redundancy solver.
         refine: whether postures are refined; without it stages are decided faster, to compare.
         count: how many stages are decided; all of them by default.
-        holding: what has to keep clear; None where nothing has to.
+        holding: what has to be collision-free; None where nothing has to.
 
     Raises:
         InfeasibleError: a target that no posture reaches, with its place and by how much it misses.
@@ -81,7 +81,7 @@ def choose_stages_with(
         redundancy: name of the redundancy solver.
         refine: whether postures are refined.
         count: how many stages are decided; all of them by default.
-        holding: what has to keep clear; None where nothing has to.
+        holding: what has to be collision-free; None where nothing has to.
     """
     clock = Clock.of(model, job)
     home = np.array(job.start_joints)

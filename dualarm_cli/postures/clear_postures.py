@@ -1,4 +1,4 @@
-"""Whether the postures of one stage keep clear, in the terms of those who choose them one by one."""
+"""Whether the postures of one stage are collision-free, in the terms of those who choose them one by one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class KeepClear:
     model: CellModel
     """The job's cell."""
     holding: Holding
-    """What has to keep clear."""
+    """What has to be collision-free."""
     stage: int
     """Number of the stage."""
 
@@ -111,7 +111,7 @@ class KeepClear:
         postures: Mapping[str, StopPosture],
         places: Sequence[Place] = PLACES,
     ) -> bool:
-        """Returns whether the arms keep clear of each other at some places of their stops."""
+        """Returns whether the arms are clear of each other at some places of their stops."""
         if len(postures) < 2:
             return True
         rows = np.tile(position, (len(places), 1))
@@ -122,7 +122,7 @@ class KeepClear:
         return bool((self.holding.cell.cross_margins(rows, held) >= SLACK).all())
 
     def all_apart(self, rows: Mapping[Place, FloatArray]) -> BoolArray:
-        """Returns whether the arms keep clear of each other in all of some places of a stop, shape (k,).
+        """Returns whether the arms are clear of each other in all of some places of a stop, shape (k,).
 
         Args:
             rows: by place, all joints of the robot [rad], shape (k, columns).
@@ -192,7 +192,7 @@ def explain_touching(
     """Returns what one arm, whatever the other does, is too near to at a place of its stop; None for nothing.
 
     Args:
-        keep: what has to keep clear in the stage.
+        keep: what has to be collision-free in the stage.
         arm: its name.
         position: all joints before the stage [rad], shape (n,).
         angles: platform positions that are looked at, shape (m, k).

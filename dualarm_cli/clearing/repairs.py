@@ -1,4 +1,4 @@
-"""Stages that do not keep clear when they are timed: waits, curves, and postures on the way."""
+"""Stages that collide when they are timed: waits, curves, and postures on the way."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from dualarm_cli.clearing.stage_samples import (
     apart,
     arm_ways,
     combined,
-    keeps_clear,
+    is_clear,
     missing_clearance,
     stage_samples,
     tool_times,
-    which_keep_clear,
+    which_are_clear,
 )
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
@@ -93,7 +93,7 @@ ROUNDS = (17, 49, 49)
 def quickest_curve(
     context: StageContext, name: str, clear: Callable[[StageSamples], bool], with_other: bool
 ) -> StagePlan | None:
-    """Returns the stage with the quickest of some curves of one arm that keep clear, None for none.
+    """Returns the stage with the quickest of some curves of one arm that are collision-free, None for none.
 
     Curves are looked for beside what the platform and the other arm do meanwhile, as far as that is known before a
     curve is timed; the best ones are timed, and looked at again. Where there is none, a posture to stop at is.
@@ -101,7 +101,7 @@ def quickest_curve(
     Args:
         context: the stage.
         name: the arm.
-        clear: whether a stage with another way of the arm keeps clear.
+        clear: whether a stage with another way of the arm is collision-free.
         with_other: whether the other arm counts while curves are looked for.
     """
     arm, way = context.model.arms[name], context.ways[name]
@@ -137,44 +137,44 @@ DELAY_STEP = 0.02
 """Delays are multiples of this at full speed [s]."""
 SHORT_DELAY = 0.1
 """No curve is looked for where a delay of so much, at full speed, serves [s]."""
-MENDS = 4
-"""A stage is mended so many times: one arm after the other, then both."""
+REPAIRS = 4
+"""A stage is repaired so many times: one arm after the other, then both."""
 
 
 @dataclass(frozen=True)
 class Cleared:
-    """A plan whose stages were mended where they did not keep clear."""
+    """A plan whose stages were repaired where they collided."""
 
     plans: list[StagePlan]
     """Its stages."""
     motion: Motion
     """Their motion."""
     blocked: tuple[int, ...]
-    """Stages that do not keep clear by anything that was tried."""
+    """Stages that collide whatever was tried."""
 
     def is_done_within(self, duration: float) -> bool:
-        """Returns whether the whole plan keeps clear and takes no longer than a duration [s]."""
+        """Returns whether the whole plan is collision-free and takes no longer than a duration [s]."""
         return not self.blocked and self.motion.trajectory.duration <= duration
 
 
 @dataclass(frozen=True)
 class Clearing:
-    """What mending is done with."""
+    """What repairing is done with."""
 
     model: CellModel
     """The job's cell."""
     job: Job
     """What is to be done."""
     holding: Holding
-    """What has to keep clear."""
+    """What has to be collision-free."""
     timing: TimingSolver
     """How transfers and curves are timed."""
     seed: int
     """Of what is tried at random."""
     known: Known = field(default_factory=Known)
-    """What is timed already: mended stages keep their lines."""
+    """What is timed already: repaired stages keep their lines."""
     seen: dict[tuple[int | bytes, ...], bool] = field(default_factory=dict)
-    """Which stages keep clear, by their number and all that their motion depends on, as far as that has been seen."""
+    """Which stages are collision-free, as far as known, by their number and all that their motion depends on."""
 
     def timed(self, plans: list[StagePlan]) -> Motion:
         """Returns the motion of all stages."""
@@ -185,11 +185,11 @@ class Clearing:
         return realise(self.model, self.job, [plan], self.timing, self.known, windows=False)
 
     def touching(self, plans: Sequence[StagePlan], motion: Motion) -> list[int]:
-        """Returns the stages of a motion of unmended plans that do not keep clear."""
+        """Returns the stages of a motion of unrepaired plans that collide."""
         keys = [_stage_key(k, plan) for k, plan in enumerate(plans)]
         news = [k for k, key in enumerate(keys) if key not in self.seen]
         stages = [stage_samples(motion, k, k, self.holding) for k in news]
-        for k, clear in zip(news, which_keep_clear(self.holding.cell, stages), strict=True):
+        for k, clear in zip(news, which_are_clear(self.holding.cell, stages), strict=True):
             self.seen[keys[k]] = bool(clear)
         return [k for k, key in enumerate(keys) if not self.seen[key]]
 
@@ -201,29 +201,29 @@ class Clearing:
         *,
         give_up: bool = False,
     ) -> Cleared:
-        """Returns a plan whose stages are mended where they do not keep clear.
+        """Returns a plan whose stages are repaired where they collide.
 
         Args:
             plans: its stages.
             motion: theirs.
-            touching: the stages that do not keep clear.
-            give_up: whether nothing more is mended after the first stage that cannot be.
+            touching: the stages that collide.
+            give_up: whether nothing more is repaired after the first stage that cannot be.
         """
         found, blocked = list(plans), []
         for k in touching:
-            mended = self._mended(plans[k], k)
-            if mended is None:
+            repaired = self._repaired(plans[k], k)
+            if repaired is None:
                 blocked.append(k)
                 if give_up:
                     return Cleared(list(plans), motion, tuple(touching))
             else:
-                found[k] = mended
+                found[k] = repaired
         if len(blocked) == len(touching):
             return Cleared(found, motion, tuple(blocked))
         return Cleared(found, self.timed(found), tuple(blocked))
 
     def fails_alone(self, found: Cleared, k: int) -> bool:
-        """Returns whether an arm does not keep clear in a stage of a plan whatever the other one does."""
+        """Returns whether an arm collides in a stage of a plan whatever the other one does."""
         samples = stage_samples(found.motion, k, k, self.holding)
         cell = self.holding.cell
         return not all(alone_clear(cell, samples, a) for a in range(len(cell.arms)))
@@ -238,12 +238,12 @@ class Clearing:
             and not _lines_apart(self._context(plans[k], k))
         ]
 
-    def _mended(self, plan: StagePlan, k: int) -> StagePlan | None:
-        """Returns a stage that keeps clear, None where nothing that was tried does."""
+    def _repaired(self, plan: StagePlan, k: int) -> StagePlan | None:
+        """Returns a stage that is collision-free, None where nothing that was tried does."""
         tried, first = plan, self._context(plan, k)
-        if not all(_mendable(first, a) for a in range(len(first.cell.arms))):
+        if not all(_repairable(first, a) for a in range(len(first.cell.arms))):
             return None
-        for _ in range(MENDS):
+        for _ in range(REPAIRS):
             context = first if tried is plan else self._context(tried, k)
             found = self._next(context)
             if found is tried and (tried is plan or self._within_cap(tried)):
@@ -254,7 +254,7 @@ class Clearing:
         return None
 
     def _within_cap(self, plan: StagePlan) -> bool:
-        """Returns whether no tool is faster than its cap in a mended stage, in which all move otherwise now."""
+        """Returns whether no tool is faster than its cap in a repaired stage, in which all move otherwise now."""
         if self.job.tool_speed is None:
             return True
         whole = self.alone(plan).trajectory
@@ -282,7 +282,7 @@ class Clearing:
         )
 
     def _next(self, context: StageContext) -> StagePlan | None:
-        """Returns the stage with one thing mended, the same where there is nothing, None where that cannot be."""
+        """Returns the stage with one thing repaired, the same where there is nothing, None where that cannot be."""
         cell, samples = context.cell, context.samples
         for a, name in enumerate(cell.arms):
             if alone_clear(cell, samples, a):
@@ -301,14 +301,14 @@ class Clearing:
         return self._made_apart(context)
 
     def _made_apart(self, context: StageContext) -> StagePlan | None:
-        """Returns the shortest stage found in which the arms keep clear of each other."""
+        """Returns the shortest stage found in which the arms are clear of each other."""
         delayed = _least_delay(context)
         if delayed is not None and sum(delayed.waits.values()) <= SHORT_DELAY * self.holding.pace:
             return delayed
         tries = [delayed] if delayed is not None else []
 
         def clear(stage: StageSamples) -> bool:
-            return keeps_clear(context.cell, stage)
+            return is_clear(context.cell, stage)
 
         free = [name for name in context.cell.arms if name not in context.plan.detours]
         curves = (quickest_curve(context, name, clear, with_other=True) for name in free)
@@ -321,7 +321,7 @@ class Clearing:
 
 
 def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:
-    """Returns all that the motion of an unmended stage depends on, its number first."""
+    """Returns all that the motion of an unrepaired stage depends on, its number first."""
     postures = [plan.start, plan.arrival, plan.end]
     for stop in plan.stops.values():
         made = stop.posture
@@ -332,8 +332,8 @@ def _stage_key(k: int, plan: StagePlan) -> tuple[int | bytes, ...]:
     return (k, *(posture.tobytes() for posture in postures))
 
 
-def _mendable(context: StageContext, a: int) -> bool:
-    """Returns whether an arm keeps clear at both ends of its transfer and from there on."""
+def _repairable(context: StageContext, a: int) -> bool:
+    """Returns whether an arm is collision-free at both ends of its transfer and from there on."""
     name = context.cell.arms[a]
     arrival = context.ways[name].arrival
     first, rest = context.samples.position[:1], context.samples.position[arrival:]
@@ -345,7 +345,7 @@ def _mendable(context: StageContext, a: int) -> bool:
 
 
 def _lines_apart(context: StageContext) -> bool:
-    """Returns whether the arms keep clear of each other if all of them begin their lines at once."""
+    """Returns whether the arms are clear of each other if all of them begin their lines at once."""
     first = {
         name: way.arrival if way.meets is None else way.meets for name, way in context.ways.items()
     }
@@ -364,7 +364,7 @@ def _least_delay(context: StageContext) -> StagePlan | None:
     """Returns the stage with the delay of one arm that makes it shortest, None where no delay serves."""
     for delay, name in _delays(context):
         stage = combined(context.model, context.samples, context.ways, {name: delay})
-        if keeps_clear(context.cell, stage):
+        if is_clear(context.cell, stage):
             return replace(context.plan, waits={name: delay * context.samples.step})
     return None
 
