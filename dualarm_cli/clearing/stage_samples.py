@@ -11,12 +11,11 @@ from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Event
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.bent_transfers import Missing, ToolTimes, detour_pieces
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.transfers import Drive
-from dualarm_cli.motion.waiting import transfer_ends
+from dualarm_cli.motion.waiting import SAME_TIME, transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import Detour, StagePlan
 from dualarm_cli.timing import TimingSolver
@@ -34,10 +33,6 @@ COARSE = 8
 """Every so many instants are looked at first."""
 BETWEEN = 8
 """Instants that are looked at there."""
-SAME_TIME = 1e-9
-"""Instants nearer than this are one [s]."""
-LINES = ("approach", "dwell", "retract")
-"""Segments on which a part may touch what stands still."""
 
 Margins = Callable[[FloatArray, IntArray], FloatArray]
 """Margins [m], shape (n,), of joints (n, columns) [rad] with what the arms hold, shape (n, arms)."""
@@ -94,7 +89,7 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
             held[:, a] = holding.after[last, a]
             continue
         held[:, a] = holding.before[stage, a]
-        event = _event_of(motion, number, arm)
+        event = motion.event_of.get((number, arm))
         if event is None:
             continue
         held[time >= event.changes_held - SAME_TIME, a] = holding.after[stage, a]
@@ -115,29 +110,9 @@ def stage_samples(motion: Motion, number: int, stage: int, holding: Holding) -> 
     return StageSamples(motion.trajectory.at(time)[0], held, step)
 
 
-def _event_of(motion: Motion, number: int, arm: str) -> Event | None:
-    """Returns the event of an arm in one stage of a motion, if it works there: it may lie on the border of two."""
-    left = [event for event in motion.events if event.arm == arm]
-    for k, stage in enumerate(motion.stages[: number + 1]):
-        works = bool(left) and left[0].task in stage.tasks
-        # A task may be both arms', each with stages of its own.
-        if works and left[0].time + left[0].dwell <= stage.end + SAME_TIME:
-            event = left.pop(0)
-            if k == number:
-                return event
-    return None
-
-
 def _on_lines(motion: Motion, arms: Sequence[str], start: float, end: float) -> tuple[float, float]:
     """Returns when arms are on the lines of their stops in a stage from start to end [s]; an empty span for never."""
-    parts = [
-        part
-        for part in motion.segments
-        if part.arm in arms
-        and part.kind in LINES
-        and part.start >= start - SAME_TIME
-        and part.end <= end + SAME_TIME
-    ]
+    parts = motion.lines_within(arms, start, end)
     return min((p.start for p in parts), default=np.inf), max(
         (p.end for p in parts), default=-np.inf
     )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,9 +13,11 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.schedule import Event, Segment, Stage
 from dualarm_cli.model.trajectory import Trajectory
-from dualarm_cli.motion.waiting import with_ends
+from dualarm_cli.motion.waiting import SAME_TIME, with_ends
 from dualarm_cli.timing.composition import concatenate, merge
 
+LINES = ("approach", "dwell", "retract")
+"""Segments on which a part may touch what stands still."""
 ROBOT = "robot"
 """Name of the joint group of all joints together."""
 
@@ -29,6 +34,32 @@ class Motion:
     """Arm by arm, in time order."""
     events: tuple[Event, ...]
     """In time order."""
+
+    @cached_property
+    def event_of(self) -> Mapping[tuple[int, str], Event]:
+        """The event of an arm in a stage, by the stage's place and the arm; it may lie on the border of two stages."""
+        left: dict[str, list[Event]] = {}
+        for event in reversed(self.events):
+            left.setdefault(event.arm, []).append(event)
+        found = {}
+        for k, stage in enumerate(self.stages):
+            for arm, events in left.items():
+                # A task may be both arms', each with stages of its own.
+                works = bool(events) and events[-1].task in stage.tasks
+                if works and events[-1].time + events[-1].dwell <= stage.end + SAME_TIME:
+                    found[k, arm] = events.pop()
+        return found
+
+    @cached_property
+    def lines(self) -> tuple[Segment, ...]:
+        """Segments on lines, in order of their starts."""
+        return tuple(sorted((s for s in self.segments if s.kind in LINES), key=lambda s: s.start))
+
+    def lines_within(self, arms: Collection[str], start: float, end: float) -> list[Segment]:
+        """Returns the segments of arms on lines between two instants [s], in order of their starts."""
+        first = bisect_left(self.lines, start - SAME_TIME, key=lambda s: s.start)
+        last = bisect_right(self.lines, end + SAME_TIME, key=lambda s: s.start)
+        return [s for s in self.lines[first:last] if s.arm in arms and s.end <= end + SAME_TIME]
 
 
 @dataclass
