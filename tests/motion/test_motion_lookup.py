@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -59,7 +60,7 @@ def test_events_and_lines_are_found_as_by_reading_everything(seed):
             assert motion.event_of.get((k, arm)) is event_by_reading(motion, k, arm)
     ends = [0.0, *(stage.end for stage in motion.stages)]
     for start, end in [
-        *zip(ends, ends[1:], strict=False),
+        *itertools.pairwise(ends),
         (ends[3], ends[9]),
         (0.7, ends[5] - 0.1),
     ]:
