@@ -10,7 +10,7 @@ import pinocchio as pin
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
-from dualarm_cli.model.job import JointTarget, PoseTarget, Stop
+from dualarm_cli.model.job import JointTarget, PoseTarget
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
@@ -76,16 +76,8 @@ def event_of(model: CellModel, plan: StagePlan, arm_stop: ArmStop, time: float) 
         frame=f"{name}_tcp",
         pose=pose,
         dwell=arm_stop.stop.dwell.total,
-        velocity=_velocity(arm_stop.stop),
+        velocity=arm_stop.stop.velocity,
     )
-
-
-def _velocity(stop: Stop) -> tuple[float, float, float]:
-    """Returns the velocity with which a target moves [m/s]."""
-    if stop.belt is None:
-        return 0.0, 0.0, 0.0
-    x, y, z = stop.belt.conveyor.velocity.tolist()
-    return x, y, z
 
 
 LINE_TOLERANCE = 5e-5

@@ -57,7 +57,7 @@ class OrderMoves:
         return cls(order, stages, tuple(entry), tuple(leaving), held[:, [0, 2]].T)
 
     def costs(self, graph: StageGraph, moves: IntArray) -> FloatArray:
-        """Returns about how much longer moves take, so that all is collision-free [s]; see `stage_near.Look`."""
+        """Returns about how much longer moves take, so that all is collision-free [s]; see `proof/near.py`."""
         found = np.zeros(len(moves))
         idle = np.append((graph.stops == IDLE).any(axis=1), False)
         asked = np.flatnonzero(~idle[moves].any(axis=1))

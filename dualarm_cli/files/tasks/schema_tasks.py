@@ -116,7 +116,8 @@ class TaskHead(Section):
         default=None, description="The arm that does it; of a hand-over the giving one."
     )
     after: list[Name] = Field(
-        default_factory=list, description="Tasks to be done before, for order: optimise."
+        default_factory=list,
+        description="Tasks that are over before this one begins, in every mode and order.",
     )
     not_before: Duration | None = Field(
         default=None,
