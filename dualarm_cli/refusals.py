@@ -48,7 +48,7 @@ class Refusal:
     remedy: tuple[str, ...] = ()
     """What may help where the same fault has several remedies: keys of REMEDIES."""
     more: Mapping[str, object] = field(default_factory=dict)
-    """What else the sentence names; refusals among it are told in their places."""
+    """What else the sentence names; refusals among it become their sentences."""
 
     def __str__(self) -> str:
         """Returns the sentence, with its place if it has one."""
@@ -75,11 +75,11 @@ class Refusal:
 
 
 def told(refusals: Iterable[Refusal], placed: Refusal | None = None) -> str:
-    """Returns what is said of refusals of one kind: each in a line, and what they have in common once.
+    """Returns the message for refusals of one kind: each in a line, and what they have in common once.
 
     Args:
         refusals: at least one.
-        placed: one whose place is told apart from the text.
+        placed: one whose place stands before the text.
     """
     rows = tuple(refusals)
     what = rows[0].what

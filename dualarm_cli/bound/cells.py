@@ -379,7 +379,7 @@ def _merged(cells: Cells, psi: IntArray) -> Cells:
     order = np.argsort(key, kind="stable")
     _, first, group = np.unique(key[order], return_index=True, return_inverse=True)
     middle = (0.5 * (cells.low + cells.high)[order, :7]).copy()
-    # Turns are told by where a joint is next to the first cell of the same part of the circle.
+    # Turns follow from where a joint is next to the first cell of the same part of the circle.
     apart = np.abs(middle - middle[first][group]) > APART
     turn = apart @ (1 << np.arange(7))
     key = key[order] * (1 << 7) + turn

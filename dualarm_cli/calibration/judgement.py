@@ -27,7 +27,7 @@ whatever number of points, a false alarm comes in less than 5 of 100 sound files
 READINGS_LEVEL = 0.0025
 """Chance at which either of the two tests of a robot's own readings fails sound ones: 1 % in a file of two robots."""
 RELEVANT = 1e-3
-"""A disagreement of less is not told of, however sure [m]."""
+"""A smaller disagreement is not reported, however sure [m]."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ SAME_POINT = 1e-4
 MIRRORED = 1e-3
 """Residuals of which the root mean square is less are not those of a mirror image [m]."""
 TURN_OFF = math.radians(0.5)
-"""An uncertainty of rotation that is told of [rad]."""
+"""An uncertainty of rotation that is reported [rad]."""
 
 
 @dataclass(frozen=True)

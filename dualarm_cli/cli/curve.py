@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dualarm_cli.report.curve_report import CurveReport
 
 INTERVAL = "4 ms"
-"""Interval of the points where nothing else is said."""
+"""Interval of the points by default."""
 
 
 def curve_command(

@@ -97,7 +97,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     """Returns everything known of a robot as a JSON-ready document; angles in rad.
 
     Args:
-        robot: the noun.
+        robot: of the data model.
     """
     import pinocchio as pin
 

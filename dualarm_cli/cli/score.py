@@ -146,7 +146,7 @@ def _former(
 
     Raises:
         InputError: it cannot be used.
-        UsageError: it was planned by other settings, so that nothing can be told from it.
+        UsageError: it was planned by other settings, so that it cannot be compared.
     """
     from dualarm_cli.cli.parts.score_files import read_former
 
@@ -214,7 +214,7 @@ def _tell(
     json_output: bool,
     quiet: bool,
 ) -> None:
-    """Prints the result; what failed is told on stderr where stdout has no table."""
+    """Prints the result; failures go to stderr where stdout has no table."""
     from dualarm_cli.scoring.document import score_document
     from dualarm_cli.scoring.markdown import github_commands
     from dualarm_cli.scoring.messages import reason_lines

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:
-    """Yields what is told after every point.
+    """Yields what to call after every point.
 
     Args:
         total: how many points there are.
@@ -141,7 +141,7 @@ def _say(text: str, quiet: bool) -> None:
 
 
 DEFAULT_BUDGET = 40
-"""Points that --optimise tries where nothing else is said."""
+"""Points that --optimise tries by default."""
 
 
 def sweep_command(

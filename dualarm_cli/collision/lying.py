@@ -131,7 +131,7 @@ def part_reaches(
             place = T * solid.pose
             here = coal.Transform3s(place.rotation, place.translation)
             for thing, there in zip(things, places, strict=True):
-                # Whether they touch is told sooner than how far apart they are.
+                # Whether they touch is quicker to compute than how far apart they are.
                 result.clear()
                 if not coal.collide(solid.geometry, here, thing.geometry, there, asked, result):
                     continue

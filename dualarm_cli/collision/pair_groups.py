@@ -16,7 +16,7 @@ from dualarm_cli.collision.tree import JointTree
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 
 Singles = NDArray[np.float32]
-"""Most pairs in most postures are far apart, and half the bytes take half the time; near ones are told exactly."""
+"""Most pairs in most postures are far apart, and half the bytes take half the time; near ones are computed exactly."""
 Frames = Mapping[int, tuple[Singles, Singles]]
 """Rotations (3, 3, n) and translations (3, n) by joint."""
 

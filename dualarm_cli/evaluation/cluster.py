@@ -59,7 +59,7 @@ class Cluster:
             raise MissingDependencyError("distributed", "cluster") from None
         _ask(address)
         self._address, self._timeout = address, timeout
-        # What it logs are tracebacks of its own; what they come to is said of the cases.
+        # What it logs are tracebacks of its own; the cases report what they come to.
         for logger in ("distributed", "distributed.client"):
             logging.getLogger(logger).setLevel(logging.CRITICAL)
         try:
@@ -260,7 +260,7 @@ def _seen_alike(answer: Evaluation, request: Request, known: dict[str, str]) -> 
     """Returns an answer if it was made from what the files hold here; what is wrong otherwise."""
     if answer.status in ("timed_out", "crashed"):
         return answer
-    # A task file that nobody can read is told as it would be without a cluster.
+    # A task file that nobody can read is reported as without a cluster.
     names = answer.inputs or [request.file]
     here = hashes_now(names, request.folder, known)
     other = [name for name in names if answer.inputs.get(name, GONE) != here[name]]

@@ -26,7 +26,7 @@ _START = (
     "from dualarm_cli.evaluation.worker import main; main(int(sys.argv[2]), int(sys.argv[3]))"
 )
 MOST_WORDS = 200
-"""Longest last words of a process that are told."""
+"""Longest last message of a process that is reported."""
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

@@ -28,7 +28,7 @@ from dualarm_cli.verification import verify
 from dualarm_cli.verification.budget_checks import judge_budget
 
 MOST_FINDINGS = 20
-"""Most findings of one case that are told."""
+"""Most findings of one case that are reported."""
 _LIMITS = ("acceleration", "jerk", "lower", "upper", "velocity")
 
 
@@ -36,7 +36,7 @@ def evaluate(request: Request) -> Evaluation:
     """Returns what a request comes to.
 
     Raises:
-        MemoryError: there is too little of it: nothing that is said then can be relied on.
+        MemoryError: there is too little of it: no message can be relied on then.
     """
     with recorded_reads() as record:
         try:

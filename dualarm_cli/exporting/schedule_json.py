@@ -26,7 +26,7 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator
     Args:
         schedule: what to write.
         urdf: name of the URDF file beside it.
-        files: SHA-256 of the other files of the set, by name; looked at when all of the motion is told.
+        files: SHA-256 of the other files of the set, by name; read when all of the motion is written.
     """
     trajectory = schedule.trajectory
     head: dict[str, Any] = {

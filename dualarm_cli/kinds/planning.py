@@ -58,7 +58,7 @@ class SectionTools:
     timing: TimingSolver
     """How transfers and lines are timed."""
     progress: Callable[[str], None]
-    """Is told what is being done."""
+    """Receives what is being done."""
     clear: bool
     """Whether anything has to be collision-free."""
 
@@ -113,7 +113,7 @@ class KindPlanning:
     add: (
         Callable[[SectionTools, SectionBuilder, Section, FloatArray | None, Section], None] | None
     ) = None
-    """Appends a section from where the robot is, the next one is told as well; None for tasks not done alone."""
+    """Appends a section from where the robot is, with the next one known as well; None for tasks not done alone."""
     opens: Callable[[Section], float] = lambda section: 0.0
     """When such a section may begin at the earliest [s]."""
     least: Callable[[Job, Section], float] = lambda job, section: 0.0

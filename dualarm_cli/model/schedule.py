@@ -1,4 +1,4 @@
-"""Schedule: the joint motion of a job with everything that is said to happen in it."""
+"""Schedule: the joint motion of a job with everything that happens in it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ ROBOT = "robot"
 
 @dataclass(frozen=True)
 class Motion:
-    """A job's whole motion and what is said to happen in it."""
+    """A job's whole motion and what happens in it."""
 
     trajectory: Trajectory
     """All joints of the robot."""

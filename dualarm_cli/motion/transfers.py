@@ -187,7 +187,7 @@ T = TypeVar("T")
 def slowed(make: Callable[[float], T], speed: Callable[[T], float], cap: float) -> T | None:
     """Returns the fastest motion found in which no tool exceeds a cap on its speed; None for none.
 
-    Where velocity limits decide, speed is proportional to them: so the next factor is told by the speed of the last
+    Where velocity limits decide, speed is proportional to them: so the next factor follows from the speed of the last
     one. Where they do not decide, and that leads nowhere soon, every other one halves what is left.
 
     Args:

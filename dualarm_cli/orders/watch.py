@@ -21,7 +21,7 @@ class Watch:
     """Progress of a search, the best plan so far, and the end, by time or because the user has seen enough."""
 
     tell: Callable[[str], None] = lambda _: None
-    """Is told what is being done."""
+    """Receives what is being done."""
     limit: float | None = None
     """How long to search at most [s]; None for as long as the effort says."""
     enough: Callable[[], bool] = lambda: False

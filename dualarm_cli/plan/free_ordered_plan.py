@@ -57,7 +57,7 @@ def plan_by_own_clocks(
         settings: as for any plan.
         watch: receives progress, and may end the search.
         paired: plans the job as if it were paired; what it is given besides is given every plan.
-        schedule: what a motion of a decided job is told with.
+        schedule: makes the schedule of a decided job from its motion.
 
     Raises:
         InfeasibleError: neither is possible.

@@ -152,7 +152,7 @@ def plan_without_bound(
 
 
 def _finished(schedule: Schedule, job: Job, settings: PlanSettings, watch: Watch) -> Schedule:
-    """Returns the plan of a job with what is said of it however it was made."""
+    """Returns the plan of a job with the notes that do not depend on how it was made."""
     notes: list[str] = []
     for kind in kinds_of(job):
         if kind.add is None:
@@ -280,7 +280,7 @@ def _decided_plan(
 
 
 def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]) -> Schedule:
-    """Returns what is told of a motion."""
+    """Returns the schedule of a motion."""
     return Schedule(
         robot=ScheduleRobot.of_job(job),
         trajectory=motion.trajectory,

@@ -382,7 +382,7 @@ def solve_exact(problem: PlatformProblem) -> PlatformSolution:
     A move without a reachable root gets the stationary points of q4_1 - s q4_2 and the angles at which an arm is
     just stretched or folded, best balanced first. Where every angle is a root, the start is given, or the edges of the
     reach if the start is out of it. Within 1e-6 rad of a stretched or folded elbow the last digit of a platform
-    angle can move the elbow by more than a root may be off; a root there is not told from the boundary, which is
+    angle can move the elbow by more than a root may be off; a root there counts as the boundary, which is
     listed where no other root is reachable. Our own derivation, after [Bottin2021] Eq. 3.
     """
     n = len(problem.angle_0)

@@ -439,10 +439,10 @@ def _held(batch: StopBatch, ways: StopWays, samples: int = DENSE_SAMPLES) -> dic
     followed = ways.follow(batch, samples)
     held = np.flatnonzero(followed.ok.reshape(2, -1).all(axis=0))
     found = {int(ways.row[k]): _posture(ways, followed, k) for k in held.tolist()}
-    return {row: one for row, one in found.items() if _keeps_clear(batch.problems[row], one)}
+    return {row: one for row, one in found.items() if _is_clear(batch.problems[row], one)}
 
 
-def _keeps_clear(problem: StopProblem, posture: StopPosture) -> bool:
+def _is_clear(problem: StopProblem, posture: StopPosture) -> bool:
     """Returns whether a posture is collision-free at its target and at the ends of its lines."""
     if problem.clear is None:
         return True

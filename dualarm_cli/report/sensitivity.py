@@ -237,7 +237,7 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
     stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-over
     as long as the slower transfer and then both arms' lines and dwells), lines
     change by the ratio of two estimates along the same path, dwells do not change. To decide postures anew with the
-    other limits could only be faster than what is said here, so that `higher` is conservative. Under a tool-speed cap
+    other limits could only be faster than this, so that `higher` is conservative. Under a tool-speed cap
     the factor by which a transfer was slowed is kept. Transfers that wait or are bent to avoid collisions count as
     straight ones of the same displacement, and what they take longer as constant; a note of the plan says so.
 

@@ -58,7 +58,7 @@ def _matches(pattern: str) -> list[str]:
 
 
 def _tasks_in(folder: str) -> list[str]:
-    """Returns the task files of a folder, told by their `dualarm` key.
+    """Returns the task files of a folder, found by their `dualarm` key.
 
     Raises:
         UsageError: it cannot be looked into, nor can a folder in it.

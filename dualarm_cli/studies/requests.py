@@ -103,7 +103,7 @@ def _same(found: Level | None, value: float | str | bool) -> bool:
 
 
 def input_problems(study: Study, point: Point) -> list[Diagnostic]:
-    """Returns what is wrong with the files of a point; values that a parameter sets are told of the study file.
+    """Returns what is wrong with the files of a point; values that a parameter sets are reported in the study file.
 
     Args:
         study: the study.

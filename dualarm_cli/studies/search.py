@@ -1,6 +1,6 @@
 """Points searched instead of enumerated: a tree-structured Parzen estimator (optuna), in batches.
 
-A batch has always the same size, whatever the number of processes, and is told in the order in which it was asked: so
+A batch has always the same size, whatever the number of processes, and results come in the order of the questions: so
 the same seed asks for the same points everywhere.
 """
 
@@ -26,7 +26,7 @@ TRIES = 20
 DRAWS = 200
 """How often a point is drawn at random where the estimator has none that is new."""
 _NO_PLAN = 1e9
-"""What a point without a plan is told to cost; that there is none counts first."""
+"""Cost of a point without a plan; that there is none counts first."""
 
 Rows = Callable[[Sequence[Point], Sequence[StudyRow]], list[StudyRow]]
 """Evaluates points, given the rows that there are already."""
@@ -130,7 +130,7 @@ class _Searcher:
             point = tuple(axis.level(trial.params[axis.name]) for axis in self._axes)
             if point not in self._trials:
                 return self._take(trial, point)
-            # What is known is told once more, so that the estimator looks elsewhere in the end.
+            # What is known is reported once more, so that the estimator looks elsewhere in the end.
             if point in self._known:
                 self._tell(trial, *self._known[point])
             else:

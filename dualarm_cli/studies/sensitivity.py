@@ -60,7 +60,7 @@ class Influence:
     share: float | None
     """Part of the objective's variance that is the parameter's own."""
     slope: float | None
-    """Standardised coefficient of regression; None where it is not a number, or not to be told from others."""
+    """Standardised coefficient of regression; None where it is not a number, or not separable from others."""
     rank_correlation: float | None
     """Spearman's; None where the parameter is not a number or does not vary."""
 

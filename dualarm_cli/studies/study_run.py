@@ -30,14 +30,14 @@ class Progress:
 
 @dataclass
 class Desk:
-    """Where plans come from, and who is told how far it is."""
+    """Where plans come from, and who receives the progress."""
 
     run: Run
     """Evaluates what the store does not know."""
     store: Store | None
     """Of answers."""
     tell: Callable[[Progress], None] = lambda _: None
-    """Is told after every point."""
+    """Called after every point."""
     known: int = 0
     """Plans that the store knew."""
     planned: int = 0

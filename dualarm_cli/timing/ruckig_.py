@@ -30,8 +30,8 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
     Intermediate waypoints are never given to ruckig: its community edition would send them to a service on
     the network. The knots are ruckig's own switching times, so that nothing is lost by sampling.
 
-    Joints keep their full acceleration and jerk and cruise more slowly. Where that makes a phase too short to be
-    told from its neighbours (a way of 1e-12 rad in a second), or ruckig exceeds a limit or fails, which it does now
+    Joints keep their full acceleration and jerk and cruise more slowly. Where that makes a phase as short as
+    rounding (a way of 1e-12 rad in a second), or ruckig exceeds a limit or fails, which it does now
     and then where a joint has to take a thousand seconds, the joint's closed form is slowed down instead.
     """
     limits = problem.limits

@@ -58,7 +58,7 @@ def check_segments(schedule: Schedule) -> Check:
             worst, where = clock - schedule.duration, f"{arm} arm works beyond the end"
         if own and schedule.duration - clock > worst:
             worst = schedule.duration - clock
-            where = f"nothing is said of the {arm} arm from {clock:.3f} s to the end"
+            where = f"the {arm} arm has no segment from {clock:.3f} s to the end"
     for event in schedule.events:
         beyond = event.time + event.dwell - schedule.duration
         if beyond > worst:

@@ -260,7 +260,7 @@ def test_an_arm_whose_segments_end_early_is_found(clean, failing):
     segments = clean.schedule.segments[:-1]
     found = failing(dataclasses.replace(clean.schedule, segments=segments))
     end = clean.schedule.segments[-1].start
-    assert found == {"segments": f"nothing is said of the right arm from {end:.3f} s to the end"}
+    assert found == {"segments": f"the right arm has no segment from {end:.3f} s to the end"}
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ class Interrupts:
         """Prepares for a search.
 
         Args:
-            watch: of the search; is told by its `enough`.
+            watch: of the search; its `enough` is set.
             quiet: whether to say nothing.
         """
         self.watch, self.quiet = watch, quiet

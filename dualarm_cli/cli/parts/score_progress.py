@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class ScoreProgress:
-    """Is told of every case that is done, within its `with` block."""
+    """Receives every case that is done, within its `with` block."""
 
     def __init__(self, cases: int, quiet: bool) -> None:
         """Prepares for a number of cases; `quiet` says nothing at all."""

@@ -168,7 +168,7 @@ class RobotFile(Section):
 def _with_table_names(data: dict[str, Any]) -> dict[str, Any]:
     """Returns the data of a file with the joints and flanges that its tables make plain.
 
-    Tables that are wrong are told of where they stand; here they must only not be blamed twice.
+    Wrong tables are reported where they stand; here they must only not be reported twice.
     """
     tables, arms = data["dh"], data.get("arms")
     if not isinstance(tables, dict) or not isinstance(arms, dict):

@@ -119,7 +119,7 @@ class Document:
     ) -> Diagnostic:
         """Returns a diagnostic at the place of a value (or of its key).
 
-        What is wrong with a replaced value is told of who replaced it.
+        What is wrong with a replaced value is reported where it was replaced.
         """
         steps = tuple(loc)
         found = self.source.diagnostic(*self.place(steps, key), code, message)

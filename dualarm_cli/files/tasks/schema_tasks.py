@@ -28,7 +28,7 @@ _LongestTime = Annotated[float, Quantity(quantities.TIME, SMALLEST_POSITIVE)]
 
 
 class BudgetSection(Section):
-    """What every plan of the job must keep: a plan that does not is told, and ends with exit code 1."""
+    """What every plan of the job must keep: a plan that does not ends with exit code 1."""
 
     cycle_time: _LongestTime | None = Field(default=None, description="Longest cycle time [s].")
     clearance: Distance | None = Field(

@@ -27,7 +27,7 @@ def apart(what: str, tasks: Iterable[TaskSection]) -> list[TaskSection]:
     return [task for task in tasks if any(getattr(task, key) is not None for key in keys)]
 
 
-def listed_nouns(what: str) -> str:
+def listed_kinds(what: str) -> str:
     """Returns what messages call the kinds of work that do not go with a kind or a setting."""
     *first, last = [kind.plural for kind in of_kinds("reading", what)]
     return f"{', '.join(first)} and {last}" if first else str(last)
@@ -65,7 +65,7 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
     alone = apart("free", model.tasks)
     if model.mode == "free" and alone:
         message = (
-            f"mode: free does not go with {listed_nouns('free')} (task {quote(alone[0].id)}) in this version; use "
+            f"mode: free does not go with {listed_kinds('free')} (task {quote(alone[0].id)}) in this version; use "
             "mode: paired, or plan them in files of their own"
         )
         findings.add(document, ("mode",), message, NOT_AVAILABLE)
@@ -74,7 +74,7 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
         for key in WINDOW:
             if getattr(task, key) is not None and task not in timed:
                 message = (
-                    f"{key} does not go with {listed_nouns('window')} (task {quote(timed[0].id)}) in this version; "
+                    f"{key} does not go with {listed_kinds('window')} (task {quote(timed[0].id)}) in this version; "
                     "plan them in files of their own"
                 )
                 findings.add(document, ("tasks", index, key), message, NOT_AVAILABLE)

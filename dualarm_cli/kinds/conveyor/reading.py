@@ -13,7 +13,7 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
-from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, apart, listed_nouns
+from dualarm_cli.files.tasks.task_rules import NOT_AVAILABLE, apart, listed_kinds
 from dualarm_cli.model.conveyor import OnBelt
 from dualarm_cli.model.job import Stop, Task
 
@@ -68,7 +68,7 @@ def check_apart(
             target = getattr(task, action)
             if isinstance(target, ConveyorTarget) and target.conveyor is not None:
                 message = (
-                    f"conveyors do not go with {listed_nouns('conveyor')} (task {quote(others[0].id)}) in this "
+                    f"conveyors do not go with {listed_kinds('conveyor')} (task {quote(others[0].id)}) in this "
                     "version; plan them in files of their own"
                 )
                 loc = ("tasks", index, action, "conveyor")

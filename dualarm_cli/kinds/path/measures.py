@@ -1,4 +1,4 @@
-"""What is measured of paths as they are followed, and how it is told to people."""
+"""What is measured of paths as they are followed, and how reports show it."""
 
 from __future__ import annotations
 

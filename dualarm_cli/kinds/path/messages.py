@@ -1,4 +1,4 @@
-"""What a reader is told of paths: how they are followed, and why they cannot be."""
+"""Messages about paths: how they are followed, and why they cannot be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of seams as they are worked, and how it is told to people."""
+"""What is measured of seams as they are worked, and how reports show it."""
 
 from __future__ import annotations
 

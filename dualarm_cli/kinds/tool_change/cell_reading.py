@@ -34,7 +34,7 @@ NO_TOOL = "none"
 PARALLEL = 1e-6
 """How far a tool's z axis may lean from that of the arm's own tool [rad]."""
 APART = 1e-3
-"""Stands are at least so far apart [m]: which tool is meant is told by where the arm is."""
+"""Stands are at least so far apart [m]: where the arm is decides which tool is meant."""
 
 ShapeReader = Callable[[ShapeSection, Loc, dict[str, pin.SE3]], Shape | None]
 

@@ -112,7 +112,7 @@ class PoseCurve(MeasuredCurve):
         R = np.array([pose.rotation for pose in poses])
         closed = len(p) > 3 and float(np.linalg.norm(p[0] - p[-1])) < SAME_PLACE
         t, turned = chord_parameters(p), _quaternions(R)
-        # Rotations that are the same at both ends are told as open ones all the same: their quaternions change signs.
+        # Rotations that are the same at both ends count as open ones all the same: their quaternions change signs.
         k = max(telling(t, p, closed=closed), telling(t, UNIT * turned, closed=False), key=len)
         return cls(PointSpline(p[k], R[k, :, 2], closed, t[k]), T_part_curve, R[k])
 
@@ -171,7 +171,7 @@ def sharpest_bend(contour: Contour) -> tuple[float, FloatArray]:
     """
     rate = contour.rate(contour.nodes)
     turned = _angles(rate)
-    # Where the direction vanishes it cannot be told from its neighbours': the contour stops there.
+    # Where the direction vanishes it does not follow from its neighbours': the contour stops there.
     turned[np.linalg.norm(rate[1:], axis=1) < STANDS * np.linalg.norm(rate, axis=1).max()] = np.pi
     k = int(np.argmax(turned))
     return float(turned[k]), contour.point(contour.nodes[k + 1 : k + 2])[0]

@@ -340,13 +340,13 @@ class OrderModel:
         given = isinstance(self.tasks[t].stops[s].target, JointTarget)
         rows = rows[np.argsort(cost, kind="stable")]
         few = rows if given else rows[:CANDIDATES]
-        clear = few[self._keeps_clear(name, t, s, f, nodes, few)]
+        clear = few[self._is_clear(name, t, s, f, nodes, few)]
         if len(clear) or len(few) == len(rows):
             return clear
         others = rows[CANDIDATES:]
-        return others[self._keeps_clear(name, t, s, f, nodes, others)]
+        return others[self._is_clear(name, t, s, f, nodes, others)]
 
-    def _keeps_clear(
+    def _is_clear(
         self, name: str, t: int, s: int, f: int, nodes: Nodes, rows: IntArray
     ) -> BoolArray:
         if self.clearance is None:

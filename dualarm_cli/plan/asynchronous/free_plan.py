@@ -45,7 +45,7 @@ class FreePlanner:
     timing: TimingSolver
     """How motions are timed."""
     tell: Callable[[str], None]
-    """Is told what is being done."""
+    """Receives what is being done."""
     clear: bool
     """Whether anything has to be collision-free."""
     end: FloatArray | None = None
@@ -89,7 +89,7 @@ class FreePlanner:
                 if waits is None:
                     break
                 motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
-                if cell is None or _keeps_clear(job, cell, motion):
+                if cell is None or _is_clear(job, cell, motion):
                     return motion
         more = {"angles": np.degrees(angle).round(1).tolist()}
         raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
@@ -220,7 +220,7 @@ def _reversed(motion: Trajectory) -> Trajectory:
     )
 
 
-def _keeps_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
+def _is_clear(job: Job, cell: CellClearance, motion: Motion) -> bool:
     """Returns whether everything is clear of everything along a whole motion."""
     duration, step = motion.trajectory.duration, STEP / job.speed
     count = max(2, int(np.ceil(duration / step)) + 1)

@@ -42,7 +42,7 @@ class SequenceClearance:
     platform_columns: tuple[int, ...]
     """Columns of the platform's joints."""
     rest: FloatArray
-    """All joints of the robot where nothing else is said [rad], shape (columns,)."""
+    """All joints of the robot by default [rad], shape (columns,)."""
     turns: bool
     """Whether the platform's one joint is turned."""
     before: IntArray

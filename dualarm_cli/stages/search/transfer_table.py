@@ -15,7 +15,7 @@ SAME_LAW = 0.03
 STEPS = 32_000
 """Steps of the table over the widest joint's range; differences of coordinates then fit 16 bits."""
 WIDEST = 4.0 * np.pi
-"""Range of a joint without position limits that is told from larger ones [rad]."""
+"""Range of a joint without position limits beyond which the table does not distinguish [rad]."""
 ROWS = 48
 """Rows of a block of pairs: small enough for the cache."""
 
