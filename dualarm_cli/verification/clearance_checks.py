@@ -75,7 +75,7 @@ def check_clearance(
     """Checks the clearance of all pairs of bodies, and returns the least of every stage.
 
     A carried part belongs to its arm from the pick's event to the place's; one that is handed over to the giver until
-    it lets go, and to the taker once that has gripped. On the lines where it is picked and placed it need not keep
+    it lets go, and to the taker once that has gripped. On the lines where it is picked and placed it need not be
     clear of obstacles (it lies on one), only not reach into them. From the taker's approach to the end of the giver's
     retract both tools may touch it. A changed tool belongs to its arm while it is on, and has the same right as a part
     on the lines at its stand. What stands there without an arm is no obstacle.
