@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
@@ -20,11 +21,26 @@ PRIVATE = (
 """collision-free; without collision checking; repair; data model; compared with; asynchronous; detour; message."""
 
 
-def test_no_private_word_is_in_the_package():
-    """Line by line, and across the end of a line of text."""
-    pattern = re.compile(rf"\b(?:{'|'.join(PRIVATE)})\b", re.IGNORECASE)
+PATTERN = re.compile(rf"\b(?:{'|'.join(PRIVATE)})\b", re.IGNORECASE)
+ROOT = PACKAGE.parent
+PAGES = ("architecture", "contributing", "glossary", "limits", "methods", "papers")
+
+
+def found_in(paths: Iterable[Path]) -> list[str]:
+    """Returns the private words of files, line by line and across the end of a line of text."""
     found = []
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sorted(paths):
         text = re.sub(r"[\"'\s]+", " ", path.read_text(encoding="utf-8").replace("_", " "))
-        found += [f"{path.relative_to(PACKAGE)}: {one.group()}" for one in pattern.finditer(text)]
-    assert found == []
+        found += [f"{path.relative_to(ROOT)}: {one.group()}" for one in PATTERN.finditer(text)]
+    return found
+
+
+def test_no_private_word_is_in_the_package():
+    """Messages, names, docstrings and comments."""
+    assert found_in(PACKAGE.rglob("*.py")) == []
+
+
+def test_no_private_word_is_on_pages_about_concepts_and_code():
+    """Concepts, papers, limits, glossary, and what contributors read."""
+    pages = [ROOT / "docs" / f"{name}.md" for name in PAGES]
+    assert found_in([*pages, *(ROOT / "docs" / "concepts").glob("*.md")]) == []
