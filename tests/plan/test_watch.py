@@ -139,5 +139,5 @@ def test_orders_are_planned_for_as_long_as_there_is_time(clock):
 
 def test_where_no_order_has_a_plan_the_first_reason_is_given():
     """As it was said."""
-    with pytest.raises(InfeasibleError, match="is collision-free"):
+    with pytest.raises(InfeasibleError, match="no collision-free plan"):
         planned([-1.0, -1.0], Watch())
