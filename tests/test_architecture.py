@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from collections import defaultdict
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+from dualarm_cli import kinds
 from dualarm_cli.refusals import HEADS, HELPS, REMEDIES, SENTENCES
 
 PACKAGE = Path(__file__).parent.parent / "dualarm_cli"
@@ -57,6 +59,17 @@ def test_folders_do_not_import_each_other():
             if folder(names[other]) != folder(path):
                 graph[folder(path)].add(folder(names[other]))
     assert list(TopologicalSorter(graph).static_order())
+
+
+def test_the_contract_keeps_every_kind_of_work_apart():
+    """The list of the import contract is that of the kinds."""
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    [modules] = [
+        contract["modules"]
+        for contract in project["tool"]["importlinter"]["contracts"]
+        if contract["type"] == "independence"
+    ]
+    assert sorted(modules) == sorted(f"{kinds.__name__}.{kind}" for kind in kinds.KINDS)
 
 
 def test_public_class_names_are_unique():

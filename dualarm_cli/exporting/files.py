@@ -101,10 +101,10 @@ def write_schedule_set(
         OutputError: nothing could be written, or not everything; what was there is whole.
     """
     check_writable(folder, force)
-    if not force:
-        _refuse_existing(folder, others)
     given = {URDF: [schedule.robot.urdf.encode()], TABLE: to_csv(schedule, rate)}
     given |= {name: [content] for name, content in others.items()}
+    if not force:
+        _refuse_existing(folder, given)
     # Known once the files are written, which is before schedule.json asks for them.
     hashes = dict.fromkeys(sorted(given), "")
     files = {name: _hashed(name, content, hashes) for name, content in given.items()}

@@ -85,7 +85,8 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
         return None
     if reason := why_no_closed_form(robot):
         return reason
-    return f"it chooses the arm angles itself: leave out --redundancy {redundancy}"
+    possible = " or ".join(TOGETHER.get(method, (CLOSED_FORMS,)))
+    return f"it goes with --redundancy {possible}, not with {redundancy}"
 
 
 def _which(robot: Robot) -> str:
