@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.collision.clearance import SLACK, CellClearance
 from dualarm_cli.effort import Mesh
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.job import Dwell, Job, Place, PoseTarget, Stop, Task
 from dualarm_cli.model.settings import PlanSettings
@@ -18,8 +21,14 @@ from dualarm_cli.postures.holding import Holding
 from dualarm_cli.stages import sequence
 from dualarm_cli.stages.search import beam
 from dualarm_cli.stages.search.node_plans import plans_on_nodes
-from dualarm_cli.stages.search.own_stages import exact_nodes, shared_intervals, spread
+from dualarm_cli.stages.search.own_stages import (
+    exact_nodes,
+    shared_intervals,
+    spread,
+    with_own_angles,
+)
 from dualarm_cli.stages.search.plan_clearance import plan_clearance
+from dualarm_cli.stages.search.potentials import arm_layers
 from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.search.search import FoundSequence, search, search_near
 from dualarm_cli.stages.search.source import postures
@@ -162,6 +171,41 @@ def test_exact_nodes_are_postures_as_plans_have_them(
         assert stop is not None
         tool = (R_world @ (p - R @ work.R_tool_flange.T @ work.p_tool_flange)[..., None])[..., 0]
         assert np.abs(tool + p_world - stop.p_world_tool).max() < 1e-9
+
+
+class _Margins:
+    """A cell in which every posture of one arm has at most a given margin beyond the clearance."""
+
+    def __init__(self, cell: CellClearance, most: float) -> None:
+        self._cell = cell
+        self._most = most
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._cell, name)
+
+    def own_margins(self, a: int, position: FloatArray, held: IntArray) -> FloatArray:
+        return np.minimum(self._cell.own_margins(a, position, held), self._most)
+
+
+@pytest.mark.parametrize(("margin", "possible"), [(0.5 * SLACK, True), (0.0, True), (-1e-6, False)])
+def test_a_stage_with_less_than_the_margin_of_nodes_everywhere_keeps_collision_free_nodes(
+    packing: Job, margin: float, possible: bool
+) -> None:
+    """Half a degree of shared angles, and a margin below SLACK at all of them."""
+    cell = replace(packing.cell, obstacles=())
+    job, (low, high) = narrow(replace(packing, cell=cell), np.radians(0.5))
+    problem = sequence_problem(CellModel.from_cell(job.cell), job, Holding.of(job, crossing=True))
+    assert problem.clearance is not None
+    thin: Any = _Margins(problem.clearance.cell, margin)
+    problem = replace(problem, clearance=replace(problem.clearance, cell=thin))
+    tables = tuple(StopTable.of(work) for work in problem.arms)
+    angles = np.zeros((3, 4))
+    arms = [arm_layers(problem, a, angles, [None] * 3) for a in (0, 1)]
+    found = with_own_angles(problem, tables, arms, angles, [1], 500)
+    assert (found is not None) == possible
+    if found is not None:
+        assert all(len(arm.layers[1].angle_index) for arm in found if arm.layers[1] is not None)
+        assert ((angles[1] >= low - 1e-4) & (angles[1] <= high + 1e-4)).all()
 
 
 def test_angles_are_spread_over_all_intervals() -> None:

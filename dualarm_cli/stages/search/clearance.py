@@ -89,7 +89,9 @@ class SequenceClearance:
         """What each arm holds on each stage's retracts, shape (n, arms)."""
         return self.cell.at_stops(self.after, self.handing)
 
-    def arm_free(self, a: int, angle: FloatArray, q: FloatArray, held: int) -> BoolArray:
+    def arm_free(
+        self, a: int, angle: FloatArray, q: FloatArray, held: int, spare: float = SLACK
+    ) -> BoolArray:
         """Returns where one arm is clear of itself and of all that is not the other arm, shape (n,).
 
         Args:
@@ -97,11 +99,12 @@ class SequenceClearance:
             angle: platform angles [rad], shape (n,).
             q: its joints [rad], shape (n, 7).
             held: what it holds.
+            spare: margin beyond the clearance that is asked for [m].
         """
         joints: list[FloatArray | None] = [None] * len(self.cell.arms)
         joints[a] = q
         position = self.positions(angle, joints)
-        return np.asarray(self.cell.own_margins(a, position, np.full(len(q), held)) >= SLACK)
+        return np.asarray(self.cell.own_margins(a, position, np.full(len(q), held)) >= spare)
 
     def along(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Returns SAMPLES postures on every straight move, shape (n SAMPLES, columns) [rad].

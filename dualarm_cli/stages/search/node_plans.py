@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.effort import Mesh
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.stages.search.beam import NodePath, beam_search
@@ -203,7 +204,9 @@ def plans_on_nodes(
         lacking = stages_without_angle(arms, angles.shape[1])
         if own.intersection(lacking):
             return NodePlans([], bound, tuple(lacking))
-        refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes)
+        # Near a plan, stages with less than SLACK everywhere stay as they are in that plan; here they have no other.
+        spares = (SLACK, 0.0) if near is None else (SLACK,)
+        refined = with_own_angles(problem, tables, arms, angles, lacking, mesh.most_nodes, spares)
         if refined is None:
             return NodePlans([], bound, tuple(lacking))
         own.update(lacking)

@@ -302,6 +302,7 @@ def with_own_angles(
     angles: FloatArray,
     stages: Sequence[int],
     most: int,
+    spares: Sequence[float] = (SLACK, 0.0),
 ) -> tuple[ArmLayers, ...] | None:
     """Returns the arms' layers with some stages on platform angles of their own; None where a stage has none.
 
@@ -312,10 +313,11 @@ def with_own_angles(
         angles: the platform angles of all stages [rad], shape (n, f); rows of those stages are replaced.
         stages: their numbers.
         most: most nodes of one stop.
+        spares: margins beyond the clearance that is asked for [m]: each is tried where the one before leaves no angle.
     """
     layers = [list(arm.layers) for arm in arms]
     for k in stages:
-        made = _own_nodes(problem, tables, k, angles.shape[1], most)
+        made = _own_nodes(problem, tables, k, angles.shape[1], most, spares)
         if made is None:
             return None
         angles[k], nodes = made
@@ -338,7 +340,14 @@ def taking_turns(nodes: Nodes, partner: Nodes | None) -> Nodes:
     return replace(nodes, work=nodes.work + partner.work.min())
 
 
-def free_nodes(problem: SequenceProblem, a: int, k: int, angles: FloatArray, nodes: Nodes) -> Nodes:
+def free_nodes(
+    problem: SequenceProblem,
+    a: int,
+    k: int,
+    angles: FloatArray,
+    nodes: Nodes,
+    spare: float = SLACK,
+) -> Nodes:
     """Returns the nodes at which the arm is clear of itself and of what stands still.
 
     Args:
@@ -347,6 +356,7 @@ def free_nodes(problem: SequenceProblem, a: int, k: int, angles: FloatArray, nod
         k: number of the stage.
         angles: its platform angles [rad], shape (f,).
         nodes: the arm's nodes there.
+        spare: margin beyond the clearance that is asked for [m].
     """
     test = problem.clearance
     if test is None or not len(nodes.work):
@@ -358,12 +368,17 @@ def free_nodes(problem: SequenceProblem, a: int, k: int, angles: FloatArray, nod
         places.append((nodes.q_retract, after))
     for q, held in places:
         rows = np.flatnonzero(free)
-        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows], held)
+        free[rows] = test.arm_free(a, angles[nodes.angle_index[rows]], q[rows], held, spare)
     return nodes.take(np.flatnonzero(free))
 
 
 def _own_nodes(
-    problem: SequenceProblem, tables: Sequence[StopTable], k: int, count: int, most: int
+    problem: SequenceProblem,
+    tables: Sequence[StopTable],
+    k: int,
+    count: int,
+    most: int,
+    spares: Sequence[float],
 ) -> tuple[FloatArray, list[Nodes | None]] | None:
     """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
     angles = np.zeros(1)
@@ -374,16 +389,21 @@ def _own_nodes(
         angles = spread(shared_intervals(problem, tables, k, around), max(LOOKED_AT, count))
     if not len(angles):
         return None
-    nodes = [
-        None
-        if work.stops[k] is None
-        else free_nodes(problem, a, k, angles, exact_nodes(problem, a, tables[a], k, angles, most))
+    every = [
+        None if work.stops[k] is None else exact_nodes(problem, a, tables[a], k, angles, most)
         for a, work in enumerate(problem.arms)
     ]
-    working = [own for own in nodes if own is not None]
-    shared = np.logical_and.reduce(
-        [np.bincount(own.angle_index, minlength=len(angles)) > 0 for own in working]
-    )
+    for spare in spares:
+        nodes = [
+            None if own is None else free_nodes(problem, a, k, angles, own, spare)
+            for a, own in enumerate(every)
+        ]
+        working = [own for own in nodes if own is not None]
+        shared = np.logical_and.reduce(
+            [np.bincount(own.angle_index, minlength=len(angles)) > 0 for own in working]
+        )
+        if shared.any():
+            break
     if len(working) > 1:
         apart = _apart(problem, k, angles, nodes, np.flatnonzero(shared))
         shared = apart if apart.any() else shared
