@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from dualarm_cli.refusals import Refusal, told
+from dualarm_cli.refusals import CODES, Refusal, told
 
 
 def did_you_mean(word: str, known: list[str]) -> str:
@@ -110,6 +110,11 @@ class InfeasibleError(DualArmError):
     def __str__(self) -> str:
         """Returns what is wrong in sentences, with places."""
         return told(self.refusals)
+
+    @property
+    def code(self) -> str:
+        """Stable short code, such as E620."""
+        return CODES[self.refusals[0].what]
 
 
 class BlockedError(InfeasibleError):

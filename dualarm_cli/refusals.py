@@ -128,8 +128,7 @@ _CLEAR_HELPS = (
 _MISFIT = "no posture helps where a part or a tool reaches into something"
 _NOT_CLEAR = "no collision-free plan was found: other postures, platform angles, delays and detours were tried"
 
-SENTENCES: Mapping[str, str] = {
-    # Orders.
+_ORDERS = {
     "waits_for_ever": "in the order that is given {names:and} {tasks:waits|wait} for ever for tasks that come "
     "later; change the order in the file, or say order: optimise",
     "out_of_reach": "no arm does task '{task}': {causes:*; }",
@@ -151,7 +150,8 @@ SENTENCES: Mapping[str, str] = {
     "there may be one): {rules:*; }",
     "late": "task '{task}' is done at {measured:.3f} s, {late:.3f} s after its window closes (not_after: "
     "{allowed:g} s)",
-    # Buffers.
+}
+_BUFFERS = {
     "buffer_in_stage": "buffer '{buffer}' holds {measured} of at most {allowed} parts before stage {stage}, in "
     "which {causes:* while }{either:*}",
     "puts": "{names:and} {names:puts|put} {names:#|#} in",
@@ -166,7 +166,8 @@ SENTENCES: Mapping[str, str] = {
     "buffer_at_border": "buffer '{buffer}' holds {measured} parts after '{task}', where it has to hold 0 to "
     "{allowed}: what comes before a path or coordinate task is over when that begins; what helps is another order "
     "of the tasks, or other numbers (capacity, initial)",
-    # Postures of a stage.
+}
+_POSTURES = {
     "point_not_turned": "no posture within limits was found that is turned as {point} asks ({where})",
     "flange_not_there": "no posture within limits brings the flange nearer to {point} than {measured:mm}, turned as "
     "asked ({where})",
@@ -190,7 +191,8 @@ SENTENCES: Mapping[str, str] = {
     "no_postures_together": "collision-free postures were found for single places, but none for this stop along "
     "its lines together",
     "no_plan_on_grid": "no plan was found on the grid of nodes",
-    # Clearance.
+}
+_CLEARANCE = {
     "touches": "{one} and {other} lack {measured:mm} of clearance",
     "start_touches": "start: in posture '{posture}' {one} and {other} lack {measured:mm} of clearance; start in "
     "another posture (`start: free` leaves it open), move what is in the way, or allow the pair less",
@@ -209,13 +211,15 @@ SENTENCES: Mapping[str, str] = {
     "starts_there": " (in stage 1 it starts there: `start: free`)",
     "asynchronous_not_clear": "mode: free: no way was found for both arms together while the platform stands at "
     "{angles} deg",
-    # Motion.
+}
+_MOTION = {
     "line_left": "task '{task}': the {line} line is left by {mm:.3f} mm and {angle:.2e} rad, more than {most} mm; "
     "the arm passes too close to a singularity",
     "detour_too_fast": "limits: tool_speed: along a detour a tool exceeds {allowed:g} m/s at any speed of its arm",
     "tool_speed_too_low": "limits: tool_speed: {allowed:g} m/s is slower than a {slowest}th of the joints' speed; "
     "allow more",
-    # Calibration.
+}
+_CALIBRATION = {
     "few_points": "{points:#|#} {points:point does|points do} not determine where one robot stands from another; "
     "touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
     "points_are_one": "all points of the {arm} robot are one; touch points well apart",
@@ -232,7 +236,8 @@ SENTENCES: Mapping[str, str] = {
     "{least} points, each with the tool turned another way about all three axes, or measure the tools and fit none",
     "few_equations": "{points} points give {equations} equations for {unknowns} unknowns; ",
     "points_do_not_match": "{causes:*; }",
-    # Conveyors.
+}
+_CONVEYORS = {
     "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} s and is {within:g} m on at {last:.3f} s",
     "delayed": " ({measured:.3f} s of it to avoid collisions)",
     "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
@@ -254,7 +259,8 @@ SENTENCES: Mapping[str, str] = {
     "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
     "limit by a factor of {measured:.3g} however gently they begin",
     "conveyor_leaves_reach": "a joint's limit, the arm's reach or a singularity is in the way before the stop is over",
-    # Paths.
+}
+_PATHS = {
     "path_out_of_reach": "task '{task}' ({arm}): no configuration within the joints' limits{near:*} has the tools "
     "where the path begins: at best they are {mm:.1f} mm and {degrees:.1f} deg away{at_limit:*}; move the path, or "
     "turn the tool, or name another posture",
@@ -268,7 +274,8 @@ SENTENCES: Mapping[str, str] = {
     "path_not_joined": "its joints cannot be joined by a curve near enough to it",
     "path_touches": "after {time:.3f} s {one} and {other} lack {measured:mm} of clearance",
     "no_way_to_path": "no way to where it begins: {cause}",
-    # Seams.
+}
+_SEAMS = {
     "seam_not_worked": "task '{task}' ({arm}{carrier:*}): {cause}",
     "part_in": " on the part in {arm}",
     "seam_has_no_joints": "{cause}",
@@ -299,7 +306,23 @@ SENTENCES: Mapping[str, str] = {
     "entry_too_short": "task '{task}': the way to where it begins takes {measured:.3f} s at least, more than the "
     "{allowed:g} s that entry gives it; raise its duration or leave it out",
 }
+_GROUPS: Mapping[str, Mapping[str, str]] = {
+    "E600": _ORDERS,
+    "E605": _BUFFERS,
+    "E610": _POSTURES,
+    "E620": _CLEARANCE,
+    "E630": _MOTION,
+    "E640": _CALIBRATION,
+    "E650": _CONVEYORS,
+    "E660": _PATHS,
+    "E670": _SEAMS,
+}
+SENTENCES: Mapping[str, str] = {
+    what: sentence for group in _GROUPS.values() for what, sentence in group.items()
+}
 """What is wrong, by its name, to be filled in."""
+CODES: Mapping[str, str] = {what: code for code, group in _GROUPS.items() for what in group}
+"""Stable short code of what is wrong, by its name; `dualarm explain CODE` says more."""
 
 HEADS: Mapping[str, str] = {
     "late": "no plan was found that is in time",

@@ -11,6 +11,7 @@ from dualarm_cli.cli.calibrate import calibrate_command
 from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
 from dualarm_cli.cli.curve import curve_command
+from dualarm_cli.cli.explain import explain_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
@@ -58,5 +59,6 @@ app.command("score")(score_command)
 app.command("check")(check_command)
 app.command("verify")(verify_command)
 app.command("solvers")(solvers_command)
+app.command("explain")(explain_command)
 
 __all__ = ["app"]

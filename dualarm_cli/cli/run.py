@@ -67,11 +67,21 @@ def run(arguments: list[str]) -> int:
     except InputError as error:
         from dualarm_cli.files.source.diagnostics import render
 
-        return _report(render(error.diagnostics), error.exit_code, arguments)
+        codes = dict.fromkeys(diagnostic.code for diagnostic in error.diagnostics)
+        text = f"{render(error.diagnostics)}\n{_explained(*codes)}"
+        return _report(text, error.exit_code, arguments)
     except DualArmError as error:
-        return _report(f"error: {error}", error.exit_code, arguments)
+        name = getattr(error, "code", "")
+        text = f"error[{name}]: {error}\n{_explained(name)}" if name else f"error: {error}"
+        return _report(text, error.exit_code, arguments)
     except Exception as error:
         return _unexpected(error, arguments)
+
+
+def _explained(*codes: str) -> str:
+    """Returns the last line of an error: where to read more about its codes."""
+    commands = ", ".join(f"`dualarm explain {code}`" for code in codes)
+    return f"More about it: {commands}"
 
 
 def _unexpected(error: Exception, arguments: list[str]) -> int:

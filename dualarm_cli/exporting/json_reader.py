@@ -160,7 +160,7 @@ class JsonReader:
 
     def fail(self, where: str, what: str, line: int = 0) -> NoReturn:
         """Raises InputError for a member."""
-        raise InputError([Diagnostic(self._file, line, 0, "E310", f"{where}: {what}")])
+        raise InputError([Diagnostic(self._file, line, 0, "E110", f"{where}: {what}")])
 
     def document(self, file: Path, tables: str) -> dict[str, Any]:
         """Returns the object in a file; NaN and infinities are read as such.

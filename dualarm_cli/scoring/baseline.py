@@ -125,7 +125,7 @@ def _no_number(text: str) -> NoReturn:
 
 def _refuse(file: str, message: str, line: int = 0, column: int = 0) -> NoReturn:
     advice = "; --update-baseline with --force writes a new one"
-    raise InputError([Diagnostic(file, line, column, "E310", message + advice)])
+    raise InputError([Diagnostic(file, line, column, "E110", message + advice)])
 
 
 def baseline_bytes(settings: Mapping[str, Any], cases: Mapping[str, Recorded]) -> bytes:

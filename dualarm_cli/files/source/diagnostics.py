@@ -1,9 +1,4 @@
-"""Diagnostics: what pydantic found, said as people say it, at its place; and their text.
-
-Codes: E100 too large or too deep; E101 not text or not YAML; E102 duplicate; E104 no number;
-E105 alias, anchor or tag; E200 wrong value; E201 unknown key; E202 missing; E300 does not fit the
-rest of the files; E310 not available in this version; E400 URDF; E500 file or path.
-"""
+"""Diagnostics: what pydantic found, said as people say it, at its place; and their text. Codes: `explanations.py`."""
 
 from __future__ import annotations
 
