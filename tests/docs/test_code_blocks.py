@@ -236,6 +236,18 @@ def test_every_figure_is_drawn_by_a_command_of_a_page():
         ), file
 
 
+def test_commands_do_not_get_into_each_others_way():
+    """Somebody who runs all commands in one folder meets no result of an earlier page."""
+    folders: list[str] = []
+    for page in PAGES:
+        for block in blocks(page):
+            for line in block.text.splitlines() if block.language == "sh" else ():
+                if line.startswith("dualarm plan tasks/"):
+                    assert "--out " in line, f"{named(page)}: {line}"
+                    folders += re.findall(r"--out (\S+)", line)
+    assert len(folders) == len(set(folders)), folders
+
+
 def anchors(page: Path) -> set[str]:
     """Returns the anchors of a page's headings as GitHub and MyST make them."""
     text = BLOCK.sub("", page.read_text(encoding="utf-8"))
