@@ -9,24 +9,9 @@ from dualarm_cli.cli.parts.output import JsonOption, print_json, stdout_console
 
 def solvers_command(json_output: JsonOption = False) -> None:
     """List the methods of `--platform` and the solvers of every family, with their references."""
-    from dualarm_cli.calibration import CALIBRATION_SOLVERS
-    from dualarm_cli.kinds.planning import families
-    from dualarm_cli.platform_angle import PLATFORM_SOLVERS
-    from dualarm_cli.postures import REDUNDANCY_SOLVERS
-    from dualarm_cli.stages.methods import METHODS
-    from dualarm_cli.timing import TIMING_SOLVERS
-
-    listed: list[Any] = [
-        METHODS,
-        PLATFORM_SOLVERS,
-        REDUNDANCY_SOLVERS,
-        *(solvers for _, solvers in families()),
-        TIMING_SOLVERS,
-        CALIBRATION_SOLVERS,
-    ]
     rows = [
         {"family": family.family, "name": s.name, "summary": s.summary, "reference": s.reference}
-        for family in listed
+        for family in families()
         for s in family
     ]
     if json_output:
@@ -40,3 +25,22 @@ def solvers_command(json_output: JsonOption = False) -> None:
     for row in rows:
         table.add_row(*row.values())
     stdout_console().print(table)
+
+
+def families() -> list[Any]:
+    """Returns every family of methods: a registry each."""
+    from dualarm_cli.calibration import CALIBRATION_SOLVERS
+    from dualarm_cli.kinds import planning
+    from dualarm_cli.platform_angle import PLATFORM_SOLVERS
+    from dualarm_cli.postures import REDUNDANCY_SOLVERS
+    from dualarm_cli.stages.methods import METHODS
+    from dualarm_cli.timing import TIMING_SOLVERS
+
+    return [
+        METHODS,
+        PLATFORM_SOLVERS,
+        REDUNDANCY_SOLVERS,
+        *(solvers for _, solvers in planning.families()),
+        TIMING_SOLVERS,
+        CALIBRATION_SOLVERS,
+    ]

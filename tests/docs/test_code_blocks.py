@@ -40,7 +40,7 @@ BLOCK = re.compile(
     r"(?:^ *<!-- (?P<note>[^\n]*) -->\n)?^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
 )
-SET_UP = ("python3", ".venv/", "pip ", "dask ", "sphinx-build ", "export ")
+SET_UP = ("python3", ".venv/", "PYTHONPATH=. .venv/", "pip ", "dask ", "sphinx-build ", "export ")
 PLACEHOLDER = re.compile(r"(?<![\w-])[A-Z]{2,}(?:\.\w+)?\b")
 FIGURES = {
     "any_order.png": ("dualarm plan tasks/11_any_order/tasks.yaml", "order.png"),

@@ -1,0 +1,411 @@
+"""Writes `docs/reference` from the code: file formats, results, commands, methods and error codes.
+
+    PYTHONPATH=. python docs/generate_reference.py
+
+The pages are committed, so that they can be read without building anything; a test fails where they are not what the
+code says.
+"""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+from result_fields import REPORT, SCHEDULE
+
+from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.solvers import families
+from dualarm_cli.explanations import EXPLANATIONS
+from dualarm_cli.files.calibration.points import BaseFile, PointsFile
+from dualarm_cli.files.cells.cells import cell_schema
+from dualarm_cli.files.cells.schema_cell import PairSection
+from dualarm_cli.files.robots.schema_robot import RobotFile
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.fields import Quantity
+from dualarm_cli.files.source.quantities import Dimension
+from dualarm_cli.files.studies.schema_study import StudyFile
+from dualarm_cli.files.tasks.task_reader import schemas_of
+from dualarm_cli.kinds import of_kinds
+
+FOLDER = Path(__file__).parent / "reference"
+ALSO = {"robot": PairSection}
+"""Mappings that a key takes besides what its type tells."""
+NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this page. -->\n"
+
+
+def pages() -> dict[str, str]:
+    """Returns the text of every page of the reference by its file name."""
+    tasks = schemas_of(tuple(of_kinds("reading"))).file
+    cell = cell_schema(tuple(of_kinds("cell_reading")))
+    files = {
+        "tasks": (tasks, "Task file", "What the arms do: tasks, their order and their mode."),
+        "cell": (cell, "Cell file", "What is in the cell: robot, tools, frames, parts, obstacles."),
+        "robot": (RobotFile, "Robot file", "What the URDF does not say of a robot."),
+        "study": (StudyFile, "Study file", "What a layout study changes, and what it compares."),
+        "points": (PointsFile, "Points file", "Points that both robots have touched."),
+        "base": (
+            BaseFile,
+            "Base file",
+            "Where a robot's base stands: `dualarm calibrate` writes it.",
+        ),
+    }
+    return {
+        "index.md": _index(),
+        **{f"{name}.md": _file_page(*page) for name, page in files.items()},
+        "schedule.md": _schedule_page(),
+        "report.md": _report_page(),
+        "commands.md": _commands_page(),
+        "solvers.md": _solvers_page(),
+        "errors.md": _errors_page(),
+        "python.md": _python_page(),
+    }
+
+
+def _index() -> str:
+    return _joined(
+        "# Reference",
+        "Every key, member, option, method and error code. The pages are written from the code.",
+        "\n".join(
+            [
+                "| page | what is in it |",
+                "| --- | --- |",
+                "| [tasks](tasks.md), [cell](cell.md), [robot](robot.md) | the files that describe a job |",
+                "| [study](study.md), [points](points.md), [base](base.md) | files of layout studies and calibration |",
+                "| [schedule](schedule.md), [report](report.md) | the files that a plan writes |",
+                "| [commands](commands.md) | commands, options, exit codes |",
+                "| [solvers](solvers.md) | the methods by family |",
+                "| [errors](errors.md) | error codes: causes and remedies |",
+                "| [python](python.md) | what can be called from Python |",
+            ]
+        ),
+        "## Quantities",
+        "A plain number is in the first unit of its quantity; text names its unit: `80 mm`, `30 deg`, `80%`.",
+        "\n".join(
+            ["| quantity | units |", "| --- | --- |"]
+            + [
+                f"| {dimension.name} | {', '.join(f'`{unit}`' for unit in dimension.units if unit)} |"
+                for dimension in vars(quantities).values()
+                if isinstance(dimension, Dimension)
+            ]
+        ),
+    )
+
+
+def _joined(*parts: str) -> str:
+    return NOTE + "\n" + "\n\n".join(part.strip("\n") for part in parts if part) + "\n"
+
+
+def _cell(text: str) -> str:
+    """Returns text for a cell of a table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+# Input files
+
+
+def _file_page(root: type[BaseModel], title: str, what: str) -> str:
+    """Returns the page of one file format: a table of keys for the file and for each mapping in it."""
+    sections = _sections(root)
+    parts = [f"# {title}", what]
+    parts.append("`dualarm check FILE` reports everything wrong with a file at once.")
+    for section, path in sections.items():
+        parts.append(f"## {_heading(section, path)}")
+        parts.append(" ".join((section.__doc__ or "").split()))
+        parts.append(_table(section, sections))
+    return _joined(*parts)
+
+
+def _heading(section: type[BaseModel], path: str) -> str:
+    return f"`{path}`" if path else "The file"
+
+
+def _sections(root: type[BaseModel]) -> dict[type[BaseModel], str]:
+    """Returns the mappings of a file with the path of keys at which each is met first, the file itself first."""
+    found: dict[type[BaseModel], str] = {root: ""}
+    todo = [root]
+    while todo:
+        section = todo.pop(0)
+        for name, field in section.model_fields.items():
+            key = field.alias or name
+            also = ALSO.get(key) if field.annotation is Any else None
+            for inner, ending in _models(also or field.annotation):
+                if inner not in found:
+                    path = f"{found[section]}.{key}" if found[section] else key
+                    found[inner] = path + ending
+                    todo.append(inner)
+    return found
+
+
+def _models(annotation: Any, ending: str = "") -> Iterator[tuple[type[BaseModel], str]]:
+    """Iterates over the mappings that a type names, each with what its path gets: `[]` in lists, `.<name>` by name."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, ending
+        return
+    origin = get_origin(annotation)
+    inner = get_args(annotation)
+    if origin is Annotated:
+        inner = inner[:1]
+    if origin is list:
+        ending += "[]"
+    if origin is dict:
+        ending, inner = f"{ending}.<name>", inner[1:]
+    for argument in inner:
+        yield from _models(argument, ending)
+
+
+def _table(section: type[BaseModel], sections: dict[type[BaseModel], str]) -> str:
+    rows = ["| key | takes | default | meaning |", "| --- | --- | --- | --- |"]
+    for name, field in section.model_fields.items():
+        key = field.alias or name
+        takes = _takes(_whole(field), sections)
+        if field.annotation is Any and key in ALSO:
+            takes = f"text or {_takes(ALSO[key], sections)}"
+        rows.append(
+            f"| `{key}` | {_cell(takes)} | {_default(field)} | {_cell(field.description or '')} |"
+        )
+    return "\n".join(rows)
+
+
+def _whole(field: FieldInfo) -> Any:
+    """Returns a field's type with its metadata."""
+    found: Any = field.annotation
+    for metadata in field.metadata:
+        found = Annotated[found, metadata]
+    return found
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value is PydanticUndefined:
+        return ""
+    if isinstance(value, BaseModel):
+        return "" if not value.model_fields_set else f"`{value.model_dump(exclude_unset=True)}`"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{value}`" if value not in ([], {}, "") else ""
+
+
+def _takes(annotation: Any, sections: dict[type[BaseModel], str]) -> str:
+    """Returns in words what a type accepts."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        anchor = _anchor(_heading(annotation, sections[annotation]))
+        return f"[mapping](#{anchor})"
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        quantity = next((part for part in inner[1:] if isinstance(part, Quantity)), None)
+        return _quantity(quantity) if quantity is not None else _takes(inner[0], sections)
+    if origin is Literal:
+        return ", ".join(f"`{value}`" for value in inner)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_takes(part, sections) for part in inner if part is not type(None))
+    if origin is list:
+        return f"list of {_takes(inner[0], sections)}"
+    if origin is dict:
+        return f"by name: {_takes(inner[1], sections)}"
+    names = {str: "text", bool: "true or false", int: "whole number", float: "number"}
+    return names.get(annotation, "see meaning")
+
+
+def _quantity(quantity: Quantity) -> str:
+    return f"[{quantity.dimension.name}](index.md#quantities)"
+
+
+def _anchor(heading: str) -> str:
+    """Returns the anchor of a heading, as code hosts and MyST make it."""
+    kept = "".join(c for c in heading.lower() if c.isalnum() or c in " -_")
+    return kept.replace(" ", "-")
+
+
+# Results
+
+
+def _members(fields: dict[str, tuple[str, str]]) -> str:
+    rows = ["| member | unit | meaning |", "| --- | --- | --- |"]
+    rows += [f"| `{name}` | {unit} | {_cell(text)} |" for name, (unit, text) in fields.items()]
+    return "\n".join(rows)
+
+
+def _schedule_page() -> str:
+    return _joined(
+        "# Schedule",
+        "`schedule.json` is the plan without loss, `schedule.csv` its samples, `robot.urdf` the robot that it moves. "
+        "`<name>` stands for a name, `[]` for each entry of a list.",
+        "## `schedule.json`",
+        "Between two knots of `trajectory` the jerk of every joint is constant: position, velocity and acceleration at "
+        "a knot determine the motion until the next one.",
+        _members(SCHEDULE),
+        "## `schedule.csv`",
+        "A row for each sample at `--rate`, and one at the exact time of each event and of the end. The first column "
+        "is `time` [s]; then each joint has `<joint>_position`, `<joint>_velocity` and `<joint>_acceleration` [rad, "
+        "rad/s, rad/s²; m for joints that slide]. Reading a number gives the same double that was written.",
+        "## `robot.urdf`",
+        "Exactly the joints of the schedule move. Shapes are primitive; meshes are left out.",
+    )
+
+
+def _report_page() -> str:
+    return _joined(
+        "# Report",
+        "`report.json` holds what the terminal shows, and more. `<name>` stands for a name, `[]` for each entry of a "
+        "list.",
+        _members(REPORT),
+    )
+
+
+# Commands
+
+
+def _commands_page() -> str:
+    parts = [
+        "# Commands",
+        "Results go to standard output, messages and progress to standard error. `--json` prints one document.",
+        "## Exit codes",
+        "\n".join(
+            [
+                "| code | meaning |",
+                "| --- | --- |",
+                "| 0 | good |",
+                "| 1 | it ran and found a violation, a regression or a missed budget |",
+                "| 2 | wrong input or usage |",
+                "| 3 | no feasible plan |",
+                "| 4 | internal error |",
+                "| 130, 143 | ended by Ctrl-C or by SIGTERM |",
+            ]
+        ),
+    ]
+    for path, command in _commands(typer.main.get_command(app), "dualarm"):
+        arguments = [p for p in command.params if p.param_type_name == "argument"]
+        options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+        usage = " ".join([path, *map(_argument, arguments)])
+        parts += [
+            f"## `{path}`",
+            f"`{usage} [OPTIONS]`",
+            " ".join((command.help or "").split()),
+        ]
+        rows = [
+            f"| `{p.name.upper()}` | | {_cell(getattr(p, 'help', '') or '')} |" for p in arguments
+        ]
+        for option in options:
+            names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
+            rows.append(f"| {names} | {_option_default(option)} | {_cell(option.help or '')} |")
+        if rows:
+            parts.append(
+                "\n".join(
+                    ["| argument or option | default | meaning |", "| --- | --- | --- |", *rows]
+                )
+            )
+    return _joined(*parts)
+
+
+def _argument(argument: Any) -> str:
+    name = f"{argument.name.upper()}{'…' if argument.nargs != 1 else ''}"
+    return name if argument.required else f"[{name}]"
+
+
+def _commands(command: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Iterates over the commands, those of groups with the group's name."""
+    inner = getattr(command, "commands", None)
+    if inner is None:
+        yield path, command
+        return
+    for name, one in inner.items():
+        yield from _commands(one, f"{path} {name}")
+
+
+def _option_default(option: Any) -> str:
+    value = option.default
+    if value is None or isinstance(value, bool) or callable(value) or value in ((), []):
+        return ""
+    return f"`{getattr(value, 'value', value)}`"
+
+
+# Methods, codes, Python
+
+
+def _solvers_page() -> str:
+    parts = [
+        "# Solvers",
+        "The methods by family; the first of each family is the default. `dualarm compare solvers TASKS.yaml` tells "
+        "which wins on a cell.",
+    ]
+    for family in families():
+        parts.append(f"## {family.family.capitalize()} (`{family.option}`)")
+        rows = ["| name | what it does | reference |", "| --- | --- | --- |"]
+        rows += [f"| `{s.name}` | {_cell(s.summary)} | {_cell(s.reference)} |" for s in family]
+        parts.append("\n".join(rows))
+    return _joined(*parts)
+
+
+def _errors_page() -> str:
+    parts = [
+        "# Error codes",
+        "A message names its code; `dualarm explain CODE` prints what is here.",
+        "\n".join(
+            _bullets(
+                f"[{code}](#{code.lower()}): {one.title}" for code, one in EXPLANATIONS.items()
+            )
+        ),
+    ]
+    for code, one in EXPLANATIONS.items():
+        parts += [f"## {code}", f"{one.title}.", "Why:", "\n".join(_bullets(one.causes))]
+        parts += ["What to do:", "\n".join(_bullets(one.remedies))]
+        if one.example:
+            parts.append(f"Example: `` {one.example} ``")
+        if one.page:
+            target = (
+                one.page.removeprefix("reference/")
+                if one.page.startswith("reference/")
+                else f"../{one.page}"
+            )
+            parts.append(f"More: [{one.page.removesuffix('.md')}]({target}).")
+    return _joined(*parts)
+
+
+def _bullets(sentences: Iterable[str]) -> list[str]:
+    return [f"- {sentence}" for sentence in sentences]
+
+
+def _python_page() -> str:
+    return _joined(
+        "# Python",
+        "There is no stable Python interface yet: what the command line calls may change with any version. Scripts use "
+        "the command line and its JSON (`--json`, `schedule.json`, `report.json`), which carry their format in "
+        "`format`.",
+        "Reading a schedule needs no more than a JSON reader:",
+        "```sh\ndualarm plan tasks/01_first_pick/tasks.yaml --out first-plan\n```",
+        "```python\n"
+        "import json\n"
+        "from pathlib import Path\n\n"
+        "import numpy as np\n\n"
+        'schedule = json.loads(Path("first-plan/schedule.json").read_text())\n'
+        'joints = schedule["robot"]["joints"]\n'
+        'time = np.array(schedule["trajectory"]["time"])  # knots [s], shape (n,)\n'
+        'position = np.array(schedule["trajectory"]["position"])  # [rad], shape (n, joints)\n'
+        'for event in schedule["events"]:\n'
+        "    print(f\"{event['time']:.3f} s: {event['arm']} {event['action']} {event['task']}\")\n"
+        "```",
+    )
+
+
+def write(folder: Path) -> None:
+    """Writes all pages.
+
+    Args:
+        folder: where.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in pages().items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(FOLDER)

@@ -1,0 +1,162 @@
+"""The reference is what the code says, and tells every member of the files that plans write."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import typer
+
+from dualarm_cli.cli.commands import app
+from dualarm_cli.cli.run import run
+from dualarm_cli.cli.solvers import families
+from dualarm_cli.explanations import EXPLANATIONS
+
+DOCS = Path(__file__).parents[2] / "docs"
+JOBS = ("01_first_pick", "14_two_grippers", "15_conveyor")
+MORE = (
+    "02_two_trays",
+    "10_seam",
+    "11_any_order",
+    "12_chute",
+    "13_hand_over",
+    "papers/choi_circles",
+)
+
+
+def module(name: str) -> ModuleType:
+    """Returns a script of the docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    sys.modules[name] = found
+    spec.loader.exec_module(found)
+    return found
+
+
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(DOCS))
+        found: dict[str, str] = module("generate_reference").pages()
+    return found
+
+
+def test_the_committed_pages_are_what_the_code_says(pages: dict[str, str]) -> None:
+    """`python docs/generate_reference.py` writes them."""
+    folder = DOCS / "reference"
+    assert sorted(path.name for path in folder.glob("*")) == sorted(pages)
+    for name, text in pages.items():
+        assert (folder / name).read_text(encoding="utf-8") == text, name
+
+
+def test_every_command_option_method_and_code_is_in_a_page(pages: dict[str, str]) -> None:
+    """Read from typer, the registries and the table of codes, and not by way of the script."""
+    commands = pages["commands.md"]
+    root = typer.main.get_command(app)
+    todo = [("dualarm", root)]
+    while todo:
+        path, command = todo.pop()
+        inner: dict[str, Any] = getattr(command, "commands", {})
+        todo += [(f"{path} {name}", one) for name, one in inner.items()]
+        if not inner:
+            _, section = commands.split(f"## `{path}`\n", 1)
+            section = section.split("\n## ", 1)[0]
+            for option in (o for p in command.params for o in p.opts if o.startswith("--")):
+                assert f"`{option}`" in section or option == "--help", (path, option)
+    for family in families():
+        for solver in family:
+            assert f"| `{solver.name}` |" in pages["solvers.md"]
+    for code in EXPLANATIONS:
+        assert f"## {code}\n" in pages["errors.md"]
+
+
+def test_no_key_is_without_a_meaning(pages: dict[str, str]) -> None:
+    for name in ("tasks.md", "cell.md", "robot.md", "study.md", "points.md", "base.md"):
+        rows = re.findall(r"^\| `[^`]+` \|.*\|$", pages[name], re.MULTILINE)
+        assert len(rows) > 2
+        assert not [row for row in rows if row.endswith("|  |")], name
+
+
+def test_links_between_pages_and_headings_resolve(pages: dict[str, str]) -> None:
+    for name, text in pages.items():
+        for target in re.findall(r"\]\(([^)#]*)(?:#[^)]*)?\)", text):
+            assert not target or (DOCS / "reference" / target).exists(), (name, target)
+        headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+        anchors = {
+            "".join(c for c in h.lower() if c.isalnum() or c in " -_").replace(" ", "-")
+            for h in headings
+        }
+        for anchor in re.findall(r"\]\(#([^)]*)\)", text):
+            assert anchor in anchors, (name, anchor)
+
+
+def leaves(value: Any, path: str, joints: set[str], found: set[str]) -> None:
+    """Collects the members of a document; names that are keys become <…>, entries of lists []."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            name = key
+            if path in ("provenance.inputs", "files", "buffers"):
+                name = "<name>"
+            elif key in joints or path == "bottlenecks":
+                name = "<joint>"
+            elif key in ("left", "right"):
+                name = "<arm>"
+            leaves(inner, f"{path}.{name}" if path else name, joints, found)
+    elif isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        for entry in value:
+            leaves(entry, f"{path}[]", joints, found)
+    else:
+        found.add(path)
+
+
+def members(job: str, tasks_folder: Path, folder: Path) -> dict[str, set[str]]:
+    """Plans a bundled job and returns the members of its files; empty containers and nothing count as themselves."""
+    out = folder / job.replace("/", "-")
+    plan = ["plan", str(tasks_folder / job / "tasks.yaml"), "--effort", "quick"]
+    assert run([*plan, "--out", str(out), "--quiet"]) == 0
+    schedule = json.loads((out / "schedule.json").read_text())
+    joints = set(schedule["robot"]["joints"])
+    report = json.loads((out / "report.json").read_text())
+    found: dict[str, set[str]] = {"SCHEDULE": set(), "REPORT": set()}
+    leaves(schedule, "", joints, found["SCHEDULE"])
+    leaves(report, "", joints, found["REPORT"])
+    return found
+
+
+def unknown(found: set[str], table: dict[str, Any]) -> list[str]:
+    """Returns members that the table does not tell, neither themselves nor as what holds others."""
+    return [
+        name
+        for name in sorted(found)
+        if name not in table and not any(key.startswith((f"{name}.", f"{name}[]")) for key in table)
+    ]
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_every_member_of_a_plans_files_is_told(
+    job: str, tasks_folder: Path, tmp_path: Path
+) -> None:
+    tables = module("result_fields")
+    for table, found in members(job, tasks_folder, tmp_path).items():
+        assert unknown(found, getattr(tables, table)) == []
+
+
+@pytest.mark.slow
+def test_every_member_that_is_told_is_in_some_file(tasks_folder: Path, tmp_path: Path) -> None:
+    """Over jobs of all kinds of work."""
+    tables = module("result_fields")
+    seen: dict[str, set[str]] = {"SCHEDULE": set(), "REPORT": set()}
+    for job in (*JOBS, *MORE):
+        for table, found in members(job, tasks_folder, tmp_path).items():
+            assert unknown(found, getattr(tables, table)) == []
+            seen[table] |= found
+    for table, found in seen.items():
+        assert sorted(set(getattr(tables, table)) - found) == []

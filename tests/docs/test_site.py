@@ -1,0 +1,46 @@
+"""The site is built from the pages without a warning, and every page is reached from its navigation."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-n", "-b", "html"]
+    built = subprocess.run(
+        [*command, "-d", str(out / "trees"), str(DOCS), str(out / "html")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr
+    return out / "html"
+
+
+def test_every_page_is_in_the_navigation(site: Path) -> None:
+    """A page that no table of contents names is a warning of Sphinx; here the front page links each of them."""
+    front = (site / "index.html").read_text()
+    pages = [page.relative_to(DOCS).with_suffix(".html") for page in DOCS.rglob("*.md")]
+    assert len(pages) > 30
+    missing = [
+        str(page) for page in pages if f'href="{page}"' not in front and str(page) != "index.html"
+    ]
+    assert missing == []
+
+
+def test_external_links_are_whole(site: Path) -> None:
+    """Their form only: whether they answer is for `python -m sphinx -b linkcheck docs FOLDER`."""
+    for page in DOCS.rglob("*.md"):
+        for link in re.findall(r"\]\((http[^)]*)\)", page.read_text()):
+            assert re.fullmatch(r"https://[\w.-]+\.[a-z]{2,}(/[^\s]*)?", link), (page, link)
