@@ -36,8 +36,6 @@ PAGES = sorted(
         *(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts),
     ]
 )
-WRITTEN = [page for page in PAGES if page.parent.name != "reference"]
-"""Pages that people write. Those of the reference are generated, and compared with what generates them."""
 BLOCK = re.compile(
     r"(?:^ *<!-- (?P<note>[^\n]*) -->\n)?^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
@@ -210,7 +208,7 @@ def check_page(page: Path, folder: Path, *, slow: bool) -> None:
     check_figures(folder)
 
 
-@pytest.mark.parametrize("page", WRITTEN, ids=named)
+@pytest.mark.parametrize("page", PAGES, ids=named)
 def test_blocks_of_a_page(page, tmp_path):
     """Commands run, files are valid, outputs are real."""
     check_page(page, tmp_path, slow=False)
@@ -219,7 +217,7 @@ def test_blocks_of_a_page(page, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [page for page in WRITTEN if any("slow" in one.notes for one in blocks(page))],
+    [page for page in PAGES if any("slow" in one.notes for one in blocks(page))],
     ids=named,
 )
 def test_blocks_of_a_page_that_take_long(page, tmp_path):
