@@ -8,14 +8,16 @@ code says.
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from collections.abc import Iterable, Iterator
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
-from pydantic import BaseModel
+from pydantic import BaseModel, BeforeValidator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from result_fields import REPORT, SCHEDULE
@@ -25,18 +27,29 @@ from dualarm_cli.cli.solvers import families
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.calibration.points import BaseFile, PointsFile
 from dualarm_cli.files.cells.cells import cell_schema
-from dualarm_cli.files.cells.schema_cell import PairSection
+from dualarm_cli.files.cells.schema_cell import MeshSection, PairSection, SphereSection
 from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.source import quantities
-from dualarm_cli.files.source.fields import Quantity
+from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.studies.schema_study import StudyFile
+from dualarm_cli.files.tasks.schema_tasks import DwellSection
 from dualarm_cli.files.tasks.task_reader import schemas_of
 from dualarm_cli.kinds import of_kinds
+from dualarm_cli.kinds.seam.schema import HoldSection
 
 FOLDER = Path(__file__).parent / "reference"
-ALSO = {"robot": PairSection}
-"""Mappings that a key takes besides what its type tells."""
+ALSO = {"robot": PairSection, "base": Pose}
+"""Mappings that a key takes besides text, where its type tells neither."""
+SHORT = {
+    DwellSection: "[time](index.md#quantities)",
+    HoldSection: "text",
+    MeshSection: "text",
+    SphereSection: "[length](index.md#quantities), above 0,",
+}
+"""What a key takes in place of a mapping: the value of the mapping's first key."""
+METHODS = ("--platform", "--redundancy", "--timing", "--method")
+"""Options that take the name of a method."""
 NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this page. -->\n"
 
 
@@ -188,9 +201,14 @@ def _default(field: FieldInfo) -> str:
     if value is None or value is PydanticUndefined:
         return ""
     if isinstance(value, BaseModel):
-        return "" if not value.model_fields_set else f"`{value.model_dump(exclude_unset=True)}`"
+        given = value.model_dump(exclude_unset=True)
+        if type(value) in SHORT and len(given) == 1:
+            return f"`{next(iter(given.values()))}`"
+        return f"`{given}`" if given else ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
+    if isinstance(value, float):
+        return f"`{_number(value)}`"
     return f"`{value}`" if value not in ([], {}, "") else ""
 
 
@@ -201,10 +219,9 @@ def _takes(annotation: Any, sections: dict[type[BaseModel], str]) -> str:
         return f"[mapping](#{anchor})"
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        quantity = next((part for part in inner[1:] if isinstance(part, Quantity)), None)
-        return _quantity(quantity) if quantity is not None else _takes(inner[0], sections)
+        return _annotated(inner[0], inner[1:], sections)
     if origin is Literal:
-        return ", ".join(f"`{value}`" for value in inner)
+        return ", ".join(f"`{str(v).lower() if v is True else v}`" for v in inner)
     if origin in (typing.Union, types.UnionType):
         return " or ".join(_takes(part, sections) for part in inner if part is not type(None))
     if origin is list:
@@ -212,11 +229,48 @@ def _takes(annotation: Any, sections: dict[type[BaseModel], str]) -> str:
     if origin is dict:
         return f"by name: {_takes(inner[1], sections)}"
     names = {str: "text", bool: "true or false", int: "whole number", float: "number"}
-    return names.get(annotation, "see meaning")
+    return names.get(annotation, "[quantity](index.md#quantities)")
 
 
-def _quantity(quantity: Quantity) -> str:
-    return f"[{quantity.dimension.name}](index.md#quantities)"
+def _annotated(annotation: Any, notes: Iterable[Any], sections: dict[type[BaseModel], str]) -> str:
+    """Returns in words what a type with notes accepts: a quantity, a short form, a range, or entries of a list."""
+    flat = [part for note in notes for part in getattr(note, "metadata", [note])]
+    for note in flat:
+        if isinstance(note, Quantity):
+            return _quantity(note.dimension) + _range(note.low, note.high)
+    takes = _takes(annotation, sections)
+    if any(isinstance(note, BeforeValidator) for note in flat) and annotation in SHORT:
+        return f"{SHORT[annotation]} or {takes}"
+    bounds = {
+        name: getattr(note, name)
+        for note in flat
+        for name in ("ge", "le", "min_length", "max_length")
+        if hasattr(note, name)
+    }
+    if annotation is int:
+        return takes + _range(bounds.get("ge", -math.inf), bounds.get("le", math.inf))
+    least, most = bounds.get("min_length"), bounds.get("max_length")
+    if get_origin(annotation) is list and least == most and least is not None:
+        return takes.replace("list of ", f"list of {least} × ", 1)
+    return takes
+
+
+def _quantity(dimension: Dimension) -> str:
+    return f"[{dimension.name}](index.md#quantities)" if any(dimension.units) else dimension.name
+
+
+def _range(low: float, high: float) -> str:
+    """Returns the values that are allowed, empty where all are; tiny bounds mean above 0."""
+    bounds = []
+    if low > -math.inf:
+        bounds.append("above 0" if 0.0 < low < 1e-3 else f"at least {_number(low)}")
+    if high < math.inf:
+        bounds.append(f"at most {_number(high)}")
+    return "".join(f", {bound}" for bound in bounds)
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() else f"{value:g}"
 
 
 def _anchor(heading: str) -> str:
@@ -292,17 +346,18 @@ def _commands_page() -> str:
             " ".join((command.help or "").split()),
         ]
         rows = [
-            f"| `{p.name.upper()}` | | {_cell(getattr(p, 'help', '') or '')} |" for p in arguments
+            f"| `{p.name.upper()}` | | | {_cell(getattr(p, 'help', '') or '')} |" for p in arguments
         ]
         for option in options:
             names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
-            rows.append(f"| {names} | {_option_default(option)} | {_cell(option.help or '')} |")
+            cells = (names, _option_takes(option), _option_default(option), option.help or "")
+            rows.append(f"| {' | '.join(map(_cell, cells))} |")
         if rows:
-            parts.append(
-                "\n".join(
-                    ["| argument or option | default | meaning |", "| --- | --- | --- |", *rows]
-                )
-            )
+            head = [
+                "| argument or option | takes | default | meaning |",
+                "| --- | --- | --- | --- |",
+            ]
+            parts.append("\n".join([*head, *rows]))
     return _joined(*parts)
 
 
@@ -321,11 +376,41 @@ def _commands(command: Any, path: str) -> Iterator[tuple[str, Any]]:
         yield from _commands(one, f"{path} {name}")
 
 
+def _option_takes(option: Any) -> str:
+    """Returns in words what an option takes; nothing for a flag."""
+    if option.is_flag:
+        return ""
+    if set(option.opts) & set(METHODS):
+        takes = "[method](solvers.md)"
+    elif option.metavar:
+        takes = f"`{option.metavar}`"
+    else:
+        kinds = [_kind(one) for one in _parts(option.type_descriptor.annotation)]
+        takes = kinds[0] + _range(
+            -math.inf if option.min is None else option.min,
+            math.inf if option.max is None else option.max,
+        )
+    return takes
+
+
+def _parts(annotation: Any) -> list[Any]:
+    """Returns the types that an option's annotation names, none for none."""
+    inner = [part for part in get_args(annotation) if part is not type(None)]
+    return [found for part in inner for found in _parts(part)] or [annotation]
+
+
+def _kind(kind: type) -> str:
+    if issubclass(kind, Enum):
+        return ", ".join(f"`{one.value}`" for one in kind)
+    return {int: "whole number", float: "number", Path: "path"}.get(kind, "text")
+
+
 def _option_default(option: Any) -> str:
-    value = option.default
+    value = option.show_default if isinstance(option.show_default, str) else option.default
     if value is None or isinstance(value, bool) or callable(value) or value in ((), []):
         return ""
-    return f"`{getattr(value, 'value', value)}`"
+    value = getattr(value, "value", value)
+    return value if " " in str(value) and value is option.show_default else f"`{value}`"
 
 
 # Methods, codes, Python

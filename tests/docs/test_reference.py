@@ -12,11 +12,14 @@ from typing import Any
 
 import pytest
 import typer
+from pydantic import ValidationError
 
 from dualarm_cli.cli.commands import app
 from dualarm_cli.cli.run import run
 from dualarm_cli.cli.solvers import families
 from dualarm_cli.explanations import EXPLANATIONS
+from dualarm_cli.files.cells.schema_cell import ObstacleSection
+from dualarm_cli.files.tasks.schema_tasks import DefaultsSection, TargetSection, TasksFile
 
 DOCS = Path(__file__).parents[2] / "docs"
 JOBS = ("01_first_pick", "14_two_grippers", "15_conveyor")
@@ -76,6 +79,66 @@ def test_every_command_option_method_and_code_is_in_a_page(pages: dict[str, str]
             assert f"| `{solver.name}` |" in pages["solvers.md"]
     for code in EXPLANATIONS:
         assert f"## {code}\n" in pages["errors.md"]
+
+
+def test_defaults_and_choices_that_help_prints_are_in_the_page(
+    pages: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Compared with the printed help of each command."""
+    found = 0
+    for section in pages["commands.md"].split("\n## `dualarm ")[1:]:
+        name = section.partition("`")[0]
+        rows = {row.split("`")[1]: row for row in section.splitlines() if row.startswith("| `--")}
+        assert run([*name.split(), "--help"]) == 0
+        printed = capsys.readouterr().out.split("\nOptions:\n")[1]
+        for entry in re.split(r"^  (?:-\w, )?(?=--\w)", printed, flags=re.MULTILINE)[1:]:
+            text = " ".join(entry.split())
+            option = re.split(r"[ /]", text)[0]
+            if option == "--help":
+                continue
+            for choices in re.findall(r"^\S+ <(\w+(?:\|\w+)+)>", text):
+                assert all(f"`{one}`" in rows[option] for one in choices.split("|")), text
+                found += 1
+            for default in re.findall(r"\[default: ([^\]]+)\]", text):
+                plain = re.sub(r"; [\d<=x]+$", "", default)
+                assert plain.removeprefix("(").removesuffix(")") in rows[option], text
+                found += 1
+    assert found > 35
+
+
+@pytest.mark.parametrize(
+    ("page", "section", "key", "takes", "good", "bad"),
+    [
+        ("tasks.md", "defaults", "dwell", "time or mapping", "0.2 s", "0.2 mm"),
+        ("tasks.md", "defaults", "approach", "length, at least 0", "0 mm", "-1 mm"),
+        ("tasks.md", "The file", "speed", "fraction, at least 0.001, at most 1", "100%", "101%"),
+        ("tasks.md", "tasks[].pick", "symmetry", "whole number, at least 1, at most 360", 360, 361),
+        ("cell.md", "obstacles[]", "sphere", "length, above 0, or mapping", "1 mm", "0 mm"),
+        ("cell.md", "obstacles[]", "box", "list of 3 × length, above 0", [1, 1, 1], [1, 1]),
+        ("cell.md", "obstacles[]", "half_space", "true", True, False),
+    ],
+)
+def test_what_a_page_says_of_a_value_is_what_is_read(
+    pages: dict[str, str], page: str, section: str, key: str, takes: str, good: Any, bad: Any
+) -> None:
+    """A value at the border of the range is read, one beyond it is not."""
+    schemas = {
+        "defaults": DefaultsSection,
+        "The file": TasksFile,
+        "tasks[].pick": TargetSection,
+        "obstacles[]": ObstacleSection,
+    }
+    rest = {
+        "The file": {"dualarm": "tasks/1", "cell": "c", "tasks": [{"id": "a"}]},
+        "tasks[].pick": {"xyz": [0, 0, 0]},
+        "obstacles[]": {"name": "a"},
+    }
+    text = re.split(rf"\n## `?{re.escape(section)}`?\n", pages[page])[1]
+    row = next(line for line in text.splitlines() if line.startswith(f"| `{key}` |"))
+    assert re.sub(r"\[([^\]]+)\]\([^)]*\)|`", r"\1", row.split(" | ")[1]) == takes
+    schemas[section].model_validate({**rest.get(section, {}), key: good})
+    with pytest.raises(ValidationError):
+        schemas[section].model_validate({**rest.get(section, {}), key: bad})
 
 
 def test_no_key_is_without_a_meaning(pages: dict[str, str]) -> None:

@@ -44,3 +44,22 @@ def test_external_links_are_whole(site: Path) -> None:
     for page in DOCS.rglob("*.md"):
         for link in re.findall(r"\]\((http[^)]*)\)", page.read_text()):
             assert re.fullmatch(r"https://[\w.-]+\.[a-z]{2,}(/[^\s]*)?", link), (page, link)
+
+
+def test_the_site_needs_no_other_host(site: Path) -> None:
+    """Scripts, styles and formulas come with it: MathML in place of a script that reads TeX."""
+    formulas = 0
+    for page in site.rglob("*.html"):
+        text = page.read_text()
+        assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"(?:https?:)?//", text), page
+        formulas += text.count("<math ")
+    assert formulas >= sum(
+        len(re.findall(r"^\$\$\n.+?\n\$\$$", page.read_text(), re.MULTILINE | re.DOTALL))
+        for page in DOCS.rglob("*.md")
+    )
+    assert formulas > 0
+
+
+def test_options_keep_their_minus_signs(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        assert not re.search(r"[–—](?:effort|json|out|platform|force)\b", page.read_text()), page

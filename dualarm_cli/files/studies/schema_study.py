@@ -110,7 +110,9 @@ class ParameterSection(StudyTargetSection):
     )
     range: RangeSection | None = Field(default=None, description="Numbers from one to another.")
     values: Annotated[list[Any], Field(min_length=1, max_length=MOST_LEVELS)] | None = Field(
-        default=None, description="The values themselves.", json_schema_extra=LEVELS
+        default=None,
+        description="The values themselves: quantities, names, true or false.",
+        json_schema_extra=LEVELS,
     )
 
     @model_validator(mode="after")

@@ -91,7 +91,7 @@ class TargetSection(FramedPose):
     )
     joints: Annotated[list[Any], Field(min_length=1, max_length=1000)] | None = Field(
         default=None,
-        description="Joint configurations instead of a pose.",
+        description="Joint positions [rad] of one configuration, or a list of alternatives, instead of a pose.",
         json_schema_extra=CONFIGURATIONS,
     )
 
