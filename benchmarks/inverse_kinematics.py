@@ -21,13 +21,13 @@ from dataclasses import fields
 
 import numpy as np
 import pinocchio as pin
+from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 from dualarm_cli.kinematics.wrist_arm import WristArm
 
 HEIGHTS = (0.1575, 0.2025, 0.2045, 0.2155, 0.1845, 0.2155, 0.081)

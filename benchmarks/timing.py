@@ -15,10 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 import ruckig
+from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.timing.composition import concatenate, hold, merge

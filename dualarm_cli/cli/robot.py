@@ -11,9 +11,9 @@ import typer
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
+    from dualarm_cli.geometry.joint_axes import SrsGeometry
     from dualarm_cli.kinematics.general_arm import GeneralArm
     from dualarm_cli.kinematics.platform_chain import PlatformChain
-    from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
     from dualarm_cli.model.robot import Arm, Robot
 
 robot_app = typer.Typer(
@@ -101,7 +101,8 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     """
     import pinocchio as pin
 
-    from dualarm_cli.kinematics.cell_model import SRS_TOLERANCE, measure_arm
+    from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
+    from dualarm_cli.kinematics.cell_model import measure_arm
     from dualarm_cli.kinematics.platform_chain import PlatformChain
 
     model = pin.buildModelFromXML(robot.urdf)
@@ -167,7 +168,8 @@ def _describe_general(
     import pinocchio as pin
 
     from dualarm_cli.errors import UnsupportedError
-    from dualarm_cli.kinematics.cell_model import SRS_TOLERANCE, measure_arm, measure_general
+    from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
+    from dualarm_cli.kinematics.cell_model import measure_arm, measure_general
 
     base, n = pin.SE3.Identity(), len(arm.joints)
     try:

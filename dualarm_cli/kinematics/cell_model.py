@@ -10,18 +10,16 @@ import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE, SrsGeometry, joint_axes
 from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 from dualarm_cli.kinematics.wrist_arm import with_closed_forms
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
 
 ROUNDED_ANGLE = 1e-4
 """Deviations below this are what rounded angles in a URDF leave [m and rad]."""
-SRS_TOLERANCE = 1e-6
-"""Largest deviation from exact SRS geometry that closed forms may ignore [m and rad]."""
 
 
 @dataclass(frozen=True)
@@ -248,17 +246,14 @@ def measure_arm(
         raise UnsupportedError(
             f"arm {arm.name} of {robot.name} has {len(arm.joints)} joints; kind srs needs 7"
         )
+    axes, points = joint_axes(model, arm.joints)
+    sliding = np.abs(np.linalg.norm(axes, axis=1) - 1.0) > 1e-9
+    if sliding.any():
+        name = arm.joints[int(sliding.argmax())]
+        raise UnsupportedError(f"joint {name} of {robot.name} slides; kind srs needs revolute")
     data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    pin.updateFramePlacements(model, data)
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
     T_carried_root = platform.T_world_carried.inverse() * base
-    axes, points = np.empty((7, 3)), np.empty((7, 3))
-    for k, name in enumerate(arm.joints):
-        index = model.getJointId(name)
-        twist = pin.getJointJacobian(model, data, index, pin.LOCAL)[:, model.idx_vs[index]]
-        T = T_carried_root * data.oMi[index]
-        axes[k], points[k] = T.rotation @ twist[3:], T.translation
-        if abs(np.linalg.norm(axes[k]) - 1.0) > 1e-9:
-            raise UnsupportedError(f"joint {name} of {robot.name} slides; kind srs needs revolute")
     flange = T_carried_root * data.oMf[model.getFrameId(arm.flange)]
-    return SrsGeometry.measure(axes, points, flange.rotation, flange.translation)
+    R, p = T_carried_root.rotation, T_carried_root.translation
+    return SrsGeometry.measure(axes @ R.T, points @ R.T + p, flange.rotation, flange.translation)

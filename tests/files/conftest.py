@@ -19,10 +19,10 @@ arms:
   right: {joints: [r1, r2], flange: r_tool, kind: general}
 limits:
   turn: {acceleration: 5, jerk: 50, source: assumed}
-  l1: {acceleration: 10, source: datasheet}
+  l1: {acceleration: 10, jerk: none, source: datasheet}
   l2: {acceleration: 10, jerk: 100, source: measured}
-  r1: {acceleration: 10, source: datasheet}
-  r2: {acceleration: 10, source: datasheet}
+  r1: {acceleration: 10, jerk: none, source: datasheet}
+  r2: {acceleration: 10, jerk: none, source: datasheet}
 postures: {bent: {l1: 90 deg, r1: -1.5}}
 """
 CELL = """\

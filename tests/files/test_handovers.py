@@ -128,8 +128,8 @@ def test_a_robot_with_one_arm_has_nobody_to_give_to(
 ) -> None:
     """Told where the hand-over stands."""
     change("robot.yaml", "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "")
-    change("robot.yaml", "  r1: {acceleration: 10, source: datasheet}\n", "")
-    change("robot.yaml", "  r2: {acceleration: 10, source: datasheet}\n", "")
+    change("robot.yaml", "  r1: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    change("robot.yaml", "  r2: {acceleration: 10, jerk: none, source: datasheet}\n", "")
     change("robot.yaml", ", r1: -1.5", "")
     urdf = (flip / "tiny.urdf").read_text()
     for name in ("r1", "r2"):

@@ -409,8 +409,8 @@ def test_the_robot_needs_the_arm_that_follows(
     change(
         "robot.yaml",
         "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "",
-        "  r1: {acceleration: 10, source: datasheet}\n", "",
-        "  r2: {acceleration: 10, source: datasheet}\n", "",
+        "  r1: {acceleration: 10, jerk: none, source: datasheet}\n", "",
+        "  r2: {acceleration: 10, jerk: none, source: datasheet}\n", "",
         ", r1: -1.5", "",
     )  # fmt: skip
     assert messages(lambda: load_job("tasks.yaml")) == [

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
 
 Change = Callable[..., None]
 Messages = Callable[..., list[str]]
@@ -48,7 +51,7 @@ def test_the_urdf_text_is_complete_and_moves_only_the_robots_joints(
     assert loaded.robot.limits.upper[2] == 1000.0
     assert loaded.notes == (
         "joint 'l2' turns without end; its position is kept within ±1000 rad",
-        "joints that neither platform nor arms name are fixed at 0: lf",
+        "joints that neither platform nor arms name are fixed: lf at 0",
     )
     # Three joints turned by a, b, c about z, each 0.1 along x from the last, then 0.1 to the tool.
     a, b, c = 0.3, -0.4, 0.8
@@ -65,11 +68,17 @@ def test_the_urdf_text_is_complete_and_moves_only_the_robots_joints(
 def test_one_arm_is_enough(project: Path, change: Change) -> None:
     """The right arm's joints are then fixed."""
     change("robot.yaml", "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "")
-    change("robot.yaml", "  r1: {acceleration: 10, source: datasheet}\n", "", ", r1: -1.5", "")
-    change("robot.yaml", "  r2: {acceleration: 10, source: datasheet}\n", "")
+    change(
+        "robot.yaml",
+        "  r1: {acceleration: 10, jerk: none, source: datasheet}\n",
+        "",
+        ", r1: -1.5",
+        "",
+    )
+    change("robot.yaml", "  r2: {acceleration: 10, jerk: none, source: datasheet}\n", "")
     loaded = load_robot(Path("robot.yaml"))
     assert loaded.robot.joints == ("turn", "l1", "l2")
-    assert loaded.notes == ("joints that neither platform nor arms name are fixed at 0: r1, r2",)
+    assert loaded.notes == ("joints that neither platform nor arms name are fixed: r1, r2 at 0",)
 
 
 def test_a_platform_may_slide(project: Path, change: Change) -> None:
@@ -97,6 +106,118 @@ def test_a_posture_outside_by_rounding_only_is_put_onto_the_limit(
     assert load_robot(Path("robot.yaml")).robot.postures["bent"][1] == 3.0
 
 
+def test_limits_come_from_the_joint_then_the_urdf_then_the_default(
+    project: Path, change: Change
+) -> None:
+    """By hand: 2 rad/s in 0.25 s is 8 rad/s², reached in 0.1 s 80 rad/s³; the URDF's 20 rad/s² in 0.1 s 200 rad/s³."""
+    change("robot.yaml", "limits:", "limits:\n  default: {acceleration: top speed in 250 ms}")
+    change("robot.yaml", "  l1: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    change("robot.yaml", "  r1: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    change("robot.yaml", "  r2: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    text = Path("tiny.urdf").read_text()
+    at = text.index("<limit", text.index('name="r1"'))
+    text = f'{text[:at]}<limit acceleration="20"{text[at + 6 :]}'
+    at = text.index("<limit", text.index('name="r2"'))
+    Path("tiny.urdf").write_text(f'{text[:at]}<limit acceleration="20" jerk="50"{text[at + 6 :]}')
+    loaded = load_robot(Path("robot.yaml"))
+    limits = loaded.robot.limits
+    assert limits.joints == ("turn", "l1", "l2", "r1", "r2")
+    assert limits.acceleration.tolist() == [5.0, 8.0, 10.0, 20.0, 20.0]
+    assert limits.jerk.tolist() == pytest.approx([50.0, 80.0, 100.0, 200.0, 50.0])
+    assert limits.source == ("assumed", "assumed", "measured", "assumed", "urdf")
+    assert loaded.notes == (
+        "no jerk limit is given for l1, r1: `acceleration in 0.1 s` is assumed; "
+        "give `jerk`, or `jerk: none` for no limit",
+    )
+
+
+def test_frozen_joints_stand_where_the_file_says(project: Path, change: Change) -> None:
+    """r1 at 90 deg turns what follows about z; r2 mimics it: minus half of it and 0.1 rad more."""
+    change("robot.yaml", "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "")
+    change(
+        "robot.yaml",
+        "  r1: {acceleration: 10, jerk: none, source: datasheet}\n",
+        "",
+        ", r1: -1.5",
+        "",
+    )
+    change(
+        "robot.yaml",
+        "  r2: {acceleration: 10, jerk: none, source: datasheet}\n",
+        "frozen: {r1: 90 deg}\n",
+    )
+    text = Path("tiny.urdf").read_text()
+    at = text.index("<axis", text.index('name="r2"'))
+    mimic = '<mimic joint="r1" multiplier="-0.5" offset="0.1"/>'
+    Path("tiny.urdf").write_text(text[:at] + mimic + text[at:])
+    loaded = load_robot(Path("robot.yaml"))
+    second = math.degrees(0.1 - math.pi / 4)
+    assert loaded.notes == (
+        "joints that neither platform nor arms name are fixed: "
+        f"r1 at 90 deg; r2 at {second:.6g} deg",
+    )
+    model = pin.buildModelFromXML(loaded.robot.urdf)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    angles = np.array([0.0, 0.0, np.pi / 2, np.pi / 2 + 0.1 - np.pi / 4])
+    expected = [0.1 * np.cos(angles).sum(), 0.1 * np.sin(angles).sum(), 0.8]
+    found = data.oMf[model.getFrameId("r_tool")].translation
+    assert found == pytest.approx(expected)
+
+
+def test_a_frozen_joint_whose_limits_exclude_0_stands_at_the_nearest(
+    project: Path, change: Change
+) -> None:
+    change("robot.yaml", "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n", "")
+    change(
+        "robot.yaml",
+        "  r1: {acceleration: 10, jerk: none, source: datasheet}\n",
+        "",
+        ", r1: -1.5",
+        "",
+    )
+    change("robot.yaml", "  r2: {acceleration: 10, jerk: none, source: datasheet}\n", "")
+    text = Path("tiny.urdf").read_text()
+    at = text.index('lower="-3"', text.index('name="r2"'))
+    Path("tiny.urdf").write_text(text[:at] + 'lower="0.5"' + text[at + 10 :])
+    notes = load_robot(Path("robot.yaml")).notes
+    assert notes == (
+        "joints that neither platform nor arms name are fixed: r1 at 0; r2 at 28.6479 deg",
+    )
+
+
+@pytest.mark.parametrize("name", bundled_robots())
+def test_the_kind_of_an_arm_is_measured_where_the_file_does_not_say(
+    name: str, tmp_path: Path
+) -> None:
+    """What the bundled files say was found by hand or printed by makers; YuMi's and OpenArm's arms are no others."""
+    folder = tmp_path / name
+    shutil.copytree(robots_folder() / name, folder)
+    stated = [arm.kind for arm in load_robot(name).robot.arms]
+    text = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(re.sub(r", kind: \w+", "", text))
+    assert [arm.kind for arm in load_robot(folder / "robot.yaml").robot.arms] == stated
+
+
+def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
+    project: Path, change: Change, messages: Messages
+) -> None:
+    change(
+        "robot.yaml",
+        "[l1, l2]",
+        "[l1]",
+        "  l2: {acceleration: 10, jerk: 100, source: measured}\n",
+        "",
+    )
+    text = Path("tiny.urdf").read_text()
+    at = text.index("<axis", text.index('name="l2"'))
+    Path("tiny.urdf").write_text(text[:at] + '<mimic joint="l1"/>' + text[at:])
+    assert messages(lambda: load_robot(Path("robot.yaml"))) == [
+        "robot.yaml:6:19: E300 joint 'l2', which moves flange 'l_tool', mimics 'l1'; "
+        "arms with joints that follow others cannot be planned"
+    ]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
@@ -106,13 +227,17 @@ def test_a_posture_outside_by_rounding_only_is_put_onto_the_limit(
         ("flange: l_tool", "flange: l_tol", "6:37: E300 the URDF has no link 'l_tol', did you mean 'l_tool'?"),
         ("kind: general", "kind: srs", "6:19: E300 kind srs needs 7 joints, found 2"),
         ("kind: general", "kind: srss", "6:51: E200 'srss' is not allowed, did you mean 'srs'? Allowed: srs, spherical_wrist, general"),
-        ("  l2: {acceleration: 10, jerk: 100, source: measured}\n", "", "8:1: E202 no acceleration limit for l2; give one with its source"),
+        ("  l2: {acceleration: 10, jerk: 100, source: measured}\n", "", "8:1: E202 no acceleration limit for l2; give one with its source, or one rule for all: `default: {acceleration: top speed in 0.3 s}`"),
         ("acceleration: 5", "acceleration: 0", "9:24: E200 0: angular acceleration must be positive"),
         ("acceleration: 5", "acceleration: -5 deg/s^2", "9:24: E200 '-5 deg/s^2': angular acceleration must be positive"),
         ("acceleration: 5", "acceleration: 5 m/s^2", "9:24: E200 unit 'm/s^2' in '5 m/s^2' is not one of angular acceleration; allowed: rad/s^2, deg/s^2"),
         ("jerk: 50", "jerk: .inf", "9:33: E104 non-finite number '.inf' is not allowed"),
         ("source: assumed", "source: guess", "9:45: E200 'guess' is not allowed; allowed: datasheet, measured, assumed"),
-        (", source: assumed", "", "9:9: E202 'source' is missing"),
+        ("jerk: 50", "jerk: top speed in 0.1 s", "9:33: E200 'top speed in 0.1 s' is no rule for jerk; write `acceleration in 0.2 s`"),
+        ("acceleration: 5", "acceleration: top speed in 3 m", "9:24: E200 unit 'm' in '3 m' is not one of time; allowed: s, ms, min"),
+        ("acceleration: 5", "acceleration: top speed in 0 s", "9:24: E200 'top speed in 0 s': the time must be at least 1 ms"),
+        ("platform: [turn]", "platform: [turn]\nfrozen: {turn: 1}", "5:10: E300 'turn' belongs to the platform or an arm; it cannot be frozen"),
+        ("platform: [turn]", "platform: [turn]\nfrozen: {tur: 1}", "5:10: E300 the URDF moves no joint 'tur'"),
         ("l1: 90 deg", "l1: 190 deg", "14:23: E300 '190 deg' is outside the limits of 'l1': -3 to 3 rad (-171.887 to 171.887 deg)"),
         ("l1: 90 deg", "l_1: 90 deg", "14:19: E300 'l_1' is no joint of platform or arms, did you mean 'l1'?"),
         ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),
@@ -132,7 +257,7 @@ def test_each_mistake_is_reported_at_its_place(
         assert found == [
             "robot.yaml:1:1: E202 'name' is missing",
             "robot.yaml:2:1: E201 unknown key 'nmae', did you mean 'name'? "
-            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, postures, allowed_contacts",
+            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, frozen, postures, allowed_contacts",
         ]
         return
     assert found == [f"robot.yaml:{expected}"]

@@ -427,7 +427,7 @@ def test_an_arm_that_the_robot_does_not_have(
         "robot.yaml",
         "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n",
         "",
-        "  r1: {acceleration: 10, source: datasheet}\n  r2: {acceleration: 10, source: datasheet}\n",
+        "  r1: {acceleration: 10, jerk: none, source: datasheet}\n  r2: {acceleration: 10, jerk: none, source: datasheet}\n",
         "",
         "postures: {bent: {l1: 90 deg, r1: -1.5}}",
         "postures: {bent: {l1: 90 deg}}",

@@ -131,7 +131,9 @@ def test_what_only_one_arm_can_do_is_that_arms(
     joints = ("r1", "r2")
     for joint in joints:
         change("tiny.urdf", f'"{joint}" type="revolute"', f'"{joint}" type="fixed"')
-        change("robot.yaml", f"  {joint}: {{acceleration: 10, source: datasheet}}\n", "")
+        change(
+            "robot.yaml", f"  {joint}: {{acceleration: 10, jerk: none, source: datasheet}}\n", ""
+        )
     arm = "  right: {joints: [r1, r2], flange: r_tool, kind: general}\n"
     change("robot.yaml", arm, "", ", r1: -1.5", "")
     opened("    arm: right\n", "    arm: left\n")

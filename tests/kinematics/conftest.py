@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs.srs_geometry import SrsGeometry
 
 HALF = np.pi / 2
 

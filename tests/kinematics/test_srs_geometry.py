@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
-from dualarm_cli.kinematics.srs.srs_geometry import SrsCanonical, SrsGeometry
+from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 
 
 def test_known_arms_are_exact_with_their_published_links(chains):

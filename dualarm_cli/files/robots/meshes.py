@@ -1,8 +1,7 @@
-"""Mesh files: only inside the folder of what names them, read by ourselves within limits, as convex hulls."""
+"""Mesh files: read by ourselves within limits, as convex hulls."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,10 @@ import pinocchio as pin
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.mesh_collada import dae_corners
 from dualarm_cli.files.robots.mesh_formats import MeshError, obj_corners, ply_corners, stl_corners
+from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings
-from dualarm_cli.files.source.projects import BadReferenceError, Project
+from dualarm_cli.files.source.projects import BadReferenceError
 from dualarm_cli.files.source.text_source import quote, read_bytes
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.shape import Hull, Shape
@@ -108,36 +108,32 @@ def _hull(corners: FloatArray, scale: FloatArray) -> Hull:
     return Hull(corners[used], triangles)
 
 
-def link_meshes(urdf: Urdf, robot_folder: Path, urdf_folder: Path) -> dict[str, tuple[Shape, ...]]:
+def link_meshes(urdf: Urdf, finder: MeshFinder) -> dict[str, tuple[Shape, ...]]:
     """Returns the meshes that a URDF gives to collision, by their links and in the links' frames.
+
+    Meshes that are only looked at are not read: they may be missing.
 
     Args:
         urdf: a checked URDF.
-        robot_folder: folder of the robot file, in which every mesh must lie, also one that is only looked at.
-        urdf_folder: folder of the URDF, which mesh paths are relative to.
+        finder: finds its mesh files.
 
     Raises:
         InputError: a mesh is elsewhere, missing or damaged.
     """
     findings = UrdfFindings(urdf.source)
-    folder = Project(Path(os.path.realpath(robot_folder)))
     shapes: dict[str, tuple[Shape, ...]] = {}
     for name, link in urdf.links.items():
-        for solid in link.children:
-            if solid.tag not in ("visual", "collision"):
-                continue
+        for solid in link.all("collision"):
             mesh = next(mesh_elements(solid), None)
             if mesh is None:
                 continue
             reference = mesh.get("filename")
             try:
-                path = folder.follow(reference, urdf_folder / "urdf")
-                if solid.tag == "collision":
-                    hull = read_hull(path, reference, _vector(mesh, "scale", 1.0))
-                    shape = Shape("mesh", (), _pose(solid), hull)
-                    shapes[name] = (*shapes.get(name, ()), shape)
+                hull = read_hull(finder.find(reference), reference, _vector(mesh, "scale", 1.0))
             except BadReferenceError as error:
                 findings.add(mesh, f"mesh: {error}")
+                continue
+            shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), _pose(solid), hull))
     findings.raise_if_any()
     return shapes
 

@@ -1,28 +1,29 @@
-"""What a robot file says of joints, checked against its URDF: names, chains, limits, postures."""
+"""What a robot file says of joints, checked against its URDF: names, chains, postures."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import pinocchio as pin
 
 from dualarm_cli.errors import did_you_mean
-from dualarm_cli.files.robots.schema_robot import ArmSection, LimitSection, RobotFile
+from dualarm_cli.files.robots.schema_robot import ArmSection, RobotFile
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
-from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
+from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
-from dualarm_cli.model.robot import Arm, JointLimits
+from dualarm_cli.model.robot import Arm
 
 AXES_OF_KIND = {"srs": 7, "spherical_wrist": 6}
 """How many joints an arm of a kind has."""
 POSITION_SLACK = 1e-9
 """How far a posture may lie outside its limits, for rounding [rad or m]."""
-_SMALLEST_RATE = 1e-6
 
 
 def file_arms(model: RobotFile) -> dict[str, ArmSection]:
@@ -89,78 +90,13 @@ def check_chains(
                 f"platform and arm say [{', '.join(wanted)}]"
             )
             findings.add(document, loc, message)
-        count = AXES_OF_KIND.get(arm.kind)
+        count = AXES_OF_KIND.get(arm.kind or "")
         if count is not None and len(arm.joints) != count:
             message = f"kind {arm.kind} needs {count} joints, found {len(arm.joints)}"
             findings.add(document, loc, message)
         elif count is not None and slides & set(arm.joints):
             names = ", ".join(name for name in arm.joints if name in slides)
             findings.add(document, loc, f"kind {arm.kind} needs joints that turn; {names} slides")
-
-
-def joint_limits(
-    document: Document, model: RobotFile, joints: list[UrdfJoint], findings: Findings
-) -> JointLimits | None:
-    """Returns the limits of all moving joints, or None after noting what is missing or wrong."""
-    known = [joint.name for joint in joints]
-    for name in model.limits:
-        if name not in known:
-            message = f"{quote(name)} is no joint of platform or arms{did_you_mean(name, known)}"
-            findings.add(document, ("limits", name), message, key=True)
-    lacking, rows = [], []
-    for joint in joints:
-        section = model.limits.get(joint.name)
-        if section is None or section.acceleration is None:
-            lacking.append(joint.name)
-            continue
-        rates = _rates(document, joint, section, findings)
-        if rates is not None:
-            rows.append((*rates, section.source))
-    if lacking:
-        message = f"no acceleration limit for {', '.join(lacking)}; give one with its source"
-        findings.add(document, ("limits",), message, "E202", key=True)
-    if len(rows) != len(joints):
-        return None
-    return JointLimits(
-        tuple(known),
-        np.array([joint.lower for joint in joints]),
-        np.array([joint.upper for joint in joints]),
-        np.array([joint.velocity for joint in joints]),
-        np.array([row[0] for row in rows]),
-        np.array([row[1] for row in rows]),
-        tuple(row[2] for row in rows),
-    )
-
-
-def _rates(
-    document: Document, joint: UrdfJoint, section: LimitSection, findings: Findings
-) -> tuple[float, float] | None:
-    """Returns acceleration and jerk limits, or None after noting what is wrong."""
-    loc: Loc = ("limits", joint.name)
-    dimension = quantities.ACCELERATION if joint.slides else quantities.ANGULAR_ACCELERATION
-    acceleration = _rate(
-        document, (*loc, "acceleration"), section.acceleration, dimension, findings
-    )
-    jerk: float | None = math.inf
-    if section.jerk is not None:
-        dimension = quantities.JERK if joint.slides else quantities.ANGULAR_JERK
-        jerk = _rate(document, (*loc, "jerk"), section.jerk, dimension, findings)
-    return None if acceleration is None or jerk is None else (acceleration, jerk)
-
-
-def _rate(
-    document: Document, loc: Loc, value: object, dimension: Dimension, findings: Findings
-) -> float | None:
-    """Returns a positive rate, or None after noting what is wrong."""
-    try:
-        rate = parse_quantity(value, dimension)
-    except QuantityError as error:
-        findings.add(document, loc, str(error), "E200")
-        return None
-    if rate < _SMALLEST_RATE:
-        findings.add(document, loc, f"{quote(value)}: {dimension.name} must be positive", "E200")
-        return None
-    return rate
 
 
 def posture_positions(
@@ -234,15 +170,18 @@ def joint_position(
     return min(max(position, joint.lower), joint.upper)
 
 
-def model_arms(document: Document, model: RobotFile) -> tuple[Arm, ...]:
-    """Returns the arms as values, left before right."""
-    return tuple(
-        Arm(
-            name,
-            tuple(arm.joints),
-            arm.flange,
-            arm.kind,
-            Place(document.source.name, *document.place(("arms", name, "kind"))),
-        )
-        for name, arm in file_arms(model).items()
-    )
+def model_arms(document: Document, model: RobotFile, measured: pin.Model) -> tuple[Arm, ...]:
+    """Returns the arms as values, left before right; kinds that the file does not give are measured.
+
+    Args:
+        document: the robot file.
+        model: its content.
+        measured: the robot as pinocchio reads it.
+    """
+    arms = []
+    for name, arm in file_arms(model).items():
+        kind = arm.kind or measured_kind(*joint_axes(measured, arm.joints))
+        key = "joints" if arm.kind is None else "kind"
+        place = Place(document.source.name, *document.place(("arms", name, key)))
+        arms.append(Arm(name, tuple(arm.joints), arm.flange, kind, place))
+    return tuple(arms)

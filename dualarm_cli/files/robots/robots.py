@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +11,19 @@ import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.dh_tables import read_tables
+from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions
+from dualarm_cli.files.robots.joint_rates import joint_limits
 from dualarm_cli.files.robots.meshes import link_meshes
+from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robot_joints import (
     check_chains,
     check_names,
     file_arms,
-    joint_limits,
     model_arms,
     posture_positions,
 )
 from dualarm_cli.files.robots.schema_robot import RobotFile
-from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, moving_joints, read_urdf
+from dualarm_cli.files.robots.urdf import Urdf, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_writer import write_urdf
 from dualarm_cli.files.source.bodies import checked_pairs
 from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots, robots_folder
@@ -149,27 +152,28 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         findings.raise_if_any()
         raise
     check_chains(document, model, urdf, joints, findings)
-    limits = joint_limits(document, model, joints, findings)
+    found_limits = joint_limits(document, model, joints, findings)
+    frozen = frozen_positions(document, model, urdf, names, findings)
     postures = posture_positions(document, model, joints, findings)
     contacts = checked_pairs(
         document, ("allowed_contacts",), model.allowed_contacts, list(urdf.links), findings
     )
     findings.raise_if_any()
-    if limits is None:
+    if found_limits is None:
         raise InputError(findings.diagnostics)
-    text = write_urdf(urdf, joints)
-    _check_readable(urdf, text, len(joints))
+    limits, assumed = found_limits
+    text = write_urdf(urdf, joints, frozen)
     robot = Robot(
         model.name,
         text,
         tuple(model.platform),
-        model_arms(document, model),
+        model_arms(document, model, _checked_model(urdf, text, len(joints))),
         limits,
         postures,
         contacts,
         meshes,
     )
-    return robot, tuple([*notes, *_fixed_note(urdf, joints), *_mesh_note(meshes)])
+    return robot, tuple([*notes, *assumed, *frozen_note(urdf, frozen), *_mesh_note(meshes)])
 
 
 def _check_description(document: Document, findings: Findings) -> bool:
@@ -195,7 +199,8 @@ def _load_urdf(
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))
         urdf = read_urdf(source)
-        meshes = link_meshes(urdf, place.path.parent, path.parent)
+        folder = Project(Path(os.path.realpath(place.path.parent)))
+        meshes = link_meshes(urdf, MeshFinder(folder, path))
     except BadReferenceError as error:
         findings.add(document, ("urdf",), str(error), "E500")
     except InputError as error:
@@ -205,8 +210,8 @@ def _load_urdf(
     return None, {}
 
 
-def _check_readable(urdf: Urdf, text: str, count: int) -> None:
-    """Makes sure that pinocchio reads what was written, one number per joint.
+def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
+    """Returns what pinocchio reads of the text that was written: one number per joint.
 
     Raises:
         InputError: it does not.
@@ -220,6 +225,7 @@ def _check_readable(urdf: Urdf, text: str, count: int) -> None:
     if (model.nq, model.nv) != (count, count):
         message = f"has {model.nq} positions and {model.nv} velocities for {count} joints"
         raise InputError([Diagnostic(urdf.source.name, 0, 0, "E400", message)])
+    return model
 
 
 def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
@@ -227,14 +233,3 @@ def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
     if not meshes:
         return []
     return [f"collision meshes are taken as their convex hulls: {', '.join(meshes)}"]
-
-
-def _fixed_note(urdf: Urdf, joints: list[UrdfJoint]) -> list[str]:
-    """Returns a note on joints of the URDF that neither platform nor arms name."""
-    moving = {joint.name for joint in joints}
-    fixed = [
-        j.name for j in urdf.joints.values() if j.get("type") != "fixed" and j.name not in moving
-    ]
-    if not fixed:
-        return []
-    return [f"joints that neither platform nor arms name are fixed at 0: {', '.join(fixed)}"]

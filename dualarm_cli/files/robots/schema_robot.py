@@ -86,6 +86,8 @@ class DhSection(Section):
         return {side: rows for side, rows in pairs if rows is not None}
 
 
+JERK_RULE = "acceleration in 0.1 s"
+"""Jerk limit of joints for which neither robot file nor URDF has one."""
 RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 
 
@@ -99,8 +101,9 @@ class ArmSection(Section):
         description="Link to which the tool is bolted; with dh: what it is called, by default `flange` "
         "of one arm, `left_flange` and `right_flange` of two."
     )
-    kind: Literal["srs", "spherical_wrist", "general"] = Field(
-        description="How its inverse kinematics is solved; checked against the URDF."
+    kind: Literal["srs", "spherical_wrist", "general"] | None = Field(
+        default=None,
+        description="How its inverse kinematics is solved; measured on the URDF where it is not given.",
     )
 
 
@@ -116,17 +119,21 @@ class LimitSection(Section):
 
     acceleration: Any = Field(
         default=None,
-        description=f"Largest acceleration; a number is in {quantities.ANGULAR_ACCELERATION.unit}.",
+        description=f"Largest acceleration; a plain number is {quantities.ANGULAR_ACCELERATION.unit} "
+        f"({quantities.ACCELERATION.unit} for a joint that slides). A rule takes it from the velocity limit: "
+        "`top speed in 0.3 s`.",
         json_schema_extra=RATE,
     )
     jerk: Any = Field(
         default=None,
-        description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit}; "
-        "without it jerk is not limited.",
+        description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit} "
+        f"({quantities.JERK.unit} for a joint that slides). A rule takes it from the acceleration limit: "
+        f"`acceleration in 0.1 s`. `none`: not limited. Without any, `{JERK_RULE}` is assumed.",
         json_schema_extra=RATE,
     )
     source: Literal["datasheet", "measured", "assumed"] = Field(
-        description="Where the numbers come from; assumed ones are said so in every report."
+        default="assumed",
+        description="Where the numbers come from; every report lists the assumed ones.",
     )
 
 
@@ -148,7 +155,12 @@ class RobotFile(Section):
     )
     arms: ArmsSection = Field(description="Its arms: left, right or both.")
     limits: dict[Name, LimitSection] = Field(
-        default_factory=dict, description="Acceleration and jerk of every moving joint, by name."
+        default_factory=dict,
+        description="Acceleration and jerk of the moving joints, by name; `default`: of all others.",
+    )
+    frozen: dict[Name, Any] = Field(
+        default_factory=dict,
+        description="Positions [rad, or m] of joints that neither platform nor arms name; 0 where it is not given.",
     )
     postures: dict[Name, dict[Name, Any]] = Field(
         default_factory=dict,

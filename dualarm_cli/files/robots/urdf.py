@@ -15,6 +15,7 @@ _SIZES: dict[str, tuple[tuple[str, int], ...]] = {
     "box": (("size", 3),),
     "sphere": (("radius", 1),),
     "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
 }
 
 
@@ -120,6 +121,10 @@ class UrdfJoint:
     """Highest position [rad or m]."""
     velocity: float
     """Largest speed [rad/s or m/s]."""
+    acceleration: float | None = None
+    """Largest acceleration [rad/s² or m/s²], where the URDF gives one (version 1.2)."""
+    jerk: float | None = None
+    """Largest jerk [rad/s³ or m/s³], where the URDF gives one (version 1.2)."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +290,8 @@ def moving_joints(urdf: Urdf, names: Sequence[str]) -> tuple[list[UrdfJoint], li
             continue
         limits = _limits(joint, kind, what, findings)
         if limits is not None:
-            found.append(UrdfJoint(joint.name, kind == "prismatic", *limits))
+            rates = [_stated_rate(joint, rate, what, findings) for rate in ("acceleration", "jerk")]
+            found.append(UrdfJoint(joint.name, kind == "prismatic", *limits, *rates))
         if kind == "continuous":
             notes.append(
                 f"{what} turns without end; its position is kept within ±{CONTINUOUS_LIMIT:g} rad"
@@ -318,3 +324,14 @@ def _limits(
         findings.add(limit, f"{what}: lower limit {lower[0]:g} is above upper limit {upper[0]:g}")
         return None
     return lower[0], upper[0], velocity[0]
+
+
+def _stated_rate(joint: Element, rate: str, what: str, findings: UrdfFindings) -> float | None:
+    """Returns an acceleration or jerk limit of URDF 1.2, or None where there is none."""
+    limit = joint.find("limit")
+    if limit is None or rate not in limit.attributes:
+        return None
+    value = findings.numbers(limit, rate, 1, what)
+    if value is not None and value[0] <= 0.0:
+        findings.add(limit, f"{what}: {rate} limit must be above 0, not {value[0]:g}")
+    return None if value is None else value[0]

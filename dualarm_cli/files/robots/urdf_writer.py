@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
 import pinocchio as pin
 
 from dualarm_cli.files.robots.urdf import Urdf, UrdfJoint, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
+from dualarm_cli.geometry.arrays import FloatArray
 
 _LINK_PARTS = ("inertial", "visual", "collision")
 
 
-def write_urdf(urdf: Urdf, joints: list[UrdfJoint]) -> str:
+def write_urdf(urdf: Urdf, joints: list[UrdfJoint], frozen: Mapping[str, float]) -> str:
     """Returns complete URDF text in which exactly the given joints move.
 
     Joints that turn without end become revolute with wide limits, axes get length 1, every other
-    joint is fixed at its zero; meshes, which would be looked for elsewhere, and extensions of other tools are left out.
+    joint is fixed; capsules, which many readers do not know, become a cylinder and two spheres; meshes, which would
+    be looked for elsewhere, and extensions of other tools are left out.
 
     Args:
         urdf: a checked URDF.
         joints: the joints that move.
+        frozen: where other joints stand [rad or m]; at 0 where it does not say.
     """
     moving = {joint.name: joint for joint in joints}
     parts = [_clean_link(link) for link in urdf.links.values()]
-    parts += [_clean_joint(joint, moving.get(joint.name)) for joint in urdf.joints.values()]
+    for joint in urdf.joints.values():
+        parts.append(_clean_joint(joint, moving.get(joint.name), frozen.get(joint.name, 0.0)))
     return urdf_text(urdf.root.name or "robot", parts)
 
 
@@ -54,11 +59,40 @@ def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
 
 def _clean_link(link: Element) -> Element:
     parts = [
-        _without_materials(child)
+        clean
         for child in link.children
         if child.tag in _LINK_PARTS and next(mesh_elements(child), None) is None
+        for clean in _without_capsule(_without_materials(child), link.name)
     ]
     return Element("link", {"name": link.name}, children=parts)
+
+
+def _without_capsule(element: Element, link: str) -> list[Element]:
+    """Returns a visual or collision element; of a capsule its cylinder and spheres."""
+    geometry = element.find("geometry")
+    capsule = None if geometry is None else geometry.find("capsule")
+    if capsule is None:
+        return [element]
+    origin = element.find("origin") or Element("origin", {})
+    rpy = [float(word) for word in origin.get("rpy", "0 0 0").split()]
+    xyz = [float(word) for word in origin.get("xyz", "0 0 0").split()]
+    radius, length = (float(capsule.get(size)) for size in ("radius", "length"))
+    along = pin.rpy.rpyToMatrix(*rpy)[:, 2] * length / 2.0
+    found = []
+    for ending, shift, tag in (
+        ("", 0.0, "cylinder"),
+        ("_a", -1.0, "sphere"),
+        ("_b", 1.0, "sphere"),
+    ):
+        sizes = {"radius": repr(radius)} | ({"length": repr(length)} if tag == "cylinder" else {})
+        place = " ".join(repr(float(v) + 0.0) for v in np.array(xyz) + shift * along)
+        words = {"xyz": place, "rpy": " ".join(repr(v) for v in rpy)}
+        shape = Element("geometry", {}, children=[Element(tag, sizes)])
+        name = f"{element.name or f'{link}_capsule'}{ending}"
+        found.append(
+            Element(element.tag, {"name": name}, children=[Element("origin", words), shape])
+        )
+    return found
 
 
 def _without_materials(element: Element) -> Element:
@@ -66,24 +100,45 @@ def _without_materials(element: Element) -> Element:
     return Element(element.tag, element.attributes, children=children)
 
 
-def _clean_joint(joint: Element, moving: UrdfJoint | None) -> Element:
+def _clean_joint(joint: Element, moving: UrdfJoint | None, position: float) -> Element:
     kind = "fixed" if moving is None else "prismatic" if moving.slides else "revolute"
     clean = Element("joint", {"name": joint.name, "type": kind})
     kept = ("origin", "parent", "child")
     clean.children = [Element(c.tag, c.attributes) for c in joint.children if c.tag in kept]
-    if moving is None:
-        return clean
     axis = joint.find("axis")
     vector = (
         [float(word) for word in axis.get("xyz").split()] if axis is not None else [1.0, 0.0, 0.0]
     )
     length = math.hypot(*vector)
+    if moving is None:
+        if position:
+            _displace(clean, joint, np.array(vector) / length * position)
+        return clean
     unit = " ".join(repr(v / length + 0.0) for v in vector)
     effort = joint.child_name("limit", "effort") or "0"
     limits = {"lower": moving.lower, "upper": moving.upper, "velocity": moving.velocity}
     attributes = {name: repr(value) for name, value in limits.items()} | {"effort": effort}
     clean.children += [Element("axis", {"xyz": unit}), Element("limit", attributes)]
     return clean
+
+
+def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
+    """Puts a fixed joint where it stands away from its zero: turned [rad] or slid [m] along its axis, shape (3,)."""
+    origin = clean.find("origin") or Element("origin", {})
+    xyz, rpy = (
+        np.array([float(word) for word in origin.get(key, "0 0 0").split()])
+        for key in ("xyz", "rpy")
+    )
+    T = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+    if joint.get("type") == "prismatic":
+        T = T * pin.SE3(np.eye(3), displacement)
+    else:
+        T = T * pin.SE3(pin.exp3(displacement), np.zeros(3))
+    words = {
+        key: " ".join(repr(float(v) + 0.0) for v in values)
+        for key, values in (("xyz", T.translation), ("rpy", pin.rpy.matrixToRpy(T.rotation)))
+    }
+    clean.children = [Element("origin", words), *(c for c in clean.children if c.tag != "origin")]
 
 
 def _prefixed(element: Element, prefix: str) -> Element:

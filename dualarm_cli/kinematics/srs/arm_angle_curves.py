@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.srs.srs_geometry import SrsCanonical
+from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.joint_axes import SrsGeometry
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.srs.arm_angle_curves import (
     REACH_SLACK,
@@ -17,7 +18,7 @@ from dualarm_cli.kinematics.srs.arm_angle_curves import (
     flips,
     reference_directions,
 )
-from dualarm_cli.kinematics.srs.srs_geometry import SrsCanonical, SrsGeometry
+from dualarm_cli.kinematics.srs.srs_canonical import SrsCanonical
 
 SRS_TOLERANCE = 1e-6
 """Largest deviation from exact SRS geometry that the closed forms ignore [m and rad]."""

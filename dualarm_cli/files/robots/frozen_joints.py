@@ -1,0 +1,177 @@
+"""Where joints stand that neither platform nor arms name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from dualarm_cli.errors import did_you_mean
+from dualarm_cli.files.robots.robot_joints import file_arms
+from dualarm_cli.files.robots.schema_robot import RobotFile
+from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.files.robots.urdf_tree import Element
+from dualarm_cli.files.source import quantities
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
+from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.source.yaml_source import Document, Loc
+
+_SLACK = 1e-9
+
+
+def frozen_positions(
+    document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
+) -> dict[str, float]:
+    """Returns the position [rad or m] of each joint of the URDF that does not move, by its name.
+
+    It is what the robot file says; for a joint that mimics another one, what follows from that one; else 0, or the
+    nearest limit where 0 is outside.
+
+    Args:
+        document: the robot file.
+        model: its content.
+        urdf: its URDF.
+        moving: joints of platform and arms.
+        findings: where errors are noted.
+    """
+    joints = {
+        name: joint
+        for name, joint in urdf.joints.items()
+        if joint.get("type") in MOVING_TYPES and name not in moving
+    }
+    found = {name: nearest_to_zero(joint) for name, joint in joints.items()}
+    for name, value in model.frozen.items():
+        loc: Loc = ("frozen", name)
+        if name in joints:
+            position = _position(document, loc, value, joints[name], findings)
+            found[name] = found[name] if position is None else position
+        elif name in moving:
+            message = f"{quote(name)} belongs to the platform or an arm; it cannot be frozen"
+            findings.add(document, loc, message, key=True)
+        else:
+            hint = did_you_mean(name, list(joints))
+            findings.add(document, loc, f"the URDF moves no joint {quote(name)}{hint}", key=True)
+    _check_chains(document, model, urdf, moving, findings)
+    for name in joints:
+        if name not in model.frozen:
+            found[name] = _followed(name, joints, found, moving)
+    return found
+
+
+def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
+    """Returns a note on joints of the URDF that do not move: which, and where they stand.
+
+    Args:
+        urdf: a checked URDF.
+        positions: of its frozen joints [rad or m].
+    """
+    other = [
+        joint.name
+        for joint in urdf.joints.values()
+        if joint.get("type") not in ("fixed", *MOVING_TYPES)
+    ]
+    if not positions and not other:
+        return []
+    zero = [*other, *(name for name, position in positions.items() if position == 0.0)]
+    elsewhere = [
+        f"{name} at {_shown(urdf.joints[name], position)}"
+        for name, position in positions.items()
+        if position != 0.0
+    ]
+    parts = [f"{', '.join(zero)} at 0"] if zero else []
+    return [
+        f"joints that neither platform nor arms name are fixed: {'; '.join([*parts, *elsewhere])}"
+    ]
+
+
+def _shown(joint: Element, position: float) -> str:
+    if joint.get("type") == "prismatic":
+        return f"{position * 1e3:.6g} mm"
+    return f"{math.degrees(position):.6g} deg"
+
+
+def nearest_to_zero(joint: Element) -> float:
+    """Returns 0, or the limit that is nearest to it where a joint's limits exclude it [rad or m].
+
+    Args:
+        joint: a moving joint; limits that are missing or no numbers exclude nothing.
+    """
+    lower, upper = _range(joint)
+    return min(max(0.0, lower), upper)
+
+
+def _range(joint: Element) -> tuple[float, float]:
+    """Returns the limits of a joint, infinite where it has none that can be read."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return -math.inf, math.inf
+    lower, upper = _number(limit, "lower", 0.0), _number(limit, "upper", 0.0)
+    return (lower, upper) if lower <= upper else (-math.inf, math.inf)
+
+
+def _position(
+    document: Document, loc: Loc, value: object, joint: Element, findings: Findings
+) -> float | None:
+    """Returns a stated position within the joint's limits, or None after noting what is wrong."""
+    if joint.find("mimic") is not None:
+        leader = joint.child_name("mimic", "joint")
+        message = f"{quote(joint.name)} mimics {quote(leader)}; give that joint's position"
+        findings.add(document, loc, message, key=True)
+        return None
+    slides = joint.get("type") == "prismatic"
+    dimension = quantities.LENGTH if slides else quantities.ANGLE
+    try:
+        position = parse_quantity(value, dimension)
+    except QuantityError as error:
+        findings.add(document, loc, str(error), "E200")
+        return None
+    lower, upper = _range(joint)
+    if not lower - _SLACK <= position <= upper + _SLACK:
+        span = f"{_shown(joint, lower)} to {_shown(joint, upper)}"
+        message = f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
+        findings.add(document, loc, message)
+        return None
+    return position
+
+
+def _check_chains(
+    document: Document, model: RobotFile, urdf: Urdf, moving: Sequence[str], findings: Findings
+) -> None:
+    """Notes joints between root and flange that mimic a moving joint: kinematics knows none that follow."""
+    for side, arm in file_arms(model).items():
+        for name in urdf.chain(arm.flange) if arm.flange in urdf.links else []:
+            leader = urdf.joints[name].child_name("mimic", "joint")
+            if name not in moving and leader in moving:
+                message = (
+                    f"joint {quote(name)}, which moves flange {quote(arm.flange)}, mimics {quote(leader)}; "
+                    "arms with joints that follow others cannot be planned"
+                )
+                findings.add(document, ("arms", side, "joints"), message)
+
+
+def _followed(
+    name: str, joints: Mapping[str, Element], found: Mapping[str, float], moving: Sequence[str]
+) -> float:
+    """Returns where a joint stands that may mimic a frozen one; its own position in a circle of mimics."""
+    factor, offset, seen = 1.0, 0.0, [name]
+    while True:
+        mimic = joints[seen[-1]].find("mimic")
+        leader = "" if mimic is None else mimic.get("joint")
+        if mimic is None or leader in seen or (leader not in joints and leader not in moving):
+            return factor * found[seen[-1]] + offset if leader not in seen else found[name]
+        step, shift = (
+            _number(mimic, key, default) for key, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        factor, offset = factor * step, offset + factor * shift
+        if leader in moving:  # it stands where it would be with the leader at 0
+            return offset
+        seen.append(leader)
+
+
+def _number(element: Element, attribute: str, default: float) -> float:
+    """Returns a number of a joint that nothing is planned for; the default where there is none that is finite."""
+    try:
+        value = float(element.get(attribute))
+    except ValueError:
+        return default
+    return value if math.isfinite(value) else default

@@ -1,0 +1,93 @@
+"""Where meshes of a URDF lie: beside it, or in a ROS package."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dualarm_cli.files.source.projects import BadReferenceError, Project
+from dualarm_cli.files.source.text_source import quote
+
+_SCHEME = "package://"
+
+
+@dataclass(frozen=True)
+class MeshFinder:
+    """Finds the mesh files of one URDF."""
+
+    project: Project
+    """What relative paths must stay in."""
+    urdf: Path
+    """The URDF."""
+    packages: tuple[Path, ...] = ()
+    """Folders of packages, or folders that hold packages, that the user names."""
+
+    def find(self, reference: str) -> Path:
+        """Returns a mesh file.
+
+        Args:
+            reference: a path relative to the URDF, or `package://name/path`.
+
+        Raises:
+            BadReferenceError: there is no such file, or it may not be read.
+        """
+        if not reference.startswith(_SCHEME):
+            if reference.startswith("file://"):
+                raise BadReferenceError(
+                    f"{quote(reference)} holds only on the machine that wrote it; write a path relative to the URDF"
+                )
+            return self.project.follow(reference, self.urdf)
+        package, _, rest = reference.removeprefix(_SCHEME).partition("/")
+        if (
+            not package
+            or not rest
+            or "\0" in reference
+            or "\\" in reference
+            or ".." in Path(rest).parts
+        ):
+            raise BadReferenceError(f"{quote(reference)} must be package://name/path")
+        for folder in self._folders(package):
+            path = folder / rest
+            if path.is_file() and Path(os.path.realpath(path)).is_relative_to(
+                os.path.realpath(folder)
+            ):
+                return path
+        raise BadReferenceError(
+            f"there is no file {quote(reference)}: package {quote(package)} was looked for beside the URDF, in the "
+            "folders above it and in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; name its folder with "
+            "`dualarm robot import --package-dir`"
+        )
+
+    def _folders(self, package: str) -> Iterator[Path]:
+        """Iterates over the folders that may be the package's."""
+        for folder in self.packages:
+            yield from _as_package(folder, package)
+        here = Path(os.path.realpath(self.urdf)).parent
+        for folder in (here, *here.parents):
+            if not folder.is_relative_to(self.project.folder):
+                break
+            yield from _as_package(folder, package)
+        for folder in ros_folders(os.environ):
+            yield folder / package
+
+
+def _as_package(folder: Path, package: str) -> Iterator[Path]:
+    """Iterates over the folder itself if it has the package's name, and the one of that name in it."""
+    if folder.name == package:
+        yield folder
+    yield folder / package
+
+
+def ros_folders(environment: Mapping[str, str]) -> Sequence[Path]:
+    """Returns the folders that hold ROS packages.
+
+    Args:
+        environment: variables; ROS_PACKAGE_PATH of ROS 1 and AMENT_PREFIX_PATH of ROS 2 are read.
+    """
+    first = [Path(p) for p in environment.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    second = [
+        Path(p) / "share" for p in environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p
+    ]
+    return [*first, *second]
