@@ -115,7 +115,7 @@ def test_a_file_of_points_becomes_touches(project: Path) -> None:
     ("old", "new", "expected"),
     [
         ("[0, -90 deg, 0, 0, 0.5, 0]", "[0, -90 deg, 0, 0, 0.5]", "7:31: E300 Qin et al. 2024, 150 kg robot has 6 joints (joint_1, joint_2, joint_3, joint_4, joint_5, joint_6); found 5 readings"),
-        ("-90 deg", "-90", "7:35: E300 -90 is outside the limits of 'joint_2': -2.44346 to -0.0872665 rad (-140 to -5 deg); a plain number is rad, degrees are written `30 deg`"),
+        ("-90 deg", "-5", "7:35: E300 -5 is outside the limits of 'joint_2': -2.44346 to -0.0872665 rad (-140 to -5 deg); a plain number is rad, degrees are written `30 deg`"),
         ("-90 deg", "-90 mm", "7:35: E200 unit 'mm' in '-90 mm' is not one of angle; allowed: rad, mrad, deg"),
         ("[1, 2, 3]", "[1, 2, .nan]", None),
         ("[1, 2, 3]", "[1e6, 2, 3]", "8:60: E200 1000000.0 is outside the range of length: -1000 to 1000 m"),

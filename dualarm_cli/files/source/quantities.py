@@ -17,6 +17,7 @@ _MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\u2014\ufe63\uff0d"
 _SPELLING = str.maketrans({"²": "^2", "³": "^3", "µ": "u", "μ": "u", "°": "deg", "\xa0": " "})
 _SMALLEST = 1e-100
 _DEG = math.pi / 180.0
+_TURN = 6.29  # rounded values of 2 pi are turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,12 @@ def parse_quantity(value: object, dimension: Dimension, example: str = "") -> fl
     Raises:
         QuantityError: no number, an unknown or foreign unit, or an absurd size.
     """
-    number, unit = _split(value, dimension, example or _example(dimension))
+    number, unit = _split(value, example or _example(dimension))
+    if dimension is ANGLE and abs(number) > _TURN and not unit:
+        raise QuantityError(
+            f"{quote(value)} without a unit is rad, and more than a turn; did you mean '{number:g} deg'?"
+        )
+    unit = unit or dimension.unit
     if unit not in dimension.units:
         known = [name for name in dimension.units if name]
         raise QuantityError(
@@ -98,14 +104,13 @@ def split_quantity(value: str, example: str = "0.12 or '120 mm'") -> tuple[float
     return float(match[1]), _POWER.sub(r"s^\1", match[2]) if match[2] else ""
 
 
-def _split(value: object, dimension: Dimension, example: str) -> tuple[float, str]:
-    """Returns number and unit of a value."""
+def _split(value: object, example: str) -> tuple[float, str]:
+    """Returns number and unit of a value; the unit is empty where there is none."""
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value), dimension.unit
+        return float(value), ""
     if not isinstance(value, str):
         raise QuantityError(f"must be a number such as {example}, not {quote(value)}")
-    number, unit = split_quantity(value, example)
-    return number, unit or dimension.unit
+    return split_quantity(value, example)
 
 
 def _advice(text: str, example: str) -> str:
