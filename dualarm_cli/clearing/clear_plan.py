@@ -26,20 +26,23 @@ from dualarm_cli.timing import TimingSolver
 
 
 def check_start(problem: MethodProblem, holding: Holding) -> None:
-    """Refuses a start in which something touches: no motion begins there.
+    """Refuses a start that is not collision-free: no motion begins there.
 
     Raises:
-        InfeasibleError: with the posture, the bodies and what is missing.
+        InfeasibleError: with the posture, all pairs of bodies and what each lacks.
     """
     job, cell = problem.job, holding.cell
     if job.start == "free":
         return
     position = np.array(job.start_joints)
     held = holding.before[0]
-    one, other, margin = cell.nearest(position, held)
-    if margin < 0.0:
-        more = {"posture": job.start, "one": one, "other": other}
-        raise InfeasibleError(Refusal("start_touches", measured=-margin, more=more))
+    lacking = cell.lacking(position, held)
+    if lacking:
+        pairs = [
+            Refusal("touches", measured=-margin, more={"one": one, "other": other})
+            for one, other, margin in lacking
+        ]
+        raise InfeasibleError(Refusal("start_touches", more={"posture": job.start, "pairs": pairs}))
 
 
 def check_parts(problem: MethodProblem, holding: Holding) -> None:

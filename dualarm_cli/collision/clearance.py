@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.collision.pair_groups import PairGroup
 from dualarm_cli.collision.quick_test import QuickTest
+from dualarm_cli.collision.solids import Pair
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.model.cell import Cell
 
@@ -132,6 +133,19 @@ class CellClearance:
             position: all joints of the robot [rad], shape (columns,).
             held: what each arm holds, shape (arms,).
         """
+        return self.test.nearest(position, self._pairs(held))
+
+    def lacking(self, position: FloatArray, held: IntArray) -> list[tuple[str, str, float]]:
+        """Returns all pairs of bodies that lack clearance, each with its margin [m], worst first; by coal.
+
+        Args:
+            position: all joints of the robot [rad], shape (columns,).
+            held: what each arm holds, shape (arms,).
+        """
+        return self.test.lacking(position, self._pairs(held))
+
+    def _pairs(self, held: IntArray) -> list[Pair]:
+        """Returns all pairs that must keep apart while the arms hold things of some numbers, shape (arms,)."""
         parts = [self.part_of(number) for number in held.tolist()]
         groups = [self._cross(held.tolist())]
         groups += [
@@ -143,7 +157,7 @@ class CellClearance:
             for arm, part, number in zip(self.arms, parts, held.tolist(), strict=True)
             if number % 2
         ]
-        return self.test.nearest(position, [pair for group in groups for pair in group.pairs])
+        return [pair for group in groups for pair in group.pairs]
 
     def margins(self, position: FloatArray, held: IntArray) -> FloatArray:
         """Returns the least margin of everything from everything [m], shape (n,); arguments as of `cross_margins`."""

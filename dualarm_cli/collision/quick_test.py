@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -351,13 +351,29 @@ class QuickTest:
             position: all joints of the robot [rad], shape (columns,).
             pairs: of this test's groups; infinite where there is none.
         """
-        if not pairs:
-            return "", "", np.inf
+        return min(self._bodies(position, pairs), key=_margin_of, default=("", "", np.inf))
+
+    def lacking(self, position: FloatArray, pairs: Sequence[Pair]) -> list[tuple[str, str, float]]:
+        """Returns all pairs of bodies with a negative margin, and that [m], worst first; by coal.
+
+        Args:
+            position: all joints of the robot [rad], shape (columns,).
+            pairs: of this test's groups.
+        """
+        found: dict[tuple[str, str], float] = {}
+        for one, other, margin in self._bodies(position, pairs):
+            if margin < 0.0:
+                found[one, other] = min(margin, found.get((one, other), 0.0))
+        return sorted(((*names, margin) for names, margin in found.items()), key=_margin_of)
+
+    def _bodies(
+        self, position: FloatArray, pairs: Sequence[Pair]
+    ) -> Iterator[tuple[str, str, float]]:
+        """Iterates over pairs as the names of their bodies with the margin [m] at one position (columns,)."""
         frames = self._tree.frames(position[None], {s.joint for s in self._solids})
-        margins = [self._margin(pair, frames, 0) for pair in pairs]
-        worst = int(np.argmin(margins))
-        one, other = self._solids[pairs[worst].first], self._solids[pairs[worst].second]
-        return one.label, other.label, margins[worst]
+        for pair in pairs:
+            one, other = self._solids[pair.first], self._solids[pair.second]
+            yield one.label, other.label, self._margin(pair, frames, 0)
 
     def _movers_of(self, pair: Pair) -> set[str]:
         return self._moved_by[pair.first] | self._moved_by[pair.second]
@@ -460,3 +476,7 @@ def _movers(model: pin.Model, solid: Solid, members: dict[str, set[str]]) -> set
         found |= {arm for arm, joints in members.items() if model.names[joint] in joints}
         joint = model.parents[joint]
     return found
+
+
+def _margin_of(pair: tuple[str, str, float]) -> float:
+    return pair[2]

@@ -9,6 +9,11 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.collision.solids import (
+    cell_solids,
+    geometry_model,
+    pairs_that_must_keep_apart,
+)
 from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -376,3 +381,30 @@ def test_where_keeping_clear_is_dear_more_effort_is_no_slower_than_less(tasks_fo
         quick = found("quick").cleared.motion.trajectory.duration
         assert normal <= quick
         assert (normal == quick) is (lesser == "quicker")
+
+
+def test_a_start_that_collides_names_all_pairs_at_once(packing):
+    """Home without allowed contacts, and with a ball about the left tool: coal finds the same pairs."""
+    tool = CellModel.from_cell(packing.cell).tool_position("left", packing.start_joints)
+    job = with_obstacle(packing, "sphere", (0.15,), tool)
+    robot = dataclasses.replace(job.cell.robot, allowed_contacts=())
+    job = dataclasses.replace(job, cell=dataclasses.replace(job.cell, robot=robot))
+    with pytest.raises(InfeasibleError) as refused:
+        plan_without_bound(job, QUICK)
+    (refusal,) = refused.value.refusals
+    named = {frozenset((pair.more["one"], pair.more["other"])) for pair in refusal.more["pairs"]}
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = cell_solids(job.cell, model, [])
+    pairs = pairs_that_must_keep_apart(model, solids, job.cell)
+    geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
+    data, found = model.createData(), pin.GeometryData(geometry)
+    pin.computeDistances(model, data, geometry, found, np.asarray(job.start_joints))
+    lacking = {
+        frozenset((solids[pair.first].label, solids[pair.second].label))
+        for pair, result in zip(pairs, found.distanceResults, strict=True)
+        if result.min_distance < pair.required
+    }
+    assert named == lacking
+    assert len(named) > 2
+    margins = [pair.measured for pair in refusal.more["pairs"]]
+    assert margins == sorted(margins, reverse=True)
