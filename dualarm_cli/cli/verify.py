@@ -45,6 +45,7 @@ def verify_command(
     from dualarm_cli.errors import UsageError
     from dualarm_cli.exporting.schedule_reader import read_schedule
     from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.report.console import unproven
     from dualarm_cli.report.report import verification_document
     from dualarm_cli.verification import verify
 
@@ -67,7 +68,9 @@ def verify_command(
         console.print(_table(judged))
         if judged.clearances:
             console.print(_clearances(judged))
-        console.print(f"verification: {'passed' if judged.passed else 'FAILED'}")
+        rows = (verification_document(judged) or {})["checks"]
+        result = f"passed{unproven(rows)}" if judged.passed else "FAILED"
+        console.print(f"verification: {result}", soft_wrap=True)
     if not judged.passed:
         raise typer.Exit(1)
 

@@ -195,6 +195,28 @@ def cell_solids(cell: Cell, model: pin.Model, carried: Sequence[tuple[str, str]]
     return solids
 
 
+TOOL_REACH = 1e-3
+"""A tool whose centre point is farther than that from the flange has a body [m]."""
+
+
+def bodies_without_shape(cell: Cell) -> list[str]:
+    """Returns the arms none of whose moving links has a shape, and the tools that reach out and have none.
+
+    Args:
+        cell: of the data model.
+    """
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    shaped = {model.names[solid.joint] for solid in link_solids(model, cell.robot)}
+    found = [
+        f"the {arm.name} arm's links" for arm in cell.robot.arms if shaped.isdisjoint(arm.joints)
+    ]
+    for arm, tool in cell.tools.items():
+        reach = float(np.linalg.norm(tool.tcp.translation))
+        if reach > TOOL_REACH and not tool.shapes:
+            found.append(tool_body(arm, "tool"))
+    return found
+
+
 def geometry_model(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:
     """Returns solids as pinocchio's geometry, named by their numbers, with some pairs of them in the order given.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.markup import escape
@@ -92,11 +93,21 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
         failed = [check for check in verification["checks"] if check["verdict"] == "failed"]
         passed = sum(check["verdict"] == "passed" for check in verification["checks"])
         lines.append(
-            f"verification: passed ({passed} checks)"
+            f"verification: passed ({passed} checks){unproven(verification['checks'])}"
             if verification["passed"]
             else "verification: FAILED: " + "; ".join(f"{c['name']}: {c['detail']}" for c in failed)
         )
     return lines
+
+
+def unproven(checks: Iterable[Mapping[str, Any]]) -> str:
+    """Returns the end of the last line where bodies without shapes were left out of the clearance proof.
+
+    Args:
+        checks: rows of a verification.
+    """
+    lacking = [check["detail"] for check in checks if check["name"] == "shapes"]
+    return f", except that collisions could not be checked: {lacking[0]}" if lacking else ""
 
 
 def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:

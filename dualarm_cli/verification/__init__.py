@@ -12,7 +12,12 @@ from dualarm_cli.model.job import WITHIN_TOLERANCE, Job
 from dualarm_cli.model.schedule import Event, Schedule, ScheduleRobot
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.verification.as_done import job_as_done
-from dualarm_cli.verification.clearance_checks import COLLISIONS, NOT_ASKED, check_clearance
+from dualarm_cli.verification.clearance_checks import (
+    COLLISIONS,
+    NOT_ASKED,
+    check_clearance,
+    check_shapes,
+)
 from dualarm_cli.verification.kind_checks import Evidence, Subject
 from dualarm_cli.verification.line_spans import line_spans
 from dualarm_cli.verification.motion_checks import (
@@ -121,7 +126,8 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
     if not clearance:
         return Verification((*checks, not_checked(COLLISIONS, NOT_ASKED)))
     collisions, clearances = check_clearance(schedule, done)
-    return Verification((*checks, collisions), clearances)
+    shapes = check_shapes(done) if done is not None else []
+    return Verification((*checks, collisions, *shapes), clearances)
 
 
 def _robot_of(job: Job, joints: tuple[str, ...]) -> ScheduleRobot:

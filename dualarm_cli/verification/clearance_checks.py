@@ -14,6 +14,7 @@ from dualarm_cli.collision.solids import (
     WORLD,
     Pair,
     Solid,
+    bodies_without_shape,
     cell_solids,
     pairs_that_must_keep_apart,
 )
@@ -64,6 +65,8 @@ NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
 COLLISIONS = "collisions"
 """Name of the check."""
+SHAPES = "shapes"
+"""Name of the check that moving bodies have shapes; it is there only where some have none."""
 
 Span = tuple[float, float]
 """From when to when [s]."""
@@ -117,6 +120,19 @@ def check_clearance(
         f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
     return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+
+
+def check_shapes(job: Job) -> list[Check]:
+    """Checks that each arm and each tool has a shape: without one its clearance is not proven.
+
+    Args:
+        job: cell and tasks.
+
+    Returns:
+        One check that is `not checked` and names what has no shape, or none.
+    """
+    missing = bodies_without_shape(job.cell)
+    return [not_checked(SHAPES, f"no shapes of {', '.join(missing)}")] if missing else []
 
 
 def _proven(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from dualarm_cli.model.job import Dwell, Task
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.model.shape import Shape
 from dualarm_cli.plan.planner import plan_without_bound
+from dualarm_cli.report.console import unproven
 from dualarm_cli.verification import verify
 from dualarm_cli.verification.clearance_checks import _add_plain, _carried, _lines, _touching
 
@@ -118,6 +120,31 @@ def test_a_plan_without_contact_passes_and_names_the_nearest_of_every_stage(sche
     assert all(stage.clearance == pytest.approx(stage.margin + stage.required) for stage in stages)
     [unasked] = [c for c in verify(schedule, packing).checks if c.name == "collisions"]
     assert unasked.verdict == "not checked"
+
+
+def test_bodies_without_a_shape_are_named(schedule, packing):
+    """A left tool that reaches out and has no shape; one of a robot of whose right arm only the frames are known."""
+    assert "shapes" not in [
+        check.name for check in verify(schedule, packing, clearance=True).checks
+    ]
+    tools = {
+        **packing.cell.tools,
+        "left": dataclasses.replace(packing.cell.tools["left"], shapes=()),
+    }
+    robot = packing.cell.robot
+    bare = re.sub(
+        r'(<link name="right_[^"]*">).*?</link>', r"\1</link>", robot.urdf, flags=re.DOTALL
+    )
+    job = in_cell(packing, tools=tools, robot=dataclasses.replace(robot, urdf=bare))
+    found = verify(schedule, job, clearance=True)
+    [check] = [check for check in found.checks if check.name == "shapes"]
+    assert check.verdict == "not checked"
+    assert check.detail == "no shapes of the right arm's links, left_tool"
+    assert found.passed
+    rows = [{"name": check.name, "detail": check.detail} for check in found.checks]
+    assert unproven(rows) == (
+        ", except that collisions could not be checked: no shapes of the right arm's links, left_tool"
+    )
 
 
 def test_a_stage_without_length_is_left_out_and_the_others_keep_their_numbers(packing):
