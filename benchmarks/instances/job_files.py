@@ -28,7 +28,7 @@ def posture(joints: Sequence[str], values: Iterable[float]) -> str:
 def accelerations(joints: Sequence[str], limits: Iterable[str]) -> str:
     """Returns the lines under `limits` of a robot file: no jerk limits, every number assumed."""
     return "".join(
-        f"  {joint}: {{acceleration: {limit}, source: assumed}}\n"
+        f"  {joint}: {{acceleration: {limit}, jerk: none, source: assumed}}\n"
         for joint, limit in zip(joints, limits, strict=True)
     )
 

@@ -118,7 +118,7 @@ def write_instance(name: str, folder: Path, order: str = "optimise") -> Path:
         order: optimise, or given: as the parts are listed.
     """
     instance = read_instance(name)
-    limits = [f"lower: -7, upper: 7, velocity: {velocity}" for velocity in VELOCITY]
+    limits = [f"lower: -7 rad, upper: 7 rad, velocity: {velocity}" for velocity in VELOCITY]
     robot = ROBOT.format(*limits) + accelerations(JOINTS, [str(ACCELERATION)] * 6)
     robot += f"postures:\n  home: {posture(JOINTS, instance.home)}\n"
     place = configurations(instance.places)
