@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from docutils.nodes import SkipNode, math, math_block
@@ -26,12 +27,19 @@ html_show_sphinx = False
 html_math_renderer = "mathml"
 
 
+MARKED = re.compile(
+    r'<munderover>\s*(<mi>.</mi>)(.*?)(<mo stretchy="false">.</mo>)\s*</munderover>', re.DOTALL
+)
+"""A letter with a mark above and an index that docutils sets below: `\\dot J_G`."""
+
+
 def mathml(node: math | math_block, *, as_block: bool) -> str:
     """Returns a formula as MathML, which browsers show without a script from elsewhere.
 
     Marks above letters are not called accents: without a font for mathematics, browsers draw those into the letter.
     """
-    return str(tex2mathml(node.astext(), as_block=as_block)).replace(' accent="true"', "")
+    formula = str(tex2mathml(node.astext(), as_block=as_block)).replace(' accent="true"', "")
+    return MARKED.sub(r"<msub><mover>\1\3</mover>\2</msub>", formula)
 
 
 def inline_formula(translator: Any, node: math) -> None:

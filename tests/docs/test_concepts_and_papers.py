@@ -99,6 +99,24 @@ def test_the_glossary_has_every_reason_segment_and_verdict() -> None:
     assert set(get_args(Verdict)) <= set(re.findall(r"`([a-z ]+)`", check))
 
 
+def test_terms_of_the_glossary_are_used() -> None:
+    """Each term is on another page, in a message or in the code."""
+    files = [*DOCS.rglob("*.md"), *(DOCS.parent / "dualarm_cli").rglob("*.py")]
+    used = " ".join(
+        file.read_text(encoding="utf-8") for file in files if file.name != "glossary.md"
+    )
+    used = re.sub(r"[\s\"_]+", " ", used).lower()
+    heads = re.findall(r"^\| ([^|]+) \|", page("glossary.md"), re.MULTILINE)
+    terms = [
+        term.strip(" `*")
+        for head in heads
+        if not head.startswith("---")
+        for term in re.sub(r"\([^)]*\)", "", head).split(",")
+    ]
+    assert len(terms) > 50
+    assert [term for term in terms if term.lower().replace("_", " ") not in used] == []
+
+
 def test_concepts_name_every_solver() -> None:
     """Platform angles on their page; resolvers of stops, paths and seams on another."""
     pages = {

@@ -53,6 +53,8 @@ def test_the_site_needs_no_other_host(site: Path) -> None:
         text = page.read_text()
         assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"(?:https?:)?//", text), page
         formulas += text.count("<math ")
+        # The index of a letter stands beside it, also where a dot stands above: `\dot J_G`.
+        assert not re.search(r"<munder(?:over)?[^>]*>\s*<mi>[^<]</mi>", text), page
     assert formulas >= sum(
         len(re.findall(r"^\$\$\n.+?\n\$\$$", page.read_text(), re.MULTILINE | re.DOTALL))
         for page in DOCS.rglob("*.md")
