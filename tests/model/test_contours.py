@@ -150,6 +150,29 @@ def test_no_third_derivative_of_a_spline_is_above_its_bound(half, closed):
     assert told > 0.9
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_ends_of_open_splines_do_not_hook(seed):
+    """Curvature in the end spans is of the size of that inside, however uneven the points are."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(9, 30))
+    angle = np.arange(count) * 2.0 * np.pi / count
+    radius = rng.uniform(0.9, 1.1, count)
+    ring = [0.06 * radius * np.cos(angle), 0.045 * radius * np.sin(angle), 0.0 * angle]
+    ridge = [0.02 * np.arange(count), *rng.uniform(-0.005, 0.005, (2, count))]
+    for points in (np.stack(ring, axis=1), np.stack(ridge, axis=1)):
+        spline = PointSpline(points, np.array([0.0, 0.0, 1.0]))
+        t = spline.knots
+
+        def sharpest(low, high, spline=spline):
+            at = np.linspace(low, high, 2000)
+            rate = spline.rate(at)
+            bend = np.linalg.norm(np.cross(rate, spline.second(at)), axis=1)
+            return (bend / np.linalg.norm(rate, axis=1) ** 3).max()
+
+        ends = max(sharpest(t[0], t[2]), sharpest(t[-3], t[-1]))
+        assert ends < 4.0 * sharpest(t[2], t[-3])
+
+
 @pytest.mark.parametrize("each", [False, True])
 def test_a_spline_of_dense_points_takes_some_with_their_own_normals(each):
     """Of 961 points of a wave as few as tell the others, equally many apart; normals, one for all or one for each."""

@@ -437,13 +437,13 @@ def test_closed_poses_turn_as_fast_where_they_end_as_where_they_begin(turns):
 
 @pytest.mark.parametrize("turns", [1.0, 2.0])
 def test_closed_poses_that_are_described_densely_are_told_by_few(turns):
-    """Once round a ring in 960 steps, frames that go round once, so that q ends as -q, or twice: 240 tell or fewer."""
+    """Once round a ring in 960 steps, frames that go round once, so that q ends as -q, or twice: 256 tell or fewer."""
     poses = []
     for share in np.linspace(0.0, 1.0, 961):
         angle = TURN * (share % 1.0)
         place = 0.1 * np.array([np.cos(angle), np.sin(angle), 0.0])
         poses.append(pin.SE3(pin.utils.rotate("z", turns * TURN * share), place))
-    assert len(PoseCurve.through(poses, HERE).rotations) <= 241
+    assert len(PoseCurve.through(poses, HERE).rotations) <= 257
 
 
 def test_what_cannot_have_a_frame_is_found():

@@ -156,15 +156,25 @@ def telling(knots: FloatArray, values: FloatArray, *, closed: bool) -> IntArray:
 def quintic(knots: FloatArray, values: FloatArray, *, closed: bool) -> object:
     """Returns a quintic spline (C4): its tangents are smooth enough for finite jerk.
 
-    Periodic where it is closed. At open ends it goes on as the values next to them tell; of few values it is straight.
+    Periodic where it is closed. At open ends its first two derivatives are those of the quartic through the last five
+    values: left to the quintic itself, uneven values make the ends hook. Of few values the ends are straight.
     """
     # Slow to import, and needed for splines alone.
     from scipy.interpolate import make_interp_spline
 
     if not closed and len(knots) > FEW:
-        return make_interp_spline(knots, values, k=5)
+        ends = _end_rates(knots[:5], values[:5]), _end_rates(knots[:-6:-1], values[:-6:-1])
+        return make_interp_spline(knots, values, k=5, bc_type=ends)
     free = [(2, np.zeros(values.shape[1])), (4, np.zeros(values.shape[1]))]
     return make_interp_spline(knots, values, k=5, bc_type="periodic" if closed else (free, free))
+
+
+def _end_rates(knots: FloatArray, values: FloatArray) -> list[tuple[int, FloatArray]]:
+    """Returns first and second derivative, each (d,), of the quartic through values (5, d) at the first of them."""
+    scale = knots[4] - knots[0]
+    powers = np.vander((knots - knots[0]) / scale, increasing=True)
+    _, first, second, *_ = np.linalg.solve(powers, values)
+    return [(1, first / scale), (2, 2.0 * second / scale**2)]
 
 
 def _directions(vectors: FloatArray) -> FloatArray:
