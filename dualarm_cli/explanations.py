@@ -149,7 +149,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "The file is a xacro file.",
         ),
         (
-            "Expand xacro first: `xacro robot.urdf.xacro > robot.urdf`.",
+            "Let `dualarm robot import` write the robot's folder: it expands xacro, finds meshes and makes rounded angles exact.",
             "Write rounded angles in full: 1.5707963267948966 for 1.5708.",
             "Call the arm `kind: general`: it is then planned with numeric inverse kinematics.",
         ),

@@ -1,4 +1,4 @@
-"""`dualarm robot`: the robots at hand, what is known of one, and its complete URDF."""
+"""`dualarm robot`: the bundled robots, what is known of one, its URDF, and import from a URDF."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.options import SeedOption
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 
 if TYPE_CHECKING:
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
     from dualarm_cli.model.robot import Arm, Robot
 
 robot_app = typer.Typer(
-    name="robot", help="The robots at hand.", no_args_is_help=True, rich_markup_mode=None
+    name="robot",
+    help="Robots: list, show, export, import.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 FAMILIES = {
     "elbow": "axes 2 and 3 are parallel",
@@ -91,6 +95,71 @@ def export_command(
 
     write_file(out, load_robot(robot).robot.urdf.encode(), force)
     print_message(f"written: {out}")
+
+
+@robot_app.command("import")
+def import_command(
+    urdf: Annotated[Path, typer.Argument(help="URDF or xacro file.", show_default=False)],
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out", help="Folder to write; default ./<robot's name>.", show_default=False
+        ),
+    ] = None,
+    srdf: Annotated[
+        Path | None,
+        typer.Option("--srdf", help="SRDF: groups, postures and contacts.", show_default=False),
+    ] = None,
+    joint_limits: Annotated[
+        Path | None,
+        typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.", show_default=False),
+    ] = None,
+    left_tip: Annotated[
+        str, typer.Option("--left-tip", help="Link that the left arm's tool is bolted to.")
+    ] = "",
+    right_tip: Annotated[
+        str, typer.Option("--right-tip", help="Link that the right arm's tool is bolted to.")
+    ] = "",
+    platform: Annotated[
+        list[str] | None,
+        typer.Option("--platform", help="A joint that carries both arms.", show_default=False),
+    ] = None,
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--package-dir", help="Folder of a ROS package, or of several.", show_default=False
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the files.")] = False,
+    json_output: JsonOption = False,
+) -> None:
+    """Write a robot file from a URDF: arms, platform, limits, contacts and a start posture, each with its reason."""
+    from dualarm_cli.cli.parts.result_files import refuse_folder, write_folder
+    from dualarm_cli.robot_import.importing import ImportRequest, import_robot
+
+    tips = {side: tip for side, tip in (("left", left_tip), ("right", right_tip)) if tip}
+    request = ImportRequest(
+        urdf,
+        srdf,
+        joint_limits,
+        tips,
+        tuple(platform) if platform is not None else None,
+        tuple(package_dir or ()),
+        seed,
+    )
+    imported = import_robot(request)
+    folder = out if out is not None else imported.folder
+    refuse_folder(folder, tuple(imported.files), force)
+    write_folder(folder, dict(imported.files))
+    file = Path(folder) / "robot.yaml"
+    if json_output:
+        robot = {"robot": str(file), "decisions": list(imported.reasons)}
+        print_json({"format": "dualarm.imported_robot/1", **robot})
+        return
+    for reason in imported.reasons:
+        print_message(reason)
+    print_message(f"written: {file}; a cell beside the folder {folder} uses it: `robot: {file}`")
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:

@@ -154,7 +154,7 @@ def test_frozen_joints_stand_where_the_file_says(project: Path, change: Change) 
     second = math.degrees(0.1 - math.pi / 4)
     assert loaded.notes == (
         "joints that neither platform nor arms name are fixed: "
-        f"r1 at 90 deg; r2 at {second:.6g} deg",
+        f"r1 at 90 deg, r2 at {second:.6g} deg",
     )
     model = pin.buildModelFromXML(loaded.robot.urdf)
     data = model.createData()

@@ -32,7 +32,7 @@ def _mass(mass: str, ixx: str = "1") -> str:
         ("<robot/>", "tiny.urdf:1:1: E400 there is no <link>"),
         ("<robot name='&e;'/>", "tiny.urdf:1:1: E400 not XML: undefined entity"),
         ("<a>" * 100_000, "tiny.urdf:1:121: E100 more than is read (50000 elements, 40 deep)"),
-        ("<robot><xacro:macro/></robot>", "tiny.urdf:1:8: E400 <xacro:macro>: this is a xacro file; expand it to URDF first"),
+        ("<robot><xacro:macro/></robot>", "tiny.urdf:1:8: E400 <xacro:macro>: this is a xacro file; `dualarm robot import` expands it"),
     ],
 )  # fmt: skip
 def test_what_is_no_urdf_is_refused(

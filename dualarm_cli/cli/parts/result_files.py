@@ -40,7 +40,8 @@ def write_folder(out: str, files: dict[str, bytes]) -> None:
 
     folder = Path(out)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        for parent in dict.fromkeys((folder / name).parent for name in files):
+            parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"--out {folder}: cannot be made: {error.strerror}") from None
     for name, content in files.items():

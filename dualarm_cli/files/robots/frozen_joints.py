@@ -16,6 +16,8 @@ from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
 
+MOST_LISTED = 8
+"""Most names that a note lists."""
 _SLACK = 1e-9
 
 
@@ -78,10 +80,18 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
         for name, position in positions.items()
         if position != 0.0
     ]
-    parts = [f"{', '.join(zero)} at 0"] if zero else []
+    parts = [f"{listed(zero)} at 0"] if zero else []
     return [
-        f"joints that neither platform nor arms name are fixed: {'; '.join([*parts, *elsewhere])}"
+        "joints that neither platform nor arms name are fixed: "
+        f"{'; '.join([*parts, *([listed(elsewhere)] if elsewhere else [])])}"
     ]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Returns names for a note; of many only the first."""
+    shown = ", ".join(names[:MOST_LISTED])
+    more = len(names) - MOST_LISTED
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _shown(joint: Element, position: float) -> str:

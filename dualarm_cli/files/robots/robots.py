@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.dh_tables import read_tables
-from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions
+from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions, listed
 from dualarm_cli.files.robots.joint_rates import joint_limits
 from dualarm_cli.files.robots.meshes import link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
@@ -232,4 +232,4 @@ def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
     """Returns a note on links whose meshes are taken as convex hulls."""
     if not meshes:
         return []
-    return [f"collision meshes are taken as their convex hulls: {', '.join(meshes)}"]
+    return [f"collision meshes are taken as their convex hulls: {listed(list(meshes))}"]

@@ -1,0 +1,114 @@
+"""The robot file that an import writes: what was found, and why, in comments."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from dualarm_cli.robot_import.contacts import Contact
+from dualarm_cli.robot_import.joint_limits import StatedLimits
+from dualarm_cli.robot_import.structure import Structure
+
+ACCELERATION_RULE = "top speed in 0.3 s"
+"""Acceleration limits of joints for which nobody states one."""
+JERK_RULE = "acceleration in 0.1 s"
+"""Jerk limits of joints for which nobody states one."""
+
+
+_WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
+"""Words that YAML takes for something else than text."""
+
+
+@dataclass(frozen=True)
+class RobotText:
+    """What a robot file says."""
+
+    name: str
+    """Of the robot."""
+    urdf: str
+    """Name of its URDF file."""
+    structure: Structure
+    """Arms and platform."""
+    assumed: frozenset[str]
+    """Joints whose velocity limit is assumed."""
+    limits: Mapping[str, StatedLimits]
+    """Limits of other files."""
+    contacts: Sequence[Contact] = ()
+    """Links that may touch."""
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Named postures [rad or m]."""
+    proposed: bool = False
+    """Whether home is a proposal."""
+
+
+def robot_text(robot: RobotText) -> str:
+    """Returns the text of a robot file.
+
+    Args:
+        robot: what it says.
+    """
+    structure = robot.structure
+    lines = [
+        "# Written by `dualarm robot import`. Replace what is `assumed` where you know better.",
+        *(f"# {reason}" for reason in structure.reasons),
+        "dualarm: robot/1",
+        f"name: {_text(robot.name)}",
+        f"urdf: {_text(robot.urdf)}",
+    ]
+    if structure.platform:
+        lines.append(f"platform: {_list(structure.platform)}  # carries both arms")
+    lines.append("arms:")
+    for side, arm in structure.arms.items():
+        lines.append(f"  {side}: {{joints: {_list(arm.joints)}, flange: {_text(arm.tip)}}}")
+    lines += _limits(robot)
+    if robot.postures:
+        lines.append("postures:  # joints that are not named are 0")
+    for name, values in robot.postures.items():
+        if robot.proposed and name == "home":
+            lines.append(
+                "  # proposed: collision-free, away from joint limits and singular postures"
+            )
+        pairs = ", ".join(
+            f"{_text(joint)}: {value!r} rad" for joint, value in values.items() if value != 0.0
+        )
+        lines.append(f"  {_text(name)}: {{{pairs}}}")
+    if robot.contacts:
+        lines.append("allowed_contacts:  # links whose shapes overlap where the links do not")
+        lines += [f"  - {_list(contact.links)}  # {contact.why}" for contact in robot.contacts]
+    return "\n".join(lines) + "\n"
+
+
+def _limits(robot: RobotText) -> list[str]:
+    """Returns the lines on limits."""
+    structure = robot.structure
+    rule = f"{{acceleration: {ACCELERATION_RULE}, jerk: {JERK_RULE}, source: assumed}}"
+    lines = ["limits:  # positions and velocities are those of the URDF", f"  default: {rule}"]
+    used = [*structure.platform, *(j for arm in structure.arms.values() for j in arm.joints)]
+    for joint in used:
+        stated = robot.limits.get(joint)
+        if stated is not None and stated.acceleration is not None:
+            rates = f"acceleration: {stated.acceleration!r}"
+            rates += f", jerk: {stated.jerk!r}" if stated.jerk is not None else ""
+            lines.append(f"  {_text(joint)}: {{{rates}, source: assumed}}  # joint_limits.yaml")
+    if robot.assumed:
+        names = ", ".join(sorted(robot.assumed))
+        lines.append(
+            f"  # the URDF has no velocity limits of these joints, 90 deg/s is assumed: {names}"
+        )
+    return lines
+
+
+def _text(text: str) -> str:
+    """Returns text as YAML reads it: plain where it can be nothing else, else in quotes."""
+    plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", text) is not None
+    return (
+        text
+        if plain and text.lower() not in ("true", "false", "yes", "no", "on", "off", "null")
+        else json.dumps(text)
+    )
+
+
+def _list(names: Sequence[str]) -> str:
+    return f"[{', '.join(map(_text, names))}]"

@@ -1,0 +1,290 @@
+"""`dualarm robot import`: what it finds in the URDFs of robots whose files were written by hand."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dualarm_cli.cli.run import run
+from dualarm_cli.collision.solids import (
+    geometry_model,
+    link_solids,
+    pairs_that_must_keep_apart,
+)
+from dualarm_cli.errors import InputError, MissingDependencyError, UsageError
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import bundled_robots
+from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
+
+TWO_ARMS = [name for name in bundled_robots() if len(load_robot(name).robot.arms) == 2]
+BY_TREE = [name for name in TWO_ARMS if name != "bottin_planar"]
+"""Robots whose URDF is there as a file; links of the planar one are not named as arms are."""
+TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\n"
+
+
+def urdf_of(name: str, folder: Path) -> Path:
+    """Writes the URDF of a bundled robot as a file of its own, and returns it."""
+    path = folder / f"{name}.urdf"
+    path.write_text(load_robot(name).robot.urdf)
+    return path
+
+
+def imported(path: Path, **more: object) -> Imported:
+    return import_robot(ImportRequest(path, **more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", BY_TREE)
+def test_arms_and_platform_are_those_that_people_wrote(name: str, tmp_path: Path) -> None:
+    """Joints, flanges, sides, platform and kinds of the bundled robot files."""
+    written = load_robot(name).robot
+    found = imported(urdf_of(name, tmp_path)).loaded.robot
+    assert found.platform == written.platform
+    for arm in written.arms:
+        mine = found.arm(arm.name)
+        assert (mine.joints, mine.kind) == (arm.joints, arm.kind)
+        assert mine.flange == arm.flange
+    assert found.limits.velocity.tolist() == written.limits.velocity.tolist()
+
+
+@pytest.mark.parametrize("name", BY_TREE)
+def test_the_posture_proposed_is_collision_free_and_away_from_limits(
+    name: str, tmp_path: Path
+) -> None:
+    """Judged by coal over the contacts that people allowed, not those that the import found."""
+    found = imported(urdf_of(name, tmp_path)).loaded.robot
+    home = found.postures["home"]
+    assert (home > found.limits.lower).all()
+    assert (home < found.limits.upper).all()
+    written = load_robot(name).robot
+    allowed = (*written.allowed_contacts, *found.allowed_contacts)
+    robot = replace(found, allowed_contacts=allowed)
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = link_solids(model, robot)
+    tools = {arm.name: Tool(pin.SE3.Identity()) for arm in robot.arms}
+    cell = Cell(robot, pin.SE3.Identity(), tools, {}, ())
+    pairs = pairs_that_must_keep_apart(model, solids, cell)
+    geometry = geometry_model(solids, [(pair.first, pair.second) for pair in pairs])
+    q = pin.neutral(model)
+    for joint, value in zip(robot.joints, home, strict=True):
+        q[model.idx_qs[model.getJointId(joint)]] = value
+    results = pin.GeometryData(geometry)
+    pin.computeDistances(model, model.createData(), geometry, results, q)
+    assert min(result.min_distance for result in results.distanceResults) > 0.009
+
+
+def test_the_same_urdf_gives_the_same_bytes(tmp_path: Path) -> None:
+    path = urdf_of("nextage", tmp_path)
+    assert imported(path).files == imported(path).files
+
+
+def test_every_assumed_number_says_so(tmp_path: Path) -> None:
+    """The bundled URDFs have no accelerations: all are by the stated rule, top speed in 0.3 s, that in 0.1 s."""
+    found = imported(urdf_of("yumi", tmp_path))
+    limits = found.loaded.robot.limits
+    assert limits.acceleration == pytest.approx(limits.velocity / 0.3)
+    assert limits.jerk == pytest.approx(limits.acceleration / 0.1)
+    assert set(limits.source) == {"assumed"}
+    text = found.files["robot.yaml"].decode()
+    rule = "{acceleration: top speed in 0.3 s, jerk: acceleration in 0.1 s, source: assumed}"
+    assert f"default: {rule}" in text
+
+
+def _rounded(rpy: re.Match[str]) -> str:
+    return f'rpy="{" ".join(f"{float(word):.4f}" for word in rpy[1].split())}"'
+
+
+def test_rounded_angles_are_made_exact(tmp_path: Path) -> None:
+    """With 1.5708 for a quarter turn the arms of an SDA10F are not spherical-revolute-spherical."""
+    path = urdf_of("sda10f", tmp_path)
+    text = path.read_text()
+    angles = re.findall(r'rpy="([^"]*)"', text)
+    assert any(abs(float(word)) > 1.5 for rpy in angles for word in rpy.split())
+    path.write_text(re.sub(r'rpy="([^"]*)"', _rounded, text))
+    found = imported(path)
+    assert [arm.kind for arm in found.loaded.robot.arms] == ["srs", "srs"]
+    assert any("rounded angles" in reason for reason in found.reasons)
+
+
+def test_links_that_overlap_in_every_posture_are_found(tmp_path: Path) -> None:
+    """A ball of 0.4 m on the second link of YuMi's left arm reaches into the body whatever the first joint does."""
+    path = urdf_of("yumi", tmp_path)
+    plain = {frozenset(pair) for pair in imported(path).loaded.robot.allowed_contacts}
+    text = path.read_text()
+    joint = load_robot("yumi").robot.arm("left").joints[1]
+    link = re.findall(rf'<joint name="{joint}".*?<child link="([^"]*)"', text, re.DOTALL)[0]
+    root = pin.buildModelFromXML(text).frames[1].name
+    ball = '<collision><geometry><sphere radius="0.4"/></geometry></collision>'
+    path.write_text(text.replace(f'<link name="{link}">', f'<link name="{link}">{ball}', 1))
+    wide = {frozenset(pair) for pair in imported(path).loaded.robot.allowed_contacts}
+    assert frozenset((link, root)) in wide
+    assert len(wide) > len(plain)
+
+
+SRDF = """<?xml version="1.0"?>
+<robot name="yumi">
+  <group name="left_arm"><chain base_link="{base}" tip_link="{left}"/></group>
+  <group name="right_arm"><chain base_link="{base}" tip_link="{right}"/></group>
+  <group name="left_gripper"><link name="{left}"/></group>
+  <group_state name="ready" group="left_arm">{states}</group_state>
+  <disable_collisions link1="{base}" link2="{left}" reason="User"/>
+  <disable_collisions link1="{base}" link2="{right}" reason="Never"/>
+</robot>
+"""
+
+
+def test_an_srdf_gives_tips_postures_and_contacts(tmp_path: Path) -> None:
+    """What never collides is left to the proof of clearance: it costs nothing."""
+    path = urdf_of("yumi", tmp_path)
+    robot = load_robot("yumi").robot
+    left, right = (robot.arm(side) for side in ("left", "right"))
+    base = pin.buildModelFromXML(robot.urdf).frames[1].name
+    middle = 0.5 * (robot.limits.lower + robot.limits.upper)
+    values = dict(zip(robot.joints, middle.tolist(), strict=True))
+    states = "".join(f'<joint name="{j}" value="{values[j]}"/>' for j in left.joints)
+    srdf = tmp_path / "yumi.srdf"
+    srdf.write_text(SRDF.format(base=base, left=left.flange, right=right.flange, states=states))
+    found = imported(path, srdf=srdf).loaded.robot
+    assert (found.arm("left").flange, found.arm("right").flange) == (left.flange, right.flange)
+    columns = found.columns(left.joints)
+    assert found.postures["ready"][columns] == pytest.approx([values[j] for j in left.joints])
+    assert frozenset((base, left.flange)) in {frozenset(p) for p in found.allowed_contacts}
+    assert frozenset((base, right.flange)) not in {frozenset(p) for p in found.allowed_contacts}
+    srdf.write_text(srdf.read_text().replace(left.flange, "no_link"))
+    with pytest.raises(InputError, match="no link 'no_link'"):
+        imported(path, srdf=srdf)
+
+
+def test_joint_limits_of_moveit_are_taken(tmp_path: Path) -> None:
+    """The lower of both speeds; limits that are switched off do not count."""
+    path = urdf_of("iiwa7", tmp_path)
+    robot = load_robot("iiwa7").robot
+    one, two, three = robot.joints[:3]
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text(
+        "joint_limits:\n"
+        f"  {one}: {{has_velocity_limits: true, max_velocity: 0.5, max_acceleration: 4.0}}\n"
+        f"  {two}: {{max_velocity: 99.0, has_acceleration_limits: false, max_acceleration: 4.0}}\n"
+        f"  {three}: {{has_acceleration_limits: true, max_acceleration: 3.0, has_jerk_limits: true, max_jerk: 30.0}}\n"
+    )
+    found = imported(path, joint_limits=limits).loaded.robot.limits
+    assert found.velocity[:2].tolist() == [0.5, robot.limits.velocity[1]]
+    assert found.acceleration[0] == 4.0
+    assert found.acceleration[1] == pytest.approx(robot.limits.velocity[1] / 0.3)
+    assert (found.acceleration[2], found.jerk[2]) == (3.0, 30.0)
+
+
+def test_meshes_come_along_as_their_hulls(tmp_path: Path) -> None:
+    """The folder needs nothing from elsewhere: the package may be gone afterwards."""
+    package = tmp_path / "elsewhere" / "arm_meshes"
+    package.mkdir(parents=True)
+    (package / "part.obj").write_text(TETRAHEDRON)
+    path = urdf_of("iiwa7", tmp_path)
+    text = path.read_text()
+    link = re.findall(r'<link name="([^"]*)"', text)[3]
+    mesh = '<mesh filename="package://arm_meshes/part.obj" scale="2 2 2"/>'
+    solid = f'<link name="{link}"><collision><origin xyz="0 0 1"/><geometry>{mesh}</geometry></collision>'
+    path.write_text(text.replace(f'<link name="{link}">', solid, 1))
+    with pytest.raises(InputError, match="--package-dir"):
+        imported(path)
+    found = imported(path, packages=(tmp_path / "elsewhere",))
+    (package / "part.obj").unlink()
+    folder = tmp_path / "robot"
+    for name, content in found.files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    (shape,) = load_robot(folder / "robot.yaml").robot.meshes[link]
+    assert shape.hull is not None
+    corners = sorted(shape.hull.corners.round(6).tolist())
+    assert corners == sorted([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.2]])
+    assert shape.pose.translation.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_tree_that_leaves_a_choice_says_which_options_settle_it(tmp_path: Path) -> None:
+    """YuMi with arms whose names tell no side."""
+    path = urdf_of("yumi", tmp_path)
+    robot = load_robot("yumi").robot
+    text = path.read_text()
+    for arm, letter in zip(robot.arms, "ab", strict=True):
+        for k, joint in enumerate(arm.joints):
+            text = text.replace(f'name="{joint}"', f'name="axis_{letter}{k}"')
+    text = re.sub(r"left|right", lambda m: {"left": "unit_a", "right": "unit_b"}[m[0]], text)
+    path.write_text(text)
+    with pytest.raises(UsageError, match="--left-tip and --right-tip") as refused:
+        imported(path)
+    tips = re.findall(r"ending in (.*);", str(refused.value))[0].split(", ")
+    assert len(tips) == 2
+    settled = imported(path, tips={"left": tips[1], "right": tips[0]}).loaded.robot
+    assert settled.arm("left").flange == tips[1]
+    assert len(settled.arm("left").joints) == len(robot.arms[0].joints)
+
+
+@pytest.mark.parametrize(
+    ("tips", "platform", "message"),
+    [
+        ({"left": "left_tool"}, None, "--left-tip: the URDF has no link 'left_tool', did you mean 'left_tool0'?"),
+        ({}, ("left_s",), "--platform: 'left_s' does not carry both arms; these do: torso_b1"),
+        ({"left": "torso_link_b1"}, None, "is moved by 1 joints that turn"),
+    ],
+)  # fmt: skip
+def test_wrong_names_are_refused(
+    tips: dict[str, str], platform: tuple[str, ...] | None, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=re.escape(message)):
+        imported(urdf_of("sda10f", tmp_path), tips=tips, platform=platform)
+
+
+def test_a_platform_may_be_left_out(tmp_path: Path) -> None:
+    """Its joint is then fixed, which a note says."""
+    found = imported(urdf_of("sda10f", tmp_path), platform=())
+    assert found.loaded.robot.platform == ()
+    assert any("fixed: torso_b1 at 0" in note for note in found.loaded.notes)
+
+
+def test_xacro_without_the_library_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text('<robot name="a"><xacro:macro name="m"/></robot>')
+    with pytest.raises(MissingDependencyError, match=r"dualarm\[xacro\]"):
+        imported(path)
+
+
+def test_the_command_writes_a_folder_that_plans(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From a URDF to a verified plan, the robot file as it was written; a second import replaces nothing unasked."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dualarm.toml").write_text("")
+    urdf = urdf_of("nextage", tmp_path)
+    assert run(["robot", "import", str(urdf), "--out", "mine"]) == 0
+    out = capsys.readouterr()
+    assert "left arm: left_0, left_1" in out.out + out.err
+    robot = load_robot(tmp_path / "mine/robot.yaml").robot
+    (tmp_path / "cell.yaml").write_text(
+        "dualarm: cell/1\nrobot: mine/robot.yaml\nclearance: 2 mm\n"
+    )
+    moves = []
+    for arm in robot.arms:
+        home = robot.postures["home"][robot.columns(arm.joints)]
+        near = np.round(home + 0.05, 4).tolist()
+        moves.append(f"  - {{id: {arm.name}, arm: {arm.name}, move: {{joints: {near}}}}}\n")
+    tasks = "dualarm: tasks/1\ncell: cell.yaml\nreturn: true\ntasks:\n" + "".join(moves)
+    (tmp_path / "tasks.yaml").write_text(tasks)
+    assert run(["plan", "tasks.yaml", "--effort", "quick", "--out", "plan", "--quiet"]) == 0
+    report = json.loads((tmp_path / "plan/report.json").read_text())
+    assert report["verification"]["passed"]
+    assert report["smallest_clearance"] is not None
+    assert run(["robot", "import", str(urdf), "--out", "mine"]) == 2
+    assert "add --force" in capsys.readouterr().err
+    assert run(["robot", "import", str(urdf), "--out", "mine", "--force", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["robot"] == "mine/robot.yaml"
