@@ -170,7 +170,9 @@ def read_urdf(source: TextSource) -> Urdf:
         findings.raise_if_any()
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:
-        findings.add(xacro, f"<{xacro.tag}>: this is a xacro file; `dualarm robot import` expands it")
+        findings.add(
+            xacro, f"<{xacro.tag}>: this is a xacro file; `dualarm robot import` expands it"
+        )
         findings.raise_if_any()
     links = _by_name(root, "link", findings)
     joints = _by_name(root, "joint", findings)
