@@ -44,16 +44,18 @@ def check_reach(order: OrderModel) -> None:
     if not lost:
         _check_stands(order)
         return
-    found = []
-    for t in lost:
-        task = order.job.tasks[t]
-        causes = [
-            Refusal("by_arm", arm=name, more={"cause": _why(order, t, name)})
-            for name in order.model.arms
-            if task.allows(name)
-        ]
-        found.append(Refusal("out_of_reach", task.place, task.id, more={"causes": causes}))
-    raise InfeasibleError(*found)
+    raise InfeasibleError(*(_undone(order, t) for t in lost))
+
+
+def _undone(order: OrderModel, t: int) -> Refusal:
+    """Returns why no arm does a task, with why for each arm that may."""
+    task = order.job.tasks[t]
+    causes = [
+        Refusal("by_arm", arm=name, more={"cause": _why(order, t, name)})
+        for name in order.model.arms
+        if task.allows(name)
+    ]
+    return Refusal("out_of_reach", task.place, task.id, more={"causes": causes})
 
 
 def _check_stands(order: OrderModel) -> None:
@@ -115,6 +117,9 @@ def why_impossible(order: OrderModel, problem: Relaxation) -> InfeasibleError | 
         order: the job's tasks.
         problem: the same with least times; what is impossible for it is impossible.
     """
+    lost = np.flatnonzero(~np.isfinite(problem.least)).tolist()
+    if lost:
+        return InfeasibleError(*(_undone(order, t) for t in lost))
     rules = _rules(problem, order.job.tasks) | _buffer_rules(problem, order.job)
     if not _is_impossible(problem):
         return None

@@ -17,6 +17,7 @@ from dualarm_cli.orders.orders import DecidedOrder, Orders, PairedSearch
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.plan import ordered_plan
 from dualarm_cli.plan.ordered_plan import SEARCHES, TAKEN_APART
+from dualarm_cli.plan.planner import plan
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.stage_by_stage import choose_stages
@@ -204,3 +205,45 @@ def test_what_no_posture_of_an_arm_does_ends_the_search_at_once_unless_the_other
     assert tried.others == ({("left", "in")} if either else set())
     tried.add(job, BlockedError(TOUCHES, stages=(0,), alone=True, never=(("right", "in"),)))
     assert tried.is_hopeless
+
+
+CROWDED = """\
+dualarm: cell/1
+robot: yumi
+tools:
+  left:  {tcp: {xyz: [0, 0, 130 mm]}, shapes: [{box: [60 mm, 60 mm, 110 mm], xyz: [0, 0, 55 mm]}]}
+  right: {tcp: {xyz: [0, 0, 130 mm]}, shapes: [{box: [60 mm, 60 mm, 110 mm], xyz: [0, 0, 55 mm]}]}
+obstacles: [{name: table, box: [0.8, 1.4, 0.04], xyz: [0.5, 0, -0.02]}]
+clearance: 5 mm
+"""
+NEAR_THE_BODY = """\
+dualarm: tasks/1
+cell: cell.yaml
+order: optimise
+return: true
+defaults: {approach: 50 mm, retract: 50 mm, dwell: 0.1}
+tasks:
+  - id: a
+    arm: any
+    pick: {xyz: [0.40, 0.20, 0.05], rpy: [180 deg, 0, 0], free: yaw}
+    place: {xyz: [0.40, 0.10, 0.05], rpy: [180 deg, 0, 0]}
+  - id: b
+    arm: any
+    pick: {xyz: [0.40, -0.20, 0.05], rpy: [180 deg, 0, 0], free: yaw}
+    place: {xyz: [0.40, -0.10, 0.05], rpy: [180 deg, 0, 0]}
+"""
+
+
+def test_a_task_that_no_arm_does_without_a_collision_is_named(tmp_path):
+    """Its stops are in reach of both arms, which is not what 'every arm lacks one' would say."""
+    (tmp_path / "cell.yaml").write_text(CROWDED)
+    (tmp_path / "tasks.yaml").write_text(NEAR_THE_BODY)
+    job = load_job(tmp_path / "tasks.yaml")
+    with pytest.raises(InfeasibleError) as refused:
+        plan(job, PlanSettings(effort="quick"))
+    (refusal,) = refused.value.refusals
+    assert (refusal.what, refusal.task) == ("out_of_reach", "a")
+    assert [cause.arm for cause in refusal.more["causes"]] == ["left", "right"]
+    assert {cause.more["cause"].what for cause in refusal.more["causes"]} == {
+        "stops_lack_clearance"
+    }
