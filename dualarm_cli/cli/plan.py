@@ -44,7 +44,12 @@ STOP_LASTS = 30.0
 
 
 def plan_command(
-    tasks: Annotated[Path, typer.Argument(help="Task file (tasks/1).", show_default=False)],
+    tasks: Annotated[
+        Path,
+        typer.Argument(
+            help="Task file (tasks/1), or the name of a bundled job.", show_default=False
+        ),
+    ],
     out: Annotated[
         str | None,
         typer.Option(

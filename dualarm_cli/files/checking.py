@@ -8,6 +8,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.calibration.points import Base, load_points, read_base
 from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import task_file
 from dualarm_cli.files.source.documents import read_document
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.studies.studies import load_study
@@ -23,13 +24,14 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
     """Returns what a file describes, told apart by its `dualarm` key.
 
     Args:
-        path: the file.
+        path: the file, or the name of a bundled job.
 
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    project = Project.of(Path(path))
-    document = read_document(project, Path(path), str(path))
+    path, name = task_file(path)
+    project = Project.of(path)
+    document = read_document(project, path, name)
     kind = document.data["dualarm"]
     if kind == "robot/1":
         return load_robot(Path(path)).robot
@@ -39,7 +41,7 @@ def load_file(path: str | Path) -> Robot | Cell | Job | Touches | Base | Study:
         return read_base(project, Path(path), str(path))
     if kind == "study/1":
         return load_study(path)
-    return load_cell(path).cell if kind == "cell/1" else load_job(path)
+    return load_cell(path).cell if kind == "cell/1" else load_job(path, name)
 
 
 def check_file(path: str | Path) -> list[Diagnostic]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
+
+from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.source.text_source import suggest
 
 ROBOT_FILE = "robot.yaml"
 """Name of the robot file in each robot's folder."""
@@ -41,3 +45,24 @@ def bundled_tasks() -> dict[str, Path]:
         return {}
     found = (entry / TASK_FILE for entry in sorted(folder.iterdir()))
     return {path.parent.name: path for path in found if path.is_file()}
+
+
+def task_file(path: str | Path) -> tuple[Path, str]:
+    """Returns the task file that a path or the name of a bundled job means, and what messages call it.
+
+    Args:
+        path: a path; a bundled job's name where no file has that one.
+
+    Raises:
+        InputError: something that looks like a name is neither.
+    """
+    name = str(path)
+    known = bundled_tasks()
+    if name in known and not Path(path).is_file():
+        return known[name], f"tasks/{name}/{TASK_FILE}"
+    if name.replace("_", "").isalnum() and not os.path.lexists(path):
+        message = (
+            f"there is no such file and no such bundled job{suggest(name, list(known), 'jobs')}"
+        )
+        raise InputError([Diagnostic(name, 0, 0, "E500", message)])
+    return Path(path), name

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.cells.cells import build_cell
+from dualarm_cli.files.source.bundled import task_file
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
 from dualarm_cli.files.source.overrides import Overrides
@@ -74,7 +75,7 @@ def load_job(
     """Returns the job that a task file describes, with its cell and robot.
 
     Args:
-        path: the task file.
+        path: the task file, or the name of a bundled job.
         name: what the user calls it; None for its path.
         overrides: values in place of those in the files, put there before these are checked; see
             `files.source.overrides`.
@@ -82,9 +83,10 @@ def load_job(
     Raises:
         InputError: everything wrong with it and the files that it names.
     """
-    project, name = Project.of(Path(path)), name or str(path)
+    path, called = task_file(path)
+    project, name = Project.of(path), name or called
     project.overrides = Overrides(overrides)
-    document = read_document(project, Path(path), name, "tasks/1")
+    document = read_document(project, path, name, "tasks/1")
     findings = Findings()
     findings.extend(document.diagnostics)
     kinds = of_kinds("reading")
@@ -96,7 +98,7 @@ def load_job(
         kind.check(document, sections, model, findings)
     if model is not None:
         check_settings(document, model, findings)
-    loaded = _load_cell(project, document, Path(path), findings)
+    loaded = _load_cell(project, document, path, findings)
     tasks: tuple[Task, ...] = ()
     if loaded is not None:
         cell, notes = loaded
@@ -105,7 +107,7 @@ def load_job(
             for kind in kinds:
                 kind.check_cell(document, model, cell, findings)
         defaults = model.defaults if model is not None else schemas.defaults()
-        curves = CurveReader(project, Path(path), document, cell, findings)
+        curves = CurveReader(project, path, document, cell, findings)
         tasks = TaskReader(document, cell, findings, defaults, curves).tasks(sections)
         findings.extend(project.overrides.unused())
     findings.raise_if_any()
