@@ -10,7 +10,7 @@ import sys
 SIGINT_EXIT = 130
 NO_MEMORY_EXIT = 4
 LEAST_MEMORY = 400_000_000
-"""Address space that the libraries need by themselves [B]: with less, OpenBLAS tries for ever to get some."""
+"""Address space that the libraries need by themselves [B]: with less, OpenBLAS tries forever to get some."""
 
 
 def main() -> None:
@@ -18,7 +18,7 @@ def main() -> None:
     allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
         print(
-            f"error: there is too little memory: this process may use {allowed / 1e6:.0f} MB (ulimit -v), "
+            f"error: not enough memory: this process may use {allowed / 1e6:.0f} MB (ulimit -v), "
             f"at least {LEAST_MEMORY / 1e6:.0f} MB are needed",
             file=sys.stderr,
         )

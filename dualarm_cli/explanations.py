@@ -28,10 +28,10 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "The file is too large or nested too deeply",
         (
             "Readers have limits, so that a damaged or hostile file cannot take all memory.",
-            "A script that writes task files has written one entry again and again.",
+            "A script has written the same entry many times.",
         ),
         (
-            "Split the file, or look at the program that wrote it.",
+            "Split the file, or correct the program that wrote it.",
             "Leave parts out of a URDF that neither move nor collide.",
         ),
         "tasks.yaml: E100 has 25.1 MB; at most 20 MB are read",
@@ -40,7 +40,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "E101": Explanation(
         "The file is not text, or not YAML",
         (
-            "A bracket, quote or indentation is wrong; the place is where the reader gave up, the fault is often a line before.",
+            "A bracket, quote or indentation is wrong; the message shows where reading stopped; the mistake is often one line earlier.",
             "The file is not in UTF-8, is empty, or holds merge-conflict markers.",
         ),
         (
@@ -51,7 +51,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "reference/tasks.md",
     ),
     "E102": Explanation(
-        "A name or key is there twice",
+        "A name or key is used twice",
         ("Two tasks, obstacles, joints or keys of one mapping have the same name.",),
         ("Rename one; the message names the line of the first.",),
         "tasks.yaml:20:9: E102 duplicate task id 'tray-1', first at line 8",
@@ -80,7 +80,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ),
         (
             "Plan again, or write the baseline anew with `dualarm score --update-baseline --force`.",
-            "For schedules of other programs: the reference tells every member.",
+            "For schedules of other programs: the reference describes every member.",
         ),
         "schedule.json: E110 trajectory.time: must be numbers, in rows of equal length",
         "reference/schedule.md",
@@ -114,11 +114,11 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "E300": Explanation(
         "A value does not fit the rest of the files",
         (
-            "It names a frame, part, tool, joint, posture or task that there is not.",
+            "It names a frame, part, tool, joint, posture or task that does not exist.",
             "It contradicts another value: a joint position outside its limits, an arm that the robot does not have, rules that no order can keep.",
         ),
         (
-            "Compare the names; the message lists those that there are.",
+            "Compare the names; the message lists the existing ones.",
             "Run `dualarm check` on the file: it reports all such places at once, without planning.",
         ),
         "tasks.yaml:12:17: E300 the cell has no frame 'bin.slot_9', did you mean 'bin.slot_3'? It has: bin, bin.slot_3, world",
@@ -151,14 +151,16 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         (
             "Let `dualarm robot import` write the robot's folder: it expands xacro, finds meshes and makes rounded angles exact.",
             "Write rounded angles in full: 1.5707963267948966 for 1.5708.",
-            "Call the arm `kind: general`: it is then planned with numeric inverse kinematics.",
+            "Write `kind: general` for the arm: it is then planned with numeric inverse kinematics.",
         ),
         "arm.urdf:31:12: E400 link 'la': sphere radius must be above 0, not -0.1",
         "how-to/robot-files.md",
     ),
     "E500": Explanation(
         "A file cannot be read",
-        ("There is no such file, it may not be read, or the path leaves the project folder.",),
+        (
+            "There is no such file, it may not be read, or the path leads out of the project folder.",
+        ),
         (
             "Paths are relative to the file that names them, with forward slashes.",
             "The project folder is the nearest one above that holds `dualarm.toml` or `.git`, else the file's parent's parent: put an empty `dualarm.toml` into the folder that holds everything.",
@@ -181,7 +183,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     ),
     "E605": Explanation(
         "A buffer is full or empty when an arm needs it",
-        ("In the given order parts are taken before they are put, or put where there is no room.",),
+        ("In the given order, a part is taken from an empty buffer or put into a full one.",),
         (
             "Let the planner order the tasks: `order: optimise`.",
             "Let arms wait for each other: `mode: free`.",
@@ -210,11 +212,11 @@ EXPLANATIONS: Mapping[str, Explanation] = {
     "E620": Explanation(
         "No collision-free plan was found",
         (
-            "Two bodies have to be nearer to each other than the clearance allows: at a target, at the start, or on every way tried.",
-            "Shapes are wider than what they stand for, and touch where the machine does not.",
+            "Two bodies have to be nearer to each other than the clearance allows: at a target, at the start, or on every motion tried.",
+            "Collision shapes are larger than the real bodies, and overlap where the machine does not collide.",
         ),
         (
-            "The message names the pair and what it lacks; move the obstacle or the target, or give the pair a clearance of its own (`clearances`).",
+            "The message names the pair and the missing clearance; move the obstacle or the target, or give the pair a clearance of its own (`clearances`).",
             "For links whose shapes overlap by construction, list the pair in the robot file's `allowed_contacts`.",
             "For arms whose targets are near each other: let them take turns (`mode: free`, or `order: optimise`).",
         ),
@@ -239,9 +241,9 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         ),
         (
             "Touch four to eight points, well spread in all directions.",
-            "Look at the units: a plain number is m. Look at the tools and at the order of the points.",
+            "Check the units (a plain number is m), the tools and the order of the points.",
         ),
-        "error[E640]: 2 points do not determine where one robot stands from another; …",
+        "error[E640]: 2 points do not determine the base of one robot relative to the other; …",
         "how-to/calibration.md",
     ),
     "E650": Explanation(
@@ -274,7 +276,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Both arms hold one chain: the tool of one stays on the part in the other. Reach, joint limits, speed or a collision ends it.",
         ),
         (
-            "Ask for less speed, or `slower: allowed`.",
+            "Lower the speed, or `slower: allowed`.",
             "Let the tool spin or lean (`free: spin`, `tilt`), or let the part move (`hold: free`).",
             "Divide the curve into two tasks, or move it on the part.",
         ),

@@ -125,26 +125,26 @@ _CLEAR_HELPS = (
     "which they take turns), moving what is in the way, or a clearance of its own (`clearances`) for the "
     "pair{standing:*}"
 )
-_MISFIT = "no posture helps where a part or a tool reaches into something"
+_MISFIT = "no posture avoids a collision of the part or tool"
 _NOT_CLEAR = "no collision-free plan was found: other postures, platform angles, delays and detours were tried"
 
 _ORDERS = {
-    "waits_for_ever": "in the order that is given {names:and} {tasks:waits|wait} for ever for tasks that come "
-    "later; change the order in the file, or say order: optimise",
+    "waits_for_ever": "in the given order {names:and} {tasks:waits|wait} forever for tasks that come "
+    "later; change the order in the file, or write order: optimise",
     "out_of_reach": "no arm does task '{task}': {causes:*; }",
-    "stand_out_of_reach": "the {arm} arm does not get to the stand of tool '{tool}': {cause}",
+    "stand_out_of_reach": "the {arm} arm cannot reach the stand of tool '{tool}': {cause}",
     "by_arm": "{arm} arm: {cause}",
     "at_stop": "{action}: {cause}",
     "stops_lack_clearance": "its pick and its place are in reach, but every posture found lacks clearance or a line",
     "stop_lacks_clearance": "it is in reach, but every posture found lacks clearance or a line",
-    "arms_cannot_meet": "task '{task}': neither arm can give while the other one takes: at no platform angle that "
-    "was tried do both reach it without touching each other",
-    "arm_cannot_give": "task '{task}': the {arm} arm can give while the other one takes: at no platform angle that "
-    "was tried do both reach it without touching each other",
+    "arms_cannot_meet": "task '{task}': neither arm can give while the other one takes: at no tried platform angle "
+    "do both arms reach it without colliding",
+    "arm_cannot_give": "task '{task}': the {arm} arm can give while the other one takes: at no tried platform angle "
+    "do both arms reach it without colliding",
     "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
     "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "
     "more tasks be done by any arm",
-    "no_order": "no order does all tasks: every arm lacks one that the other lacks too",
+    "no_order": "no order does all tasks: some tasks are out of reach of both arms",
     "rule_broken": "no plan keeps this rule, whatever else is done: {rules:*; }",
     "rules_contradict": "no order keeps these rules together, whatever else is done (leave out any one of them and "
     "there may be one): {rules:*; }",
@@ -157,20 +157,20 @@ _BUFFERS = {
     "puts": "{names:and} {names:puts|put} {names:#|#} in",
     "takes": "{names:and} {names:takes|take} {names:#|#} out",
     "either_first": ", and either arm may be the first there",
-    "arms_wait_for_ever": "in the order that is given arms wait for ever, however one lets the other go first: "
+    "arms_wait_for_ever": "in the given order the arms wait forever, whichever goes first: "
     "{causes:* and }",
     "waits_for_tasks": "'{task}' waits for tasks that come later ({action})",
     "waits_for_arm": "'{task}' waits for the other arm ({action})",
     "waits_for_room": "'{task}' waits for room in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
     "waits_for_part": "'{task}' waits for a part in buffer '{buffer}' ({measured} of at most {allowed}) ({action})",
     "buffer_at_border": "buffer '{buffer}' holds {measured} parts after '{task}', where it has to hold 0 to "
-    "{allowed}: what comes before a path or coordinate task is over when that begins; what helps is another order "
-    "of the tasks, or other numbers (capacity, initial)",
+    "{allowed}: tasks before a path or coordinate task end before it begins; change the order of the tasks, or "
+    "capacity and initial",
 }
 _POSTURES = {
-    "point_not_turned": "no posture within limits was found that is turned as {point} asks ({where})",
-    "flange_not_there": "no posture within limits brings the flange nearer to {point} than {measured:mm}, turned as "
-    "asked ({where})",
+    "point_not_turned": "no posture within limits was found with the orientation of {point} ({where})",
+    "flange_not_there": "no posture within limits brings the flange nearer to {point} than {measured:mm} with the "
+    "required orientation ({where})",
     "beyond_reach": "{point} is {measured:mm} beyond the arm's reach ({where})",
     "too_near_shoulder": "{point} is {measured:mm} too near the shoulder for the elbow joint's limits ({where})",
     "beyond_limits": "{point}: no arm angle and branch keeps all joints within their limits",
@@ -178,7 +178,7 @@ _POSTURES = {
     "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
     "platform_stands": "with the platform where it is",
     "from_base": "from its base",
-    "every_posture_touches": "{where} every posture is too near to something: at best {one} and {other} lack "
+    "every_posture_touches": "{where} every posture lacks clearance: at best {one} and {other} lack "
     "{measured:mm} of clearance{platform:*}",
     "with_platform": ", with the platform at {degrees:.0f} deg",
     "no_posture": "task '{task}': {arm} arm cannot {action}: {cause}",
@@ -207,63 +207,67 @@ _CLEARANCE = {
     "stage {stage}",
     "return_touches": "return: {one} and {other} lack {measured:mm} of clearance {when:.2f} s into stage {stage}",
     "beside": ", {there}: task '{task}'",
-    "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a bare "
-    "`move` before its other tasks takes it out of the way{start:*}",
+    "stands_in_the_way": "; the {arm} arm stands in posture '{posture}' before stage {stage}, its first: a `move` "
+    "before its other tasks takes it out of the way{start:*}",
     "starts_there": " (in stage 1 it starts there: `start: free`)",
-    "asynchronous_not_clear": "mode: free: no way was found for both arms together while the platform stands at "
+    "asynchronous_not_clear": "mode: free: no collision-free motion of both arms "
+    "was found while the platform stands at "
     "{angles} deg",
 }
 _MOTION = {
     "line_left": "task '{task}': the {line} line is left by {mm:.3f} mm and {angle:.2e} rad, more than {most} mm; "
     "the arm passes too close to a singularity",
     "detour_too_fast": "limits: tool_speed: along a detour a tool exceeds {allowed:g} m/s at any speed of its arm",
-    "tool_speed_too_low": "limits: tool_speed: {allowed:g} m/s is slower than a {slowest}th of the joints' speed; "
-    "allow more",
+    "tool_speed_too_low": "limits: tool_speed: {allowed:g} m/s slows the joints below 1/{slowest} of their speed; "
+    "raise it",
 }
 _CALIBRATION = {
     "few_points": "{points:#|#} {points:point does|points do} not determine where one robot stands from another; "
     "touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
-    "points_are_one": "all points of the {arm} robot are one; touch points well apart",
+    "points_are_one": "all points of the {arm} robot are the same; touch points well apart",
     "sizes_differ": "the points span {left:.6g} m for the left robot and {right:.6g} m for the right one: they "
-    "cannot be the same points; look at the units (a plain number is m), at the tools and at the order of the points",
+    "cannot be the same points; check the units (a plain number is m), the tools and the order of the points",
     "points_on_line": "the points of the {arm} robot are on one line{near:*}: none is more than {mm:.3g} mm off the "
-    "line through {ends:* and }, so nothing says how the robots are turned about it; touch a point far beside that "
+    "line through {ends:* and }, so the rotation about it is not determined; touch a point far from that "
     "line",
     "near_line": " to within {factor:g} times the noise",
-    "loose_turn": "the points do not determine how the robots are turned: about one axis the 95 % interval is "
+    "loose_turn": "the points do not determine the rotation between the robots: about one axis the 95 % interval is "
     "±{degrees:.0f} deg, as the points are nearly on one line or do not match (a coordinate of a residual is "
-    "{mm:.3g} mm on average); touch more points, well spread in all directions, and look at tools and robot files",
-    "tools_unseen": "tools and transform are not determined together: {few:*}not seen: {unseen:*; }. Touch at least "
-    "{least} points, each with the tool turned another way about all three axes, or measure the tools and fit none",
+    "{mm:.3g} mm on average); touch more points, well spread in all directions, and check the tools and robot files",
+    "tools_unseen": "tools and transform are not determined together: {few:*}not "
+    "observable: {unseen:*; }. Touch at least "
+    "{least} points, each with another orientation of the tool about all "
+    "three axes, or measure the tools instead of fitting them",
     "few_equations": "{points} points give {equations} equations for {unknowns} unknowns; ",
     "points_do_not_match": "{causes:*; }",
 }
 _CONVEYORS = {
-    "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} s and is {within:g} m on at {last:.3f} s",
+    "window": "conveyor '{conveyor}' ({speed:g} m/s) passes at {passes:g} "
+    "s and is {within:g} m farther at {last:.3f} s",
     "delayed": " ({measured:.3f} s of it to avoid collisions)",
     "part_gone": "task '{task}': the {arm} arm cannot be at the {action} before {time:.3f} s{delay:*}, when it is "
     "{measured:mm} beyond what 'within' allows: {window}; what helps: a later 'passes', a longer 'within', a slower "
     "conveyor, another arm or order (arm: any, order: optimise), or less before it",
-    "part_not_followed": "task '{task}': no way was found for the {arm} arm to follow the {action} from {time:.3f} "
-    "s on: {cause}; {window}; what helps: a 'passes' pose and 'within' that leave room before and behind it, a "
+    "part_not_followed": "task '{task}': no motion was found for the {arm} arm to follow the {action} from {time:.3f} "
+    "s on: {cause}; {window}; what helps: a 'passes' pose and 'within' that leave room before and after it, a "
     "slower conveyor, a shorter approach, retract or dwell, another arm",
     "parts_not_met": "no times were found at which the arms meet the parts of {stops:* and }: {windows:*; }; what "
     "helps: a slower conveyor, or parts that do not come at the same time for both arms",
     "stop_of": "'{task}' ({action})",
-    "parts_missed": "no collision-free plan was found in which the arms are in time for the parts on conveyors; "
+    "parts_missed": "no collision-free plan was found in which the arms meet the parts on conveyors in time; "
     "what helps: more room between the arms, other pairs of targets in one stage (order: optimise), or a slower "
     "conveyor",
     "conveyor_above_cap": "the conveyor moves at {measured:g} m/s, the tool's speed is capped at {allowed:g} m/s "
-    "(limits: tool_speed); allow more, or take a slower conveyor",
-    "part_left": "the tool cannot be kept at the part on the conveyor within {micrometres:g} um; the arm passes too "
+    "(limits: tool_speed); raise the limit, or slow the conveyor down",
+    "part_left": "the tool cannot follow the part on the conveyor within {micrometres:g} um; the arm passes too "
     "close to a singularity",
     "conveyor_too_fast": "it cannot keep up with the conveyor at {speed:g} m/s there: its joints would exceed a "
-    "limit by a factor of {measured:.3g} however gently they begin",
+    "limit by a factor of {measured:.3g} with any start",
     "conveyor_leaves_reach": "a joint's limit, the arm's reach or a singularity is in the way before the stop is over",
 }
 _PATHS = {
-    "path_out_of_reach": "task '{task}' ({arm}): no configuration within the joints' limits{near:*} has the tools "
-    "where the path begins: at best they are {mm:.1f} mm and {degrees:.1f} deg away{at_limit:*}; move the path, or "
+    "path_out_of_reach": "task '{task}' ({arm}): no configuration within the joints' limits{near:*} puts the tools "
+    "at the start of the path: at best they are {mm:.1f} mm and {degrees:.1f} deg away{at_limit:*}; move the path, or "
     "turn the tool, or name another posture",
     "near_posture": " near posture '{posture}'",
     "joints_at_limit": ", {joints:*, } at a limit",
@@ -272,17 +276,17 @@ _PATHS = {
     "tool_on_path": "{arm} tool {mm:.1f} mm along its path at ({x:.4f}, {y:.4f}, {z:.4f}) m",
     "path_left": "{method} leaves the path by {measured_mm:.3f} mm (turns by {turn:g} m/rad), tolerance "
     "{allowed_mm:g} mm",
-    "path_not_joined": "its joints cannot be joined by a curve near enough to it",
+    "path_not_joined": "its joint positions cannot be joined by a curve within the tolerance",
     "path_touches": "after {time:.3f} s {one} and {other} lack {measured:mm} of clearance",
-    "no_way_to_path": "no way to where it begins: {cause}",
+    "no_way_to_path": "no motion to its start: {cause}",
 }
 _SEAMS = {
     "seam_not_worked": "task '{task}' ({arm}{carrier:*}): {cause}",
     "part_in": " on the part in {arm}",
     "seam_has_no_joints": "{cause}",
     "seam_fails_at": "fails {mm:.1f} mm along the seam of {length_mm:.1f} mm: {cause}",
-    "seam_touches": "{where}, after {time:.3f} s, {cause}; let the tool lean ('tilt') or give its bodies room",
-    "seam_comes_apart": "the joints that were found for it do not keep tool and part together between them; divide "
+    "seam_touches": "{where}, after {time:.3f} s, {cause}; let the tool lean ('tilt') or increase the room around it",
+    "seam_comes_apart": "the joint positions found for it do not keep tool and part together between knots; divide "
     "the curve into two tasks, or let the tool spin or lean ('free: spin', 'tilt')",
     "seam_line": "{line}: {cause}; make it shorter",
     "seam_line_out_of_reach": "the {arm} arm does not reach farther than {mm:.1f} mm from the seam",
@@ -290,22 +294,23 @@ _SEAMS = {
     "seam_line_left": "its line is left by {mm:.3f} mm (or mrad)",
     "seam_exceeds_limits": "no motion along it keeps all limits",
     "seam_exceeds_between": "between its knots a joint exceeds a limit {measured:.4f} times",
-    "seam_opens": "the chain opens by {um:.2f} um (or urad) between its knots",
+    "seam_opens": "the closed chain has an error of {um:.2f} um (or urad) between its knots",
     "seam_uneven": "its speed is uneven by {measured:.2%} between its knots",
-    "seam_rushes": "its acceleration is {measured:.2%} above that of the file between its knots",
+    "seam_rushes": "its acceleration is {measured:.2%} above the file's limit between its knots",
     "seam_ramps": "no ramps are gentle enough for the joints' limits; raise the seam's acceleration or the job's speed",
-    "seam_ramp_long": "too fast: coming to {asked} takes {measured:.3g} s, more than the {allowed:.3g} s that a "
-    "ramp may take",
-    "seam_capped": "too fast: {asked} asked for, at best {speed:.4g} mm/s ({duration:.3f} s); the cap on the tools' "
+    "seam_ramp_long": "too fast: reaching {asked} takes {measured:.3g} s, but a ramp may take at most {allowed:.3g} "
+    "s",
+    "seam_capped": "too fast: {asked} required, at best {speed:.4g} mm/s ({duration:.3f} s); the limit of the tools' "
     "speed in the world decides",
-    "seam_too_short": "too fast: too short to come to {asked} and to rest again within the joints' limits; at best "
+    "seam_too_short": "too fast: the curve is too short to reach {asked} and "
+    "stop again within the joints' limits; at best "
     "{speed:.4g} mm/s, {duration:.3f} s",
-    "seam_too_fast": "too fast: {asked} asked for, at best {speed:.4g} mm/s ({duration:.3f} s); {kind} of joint "
+    "seam_too_fast": "too fast: {asked} required, at best {speed:.4g} mm/s ({duration:.3f} s); {kind} of joint "
     "{joint} decides {mm:.1f} mm along the seam",
-    "no_way_to_seam": "task '{task}': no way to where its tool comes from (`entry: {{approach: …}}` lets it come "
-    "from farther away): {cause}",
-    "entry_too_short": "task '{task}': the way to where it begins takes {measured:.3f} s at least, more than the "
-    "{allowed:g} s that entry gives it; raise its duration or leave it out",
+    "no_way_to_seam": "task '{task}': no motion to the start of its approach (`entry: {{approach: …}}` moves that "
+    "start farther away): {cause}",
+    "entry_too_short": "task '{task}': the motion to its start takes {measured:.3f} s at least, more than the "
+    "{allowed:g} s that entry gives it; raise or remove its duration",
 }
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,
@@ -327,14 +332,14 @@ CODES: Mapping[str, str] = {what: code for code, group in _GROUPS.items() for wh
 
 HEADS: Mapping[str, str] = {
     "late": "no plan was found that is in time",
-    "no_posture": "no posture makes this stage",
+    "no_posture": "no posture reaches the targets of this stage",
     "no_posture_at_any_angle": "no posture at any platform angle makes this stage",
     "no_posture_at_angles_tried": "no posture at the platform angles that this method tries makes this stage",
     "no_posture_from_start": "no posture with the platform held where it starts (this version turns one joint only) "
     "makes this stage",
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
-    "grip_touches": "no posture helps where tools and part are too near to each other in a hand-over",
+    "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",
     "stage_touches": _NOT_CLEAR,
     "return_touches": _NOT_CLEAR,
 }
@@ -345,7 +350,7 @@ HELPS: Mapping[str, str] = {
     "arm_cannot_give": _MEETING_HELPS,
     "late": "what helps: later windows, another arm or order (arm: any, order: optimise), or less before it",
     "buffer_in_stage": "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger "
-    "capacity, other numbers at the start (initial), or another order in the file",
+    "capacity, another number of parts at the start (initial), or another order in the file",
     "arms_wait_for_ever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
     "(initial), or another order in the file",
     "part_reaches_into": _MISFIT_HELPS,
@@ -370,7 +375,7 @@ REMEDIES: Mapping[str, str] = {
     "tolerance": "raise its tolerance",
     "method": "choose another method (--redundancy)",
     # Seams.
-    "less_speed": "ask for less speed",
+    "less_speed": "lower its speed",
     "raise_cap": "raise it",
     "slower": "say 'slower: allowed'",
     "divide": "divide the curve into two tasks",

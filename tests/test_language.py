@@ -17,6 +17,11 @@ PRIVATE = (
     r"stops? aside",
     r"(is|are|was|were) told",
     r"what is said",
+    r"for ever",
+    r"(is|stands) there (already|twice)",
+    r"is due (right )?after",
+    r"say order",
+    r"no way (was found|to where)",
 )
 """collision-free; without collision checking; repair; data model; compared with; asynchronous; detour; message."""
 

@@ -185,9 +185,9 @@ def _unseen(sight: Sight, names: list[str], points: int) -> Refusal:
 
 
 UNSEEN_HEIGHT = (
-    "base_height cannot be observed from joint readings alone: a robot that stands higher by h "
-    "reads the same joints at the "
-    "same points, and the transform takes up h; measure the points' coordinates as well (xyz beside joints)"
+    "base_height cannot be observed from joint readings alone: a robot mounted higher by h has "
+    "the same joint readings at the same points, and the transform absorbs h; "
+    "measure the points' coordinates as well (xyz beside joints)"
 )
 
 
@@ -246,7 +246,7 @@ def calibrate(touches: Touches, method: str, use: str) -> Calibration:
     elif joint_fit is not None:
         solution = CalibrationSolution(solution.rotation, solution.translation, None, None)
     elif tools:
-        notes.append("the transform's uncertainty takes fitted tools and heights as exact")
+        notes.append("the transform's uncertainty treats fitted tools and heights as exact")
     notes += readings
     return Calibration(
         method,
@@ -299,7 +299,7 @@ def _joint_fit(
     fit = fit_tools_and_pose(sides, touches.noise)
     notes.append(
         "tools were fitted from joint readings alone, with the transform (nonlinear least squares); base heights "
-        "cannot be observed that way: the transform takes them up"
+        "cannot be observed this way: the transform absorbs them"
     )
     return fit
 
@@ -324,9 +324,9 @@ def _readings_disagree(touches: Touches, tools: dict[str, ToolFit]) -> list[str]
         if off is not None:
             noise = TOUCH_NOISE if touches.noise is None else touches.noise
             found.append(
-                f"{side}: joint readings and coordinates of the same points are up to "
-                f"{off * 1000:.4g} mm apart, more than a noise of {noise * 1000:g} mm explains; "
-                "look at tool and robot file, or find them: --fit tool,base_height"
+                f"{side}: joint readings and coordinates of the same points differ by up to "
+                f"{off * 1000:.4g} mm, more than a noise of {noise * 1000:g} mm explains; "
+                "check the tool and robot files, or fit them: --fit tool,base_height"
             )
     return found
 

@@ -250,7 +250,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
     if n > 3:
         return []
     return [
-        "three points are the fewest that do, and a bad one can hide among them; touch 4 to 8, "
+        "three points are the minimum, and a bad one cannot be detected; touch 4 to 8 points, "
         "well spread in all directions"
     ]
 
@@ -264,8 +264,8 @@ def _near_line(problem: CalibrationProblem, left: Spread, right: Spread) -> list
     return [
         f"the points are nearly on one line: none is more than {left.height * 1000:.1f} mm (left) and "
         f"{right.height * 1000:.1f} mm (right) off the line of {worst.length * 1000:.0f} mm "
-        f"through {ends}, so errors of touching "
-        f"turn the result about that line; touch a point at least {worst.length * 500:.0f} mm beside it"
+        f"through {ends}, so touching errors "
+        f"rotate the result about that line; touch a point at least {worst.length * 500:.0f} mm beside it"
     ]
 
 
@@ -273,8 +273,8 @@ def _repeated(problem: CalibrationProblem, pairs: tuple[PairDistance, ...]) -> l
     """Names points that are one."""
     return [
         f"{pair.first} and {pair.second} are the same point (less than {SAME_POINT * 1000:g} mm "
-        "apart): it tells how well touching "
-        "repeats, but adds nothing to the spread"
+        "apart): this shows how repeatable "
+        "the touching is, but adds nothing to the spread"
         for pair in pairs
         if max(pair.left, pair.right) < SAME_POINT
     ]
@@ -290,8 +290,8 @@ def _disagreement(
     found = []
     if consistency.scale is not None:
         found.append(
-            f"the left robot's points span {consistency.scale:.4f} times what the right robot's "
-            "do; look at units, tools and lengths of the robot files"
+            f"the left robot's points span {consistency.scale:.4f} times the distance of the "
+            "right robot's; check units, tools and link lengths in the robot files"
         )
     if problem.noise is None and consistency.contradicted:
         worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))
@@ -299,21 +299,21 @@ def _disagreement(
             f"the robots disagree by {abs(worst.left - worst.right) * 1000:.1f} mm about the "
             f"distance of {worst.first} and {worst.second}, more than "
             + (f"a noise of {TOUCH_NOISE * 1000:g} mm" if consistency.too_much else "their noise")
-            + " explains: no transform can repair that; touch them again, or look at tools and robot files"
+            + " explains, and no transform can correct it; touch them again, or check the tools and robot files"
         )
     elif consistency.too_much and problem.noise is not None:
         degrees = 3 * len(problem.names) - 6 - fitted
         found.append(
             f"the residuals are larger than a noise of {problem.noise * 1000:g} mm explains (it would take "
             f"{math.sqrt(least_squares(problem) / degrees / 2.0) * 1000:.2g} mm), so the intervals are too narrow; "
-            "look at single points, tools and robot files, or leave the noise out"
+            "check single points, tools and robot files, or leave out `noise`"
         )
     if consistency.outlier is not None:
         outlier = consistency.outlier
         found.append(
             f"without {problem.names[outlier.point]} the others fit {outlier.factor:.3g} times better, and it is "
-            f"{outlier.off * 1000:.3g} mm from where they put it: touch it again, or look whether both robots mean "
-            "the same point"
+            f"{outlier.off * 1000:.3g} mm from where they predict it: touch it again, or check that both robots "
+            "touched the same point"
         )
     return found
 
@@ -327,7 +327,7 @@ def mirrored(problem: CalibrationProblem) -> list[str]:
     return [
         "one robot's points are the mirror image of the other's: a reflection leaves "
         f"{mirror * 1000:.3g} mm where the best motion "
-        f"leaves {plain * 1000:.3g} mm; look for a lost sign, or axes of the wrong hand"
+        f"leaves {plain * 1000:.3g} mm; check for a missing sign or a left-handed frame"
     ]
 
 
@@ -335,12 +335,12 @@ def _uncertain(widths: FloatArray | None, method: str) -> list[str]:
     """Says so where the uncertainty is large, or not known."""
     if widths is None and method == "frame":
         return [
-            "how sure the frame method is can be said only where the noise is stated (`noise: 0.5 mm`)"
+            "the uncertainty of the frame method is known only if the noise is stated (`noise: 0.5 mm`)"
         ]
     if widths is None:
         return [
-            "there are as many unknowns as equations, so nothing tells how sure this is; touch more points, "
-            "or state the noise"
+            "there are as many unknowns as equations, so the uncertainty is not known; touch more points, or "
+            "state the noise"
         ]
     if widths[3:].max() < TURN_OFF:
         return []

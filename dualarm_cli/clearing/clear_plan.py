@@ -307,7 +307,7 @@ def quickest_clear(
     decided = unchecked
     before: list[StagePlan] | None = None
     for _ in range(ROUNDS):
-        progress("deciding again, avoiding collisions")
+        progress("choosing postures again, avoiding collisions")
         try:
             decided = solve(asked)
         except InfeasibleError as error:
@@ -333,14 +333,14 @@ def quickest_clear(
             touching=(*_touching(clearing, timed, before), *(bar.stage for bar in bars)),
         )
     if found is not None and decided.simpler is not None and _is_dear(found):
-        progress("looking at simpler plans")
+        progress("comparing with simpler plans")
         simpler = Decided([], alternatives=tuple(decided.simpler()))
         found = _with_rivals(found, clearing, _timed(problem, simpler, timing, known))
     if found is not None and not found.cleared.blocked:
         less = less_effort(problem.effort)
         if less is None or (found.cost or 0.0) <= UNLUCKY * found.unchecked:
             return found
-        progress("looking at the plan of less effort")
+        progress("comparing with the plan of less effort")
         try:
             other = quickest_clear(
                 replace(problem, effort=less),
@@ -431,15 +431,15 @@ def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
         for arm in stage.detours:
             done.append(f"{arm} makes a detour in stage {k}")
     if found.replanned:
-        done.insert(0, "other postures or platform angles were taken")
+        done.insert(0, "other postures or platform angles were chosen")
     if found.cost is None or (not done and abs(found.cost) < SHOWN):
         return []
     if not done:
-        done.append("a slower plan was taken that touches nothing")
+        done.append("a slower, collision-free plan was chosen")
     costs = f"this costs {found.cost:.3f} s"
     if found.cost < 0.0:
         shorter = f"it is {-found.cost:.3f} s shorter"
-        costs = f"{shorter}: the method does not find the quickest plan of all"
+        costs = f"{shorter}: the method does not always find the fastest plan"
     notes = [
         f"clearance: {', '.join(done)}; compared with the plan without collision checking "
         f"({found.unchecked:.3f} s) {costs}"
@@ -447,11 +447,11 @@ def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
     if found.cost > DEAR * found.unchecked:
         notes.append(
             f"clearance costs {found.cost / found.unchecked:.0%} of the cycle time: other methods (`dualarm compare "
-            "solvers`) or another cell layout may do better"
+            "solvers`) or another cell layout may be faster"
         )
     if any(stage.waits or stage.detours for stage in found.cleared.plans):
         notes.append(
-            "sensitivity: transfers that wait or are bent to avoid collisions count as straight ones there, and what "
-            "they take longer as constant"
+            "sensitivity: transfers that wait or are curved to avoid collisions count as straight ones, and their "
+            "extra time as constant"
         )
     return notes

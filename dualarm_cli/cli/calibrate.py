@@ -48,12 +48,13 @@ def calibrate_command(
         str | None,
         typer.Option(
             "--fit",
-            help="What else is unknown: tool, base_height or tool,base_height.",
+            help="What else to estimate: tool, base_height or tool,base_height.",
             show_default=False,
         ),
     ] = None,
     use: Annotated[
-        Reading, typer.Option("--use", help="What is taken where a point has both.")
+        Reading,
+        typer.Option("--use", help="What to use where a point has both readings and coordinates."),
     ] = Reading.joints,
     out: Annotated[
         Path | None,

@@ -31,7 +31,7 @@ SCHEDULES_DOCUMENT, SCHEDULES_TABLE = "schedules.json", "schedules.csv"
 
 compare_app = typer.Typer(
     name="compare",
-    help="Methods on the same work, or schedules of the same work.",
+    help="Compare methods or schedules on the same work.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -45,9 +45,7 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier re
 def solvers_command(
     tasks: Annotated[
         list[Path] | None,
-        typer.Argument(
-            help="Task files (tasks/1); the bundled ones where none is named.", show_default=False
-        ),
+        typer.Argument(help="Task files (tasks/1). Default: the bundled ones.", show_default=False),
     ] = None,
     method: Annotated[
         list[str] | None,
@@ -249,7 +247,7 @@ def schedules_command(
     ],
     b: Annotated[
         Path,
-        typer.Argument(metavar="B", help="The one that is compared with it.", show_default=False),
+        typer.Argument(metavar="B", help="The plan to compare it with.", show_default=False),
     ],
     out: OutOption = None,
     force: ForceOption = False,

@@ -31,7 +31,7 @@ def curve_command(
     ],
     task: Annotated[
         str | None,
-        typer.Option("--task", help="The task whose curve is taken.  [default: all of them]"),
+        typer.Option("--task", help="The task whose curve is written.  [default: all of them]"),
     ] = None,
     step: Annotated[
         str | None,
@@ -110,7 +110,9 @@ def _positive(option: str, text: str, dimension: Dimension) -> float:
 def _chosen(seams: dict[str, SeamWork], task: str | None, file: Path) -> dict[str, SeamWork]:
     """Returns the seams that are asked for by their tasks."""
     if not seams:
-        raise UsageError(f"{file}: has no coordinate task, so there is no curve")
+        raise UsageError(
+            f"{file}: has no coordinate task, so there is no curve; name a task file with one"
+        )
     if task is None:
         return seams
     if task not in seams:

@@ -72,7 +72,7 @@ def plan_command(
         Path | None,
         typer.Option(
             "--plot",
-            help="Figure to write (.png, .svg, .pdf): who does what when; of jobs with paths or seams those.",
+            help="Figure to write (.png, .svg, .pdf): a Gantt chart, or the paths and seams of the job.",
             show_default=False,
         ),
     ] = None,

@@ -32,7 +32,7 @@ def platform_command(
     tasks: Annotated[
         Path | None,
         typer.Argument(
-            help="Task file whose move is taken; without it the options describe a planar robot.",
+            help="Task file that holds the move; without it the options describe a planar robot.",
             show_default=False,
         ),
     ] = None,

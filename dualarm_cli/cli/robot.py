@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 robot_app = typer.Typer(
     name="robot",
-    help="Robots: list, show, export, import.",
+    help="Show, export and import robots.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
 FAMILIES = {
     "elbow": "axes 2 and 3 are parallel",
     "two_steps": "axes 1 and 2 meet or are parallel",
-    "quartic": "its first three axes lie anyhow",
+    "quartic": "its first three axes have no special arrangement",
 }
 """What the closed forms of an arm with a spherical wrist build on."""
 RobotName = Annotated[str, typer.Argument(help="A bundled robot's name, or a robot file.")]
@@ -270,7 +270,9 @@ def _describe_wrist(general: GeneralArm, kind: str, what: str) -> dict[str, Any]
     found = with_closed_forms(general)
     numeric = "inverse kinematics: numeric (many starts)"
     if not isinstance(found, WristArm):
-        summary = f"kind {kind}, 6 axes; {what}, but its axes have no closed forms; {numeric}"
+        summary = (
+            f"kind {kind}, 6 axes; {what}, but no closed form is known for its axes; {numeric}"
+        )
         return {"summary": summary}
     shoulder = FAMILIES[found.shoulder.family or ""]
     if kind != "spherical_wrist":

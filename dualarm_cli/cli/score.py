@@ -158,12 +158,12 @@ def _former(
     if update and not subset:
         return None
     other = ", ".join(
-        f"{name} {former.settings.get(name, 'not said')} there, {settings.get(name, 'not said')} here"
+        f"{name} {former.settings.get(name, 'not stated')} there, {settings.get(name, 'not stated')} here"
         for name in dict.fromkeys([*settings, *former.settings])
         if former.settings.get(name) != settings.get(name)
     )
     raise UsageError(
-        f"--baseline {path}: was made by other settings ({other}); use the same, or --update-baseline"
+        f"--baseline {path}: was made with other settings ({other}); use the same settings, or --update-baseline"
     )
 
 
@@ -259,7 +259,7 @@ def _update(
             print_message(f"written: {path}")
     else:
         what = "stays as it is" if path.exists() else "is not written"
-        print_message(f"{path} {what}: cases without a plan cannot be compared with anything")
+        print_message(f"{path} {what}: cases without a plan cannot be compared; correct them first")
 
 
 def _end(verdicts: list[Verdict]) -> None:

@@ -87,7 +87,7 @@ def refuse_results(out: str | None, csv: Path | None, force: bool) -> None:
     if not csv.parent.is_dir():
         raise OutputError(f"--csv {csv}: there is no folder {csv.parent}")
     if csv.exists() and not force:
-        raise OutputError(f"--csv {csv}: is there already; add --force to replace it")
+        raise OutputError(f"--csv {csv}: already exists; add --force to replace it")
 
 
 def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> None:
@@ -101,7 +101,7 @@ def refuse_inputs(out: str | None, csv: Path | None, inputs: Iterable[str]) -> N
             raise UsageError(f"--csv {csv}: is a file of --out {out} as well; name another")
     for what, path in named:
         if path in read:
-            raise UsageError(f"{what} is a file that the study is read from; name another")
+            raise UsageError(f"{what} is an input of the study; name another file")
 
 
 def write_results(document: dict[str, Any], out: str | None, csv: Path | None, quiet: bool) -> None:
@@ -125,7 +125,7 @@ def write_results(document: dict[str, Any], out: str | None, csv: Path | None, q
             if len(document["objectives"]) > 1:
                 files[PARETO] = draw_pareto(document, "png")
             else:
-                _say(f"{PARETO} is not drawn: it takes two objectives", quiet)
+                _say(f"{PARETO} is not drawn: it needs two objectives", quiet)
     except MissingDependencyError as error:
         _say(f"{PARETO} and {EFFECTS} are not drawn: {error}", quiet)
     for name in {PARETO, EFFECTS} - set(files):
@@ -150,7 +150,7 @@ def sweep_command(
         bool,
         typer.Option(
             "--optimise",
-            help="Search for good points instead of planning all (extra `optimise`).",
+            help="Search for good points instead of planning all of them (extra `optimise`).",
         ),
     ] = False,
     budget: Annotated[
@@ -299,7 +299,7 @@ def _carry_out(
     except KeyboardInterrupt:
         if not quiet and store is not None:
             print_message(
-                f"{_plans(desk)}; those that are done are kept in {store.folder}: the same command goes on from there"
+                f"{_plans(desk)}; finished plans are cached in {store.folder}: run the same command to continue"
             )
         raise
     if not quiet:

@@ -24,7 +24,7 @@ def verify_command(
         Path | None,
         typer.Option(
             "--tasks",
-            help="Task file that the schedule is for: its limits, targets and order are then what counts.",
+            help="Task file of the schedule; its limits, targets and order are then checked.",
             show_default=False,
         ),
     ] = None,
@@ -32,7 +32,7 @@ def verify_command(
         bool | None,
         typer.Option(
             "--clearance/--no-clearance",
-            help="Prove that nothing touches, over the whole motion; with --tasks it is the default.",
+            help="Prove that the whole motion is collision-free; the default with --tasks.",
             show_default=False,
         ),
     ] = None,

@@ -77,7 +77,7 @@ def _compare_inputs(request: Request, answer: Evaluation, seen: dict[str, str]) 
             seen[path] = seen.setdefault(os.path.realpath(path), held)
         if seen[path] != held:
             message = (
-                "has changed while cells were planned: some plans are of what it held before; run the same command "
-                "again, which plans anew what is different now"
+                "has changed while cells were planned, so some plans are out of date; run the same command again to "
+                "replan what has changed"
             )
             raise InputError([Diagnostic(case_name(path), 0, 0, "E500", message)])

@@ -27,13 +27,13 @@ DESERTED = 60.0
 CLOSING = 1.0
 """How long taking leave of it may take [s]."""
 ELSEWHERE = (
-    "the cluster does not see this file as it is here: workers need the same files at the same paths, such as a "
-    "shared folder"
+    "a worker of the cluster has another version of this file; give workers the same files at the same paths, "
+    "such as in a shared folder"
 )
 """Message of a case whose files other machines lack or have otherwise."""
 OTHER_PROGRAMS = (
-    "a worker of the cluster that came later would plan otherwise: it has another version of dualarm, of Python or of "
-    "a library; install the same there"
+    "a worker that joined the cluster later has another version of dualarm, of Python or of a library, and may plan "
+    "differently; install the same versions there"
 )
 """Message of a case that came to a worker which was not there when all were compared."""
 _here = threading.local()
@@ -107,7 +107,8 @@ class Cluster:
                     for name in other[:4]
                 )
                 raise UsageError(
-                    f"--scheduler {address}: worker {worker} would plan otherwise: {named}; install the same there"
+                    f"--scheduler {address}: worker {worker} may plan differently: "
+                    f"{named}; install the same versions there"
                 )
 
     def run(self, requests: Sequence[Request]) -> Iterator[tuple[int, Evaluation]]:
@@ -139,7 +140,7 @@ class Cluster:
                     answer = _answer(future, requests[index], known)
                     if answer is None:
                         raise UsageError(
-                            f"--scheduler {self._address}: it has ended or cannot be reached any more, with {answered} "
+                            f"--scheduler {self._address}: it has ended or cannot be reached, with {answered} "
                             f"of {len(requests)} plans done; those are in the cache (unless --no-cache): start it "
                             "again, and run the same command again"
                         )
@@ -190,7 +191,7 @@ def _ask(address: str) -> None:
     except Exception as error:
         raise _no_scheduler(address, error) from None
     if not isinstance(found, dict) or found.get("type") != "Scheduler":
-        raise _no_scheduler(address, "something else does")
+        raise _no_scheduler(address, "another program does")
 
 
 def _no_scheduler(address: str, why: object) -> UsageError:
@@ -252,7 +253,7 @@ def _answer(future: Any, request: Request, known: dict[str, str]) -> Evaluation 
         return None
     except Exception as error:
         why = error
-    finding = Finding(f"the cluster gave it up: {why}", request.case)
+    finding = Finding(f"the cluster dropped it: {why}", request.case)
     return Evaluation(request.case, "crashed", findings=(finding,))
 
 

@@ -145,7 +145,7 @@ def ended_by(code: int) -> str:
         name = signal.Signals(-code).name
     except ValueError:
         return f"signal {-code}"
-    return f"{name}; is memory short?" if -code == signal.SIGKILL else name
+    return f"{name}; possibly out of memory" if -code == signal.SIGKILL else name
 
 
 ATTEMPTS = 2
@@ -332,7 +332,7 @@ class Crew:
         if status == "timed_out":
             text = f"took longer than {self._timeout:g} s, {ATTEMPTS} times (--timeout)"
         else:
-            text = f"its process died {ATTEMPTS} times, at last by {ended}"
+            text = f"its process ended {ATTEMPTS} times, the last time by {ended}"
         return [(attempt.index, Evaluation(case, status, findings=(Finding(text, case),)))]
 
 

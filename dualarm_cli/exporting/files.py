@@ -95,7 +95,7 @@ def write_schedule_set(
         schedule: what to write.
         others: further files by name.
         rate: samples per second of the CSV [1/s].
-        force: whether a schedule that is there already is replaced.
+        force: whether a schedule that already exists is replaced.
 
     Raises:
         OutputError: nothing could be written, or not everything; what was there is whole.

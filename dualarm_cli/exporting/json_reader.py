@@ -176,7 +176,7 @@ class JsonReader:
                     "there is no such file; name a plan's folder or its schedule.json",
                 )
             if file.stat().st_size > LARGEST_FILE:
-                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
+                self.fail("schedule", f"has more than {LARGEST_FILE // 1_000_000} MB")
             with file.open("rb") as opened:
                 stream = JsonStream(opened, self._object)
                 try:
@@ -187,7 +187,7 @@ class JsonReader:
         except OSError as error:
             self.fail("schedule", f"cannot be read: {error.strerror}")
         except (UnicodeDecodeError, RecursionError, ValueError):
-            self.fail("schedule", "is not JSON in UTF-8, or is nested too deep")
+            self.fail("schedule", "is not JSON in UTF-8, or is nested too deeply")
 
     def _members(self, stream: JsonStream, tables: str) -> dict[str, Any]:
         """Returns the object of a whole text."""
@@ -254,7 +254,7 @@ class JsonReader:
         members = dict(pairs)
         if len(members) < len(pairs):
             keys = [key for key, _ in pairs]
-            self.fail(next(key for key in keys if keys.count(key) > 1), "stands there twice")
+            self.fail(next(key for key in keys if keys.count(key) > 1), "is used twice")
         return members
 
     def member(self, parent: dict[str, Any], key: str, kind: type, path: str = "") -> Any:

@@ -23,10 +23,10 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
     """Writes one file whole or not at all.
 
     Raises:
-        OutputError: it is there already and `force` is not given, or it cannot be written.
+        OutputError: it already exists and `force` is not given, or it cannot be written.
     """
     if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; add --force to replace it")
+        raise OutputError(f"{path}: already exists; add --force to replace it")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not path.is_file():
@@ -40,7 +40,7 @@ def write_file(path: Path, content: bytes, force: bool) -> None:
 def replace_all(folder: Path, files: Mapping[str, Iterable[bytes]]) -> None:
     """Writes all files, each from its parts, beside their places first, then moves each into it, in order.
 
-    A symbolic link stays one: what it leads to is replaced. A file that is there already keeps its permissions.
+    A symbolic link stays one: what it leads to is replaced. A file that already exists keeps its permissions.
     """
     with contextlib.ExitStack() as written:
         try:

@@ -206,9 +206,9 @@ def _why_false(
         gap = measure_general(model, robot, arm, platform, base).wrist_gap
         if gap > SRS_TOLERANCE:
             return (
-                f"arm {arm.name} of {robot.name} is called kind: spherical_wrist, and its last three axes "
+                f"arm {arm.name} of {robot.name} has kind: spherical_wrist, but its last three axes "
                 f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
-                "or call it kind: general"
+                "or use kind: general"
             )
     return ""
 
@@ -221,9 +221,9 @@ def _false_srs(robot: Robot, arm: Arm, geometry: SrsGeometry) -> str:
             " (angles that are rounded, such as 1.5708 for pi/2, do this: write 1.5707963267948966)"
         )
     return (
-        f"arm {arm.name} of {robot.name} is called kind: srs and is not spherical-revolute-spherical: "
-        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; correct the URDF, or call it "
-        "kind: general, which is planned with numeric inverse kinematics"
+        f"arm {arm.name} of {robot.name} has kind: srs, but is not spherical-revolute-spherical: "
+        f"{geometry.deviation} (allowed: {SRS_TOLERANCE:g} m and rad){hint}; correct the URDF, or use kind: "
+        "general, which is planned with numeric inverse kinematics"
     )
 
 

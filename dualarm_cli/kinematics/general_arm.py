@@ -101,7 +101,7 @@ class GeneralArm:
             twist = twist.reshape(6, model.nv)[:, model.idx_vs[index]]
             if abs(np.linalg.norm(twist[3:]) - 1.0) > 1e-9:
                 raise UnsupportedError(
-                    f"joint {name} slides; arms of revolute joints are planned only"
+                    f"joint {name} slides; only arms with revolute joints can be planned"
                 )
             turned = pin.SE3(align_z(twist[3:]), np.zeros(3))
             frames.append(T_carried_root * data.oMi[index] * turned)

@@ -121,7 +121,7 @@ class WristArm(GeneralArm):
         problem = self._problem()
         if problem:
             raise UnsupportedError(
-                f"there are no closed forms for this arm: {problem}; numeric inverse kinematics serves it"
+                f"there are no closed forms for this arm: {problem}; use numeric inverse kinematics"
             )
 
     @classmethod

@@ -105,9 +105,9 @@ class Evaluation:
         """
         known = {entry.name for entry in fields(cls)}
         if not isinstance(document, dict) or set(document) != known:
-            raise ValueError("not an evaluation: its keys are other ones")
+            raise ValueError("not an evaluation: its keys differ")
         if document["status"] not in STATUSES or not isinstance(document["case"], str):
-            raise ValueError("not an evaluation: its case or status is none")
+            raise ValueError("not an evaluation: its case or status is invalid")
         for name in _FIGURES:
             _number(document[name], name)
         if type(document["closes"]) is not bool:

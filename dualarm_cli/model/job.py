@@ -167,7 +167,7 @@ def side_by_side(
     needs: Callable[[T], Collection[str]],
     ends: Callable[[T], str],
 ) -> tuple[list[dict[str, T]], list[T]]:
-    """Returns stages, and what is left as arms wait for one another for ever.
+    """Returns stages, and what is left as arms wait for one another forever.
 
     In every stage each arm does its next thing as soon as what that needs has ended in an earlier stage: without needs
     the k-th things of all arms between two meetings. Each meeting is a stage of its own. An arm that has run out of
@@ -291,7 +291,7 @@ class Job:
     mode: Mode = "paired"
     """Whether both arms start every stage together, or each goes by its own clock."""
     order: Order = "given"
-    """Who chooses the order of the tasks."""
+    """Whether the file or the planner orders the tasks."""
     sequences: tuple[tuple[str, ...], ...] = ()
     """Tasks that one arm does one right after the other, by their ids."""
     pairing: tuple[tuple[StopKey, ...], ...] | None = None
@@ -403,7 +403,7 @@ class Job:
         each is a stage of both. Where the job says itself what is paired with what, these are its stages.
 
         Raises:
-            InfeasibleError: tasks wait for one another for ever.
+            InfeasibleError: tasks wait for one another forever.
         """
         if self.pairing is not None:
             stops: dict[StopKey, tuple[Task, Stop]] = {
@@ -436,7 +436,7 @@ class Job:
 def _section_stages(
     section: Sequence[Task], arms: Sequence[str]
 ) -> tuple[list[dict[str, tuple[Task, Stop]]], list[tuple[Task, Stop]]]:
-    """Returns the paired stages of one section, and the targets that wait for one another for ever."""
+    """Returns the paired stages of one section, and the targets that wait for one another forever."""
     ids = {task.id for task in section}
     rows = {
         name: [(task, stop) for task in section if task.arm == name for stop in task.stops]

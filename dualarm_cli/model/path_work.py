@@ -30,7 +30,7 @@ class PathWork:
     posture: str | None = None
     """Name of the posture that the motion begins near; None leaves it to the planner."""
     slower: bool = False
-    """Whether it may be followed slower where the joints' limits ask for it."""
+    """Whether the speed may be reduced where the joints' limits need it."""
     tolerance: float = 1e-4
     """How far the tools may leave their paths [m], and turn away by tolerance over TURN_LENGTH [rad]."""
     critical_points: Mapping[str, FloatArray] = field(default_factory=dict)

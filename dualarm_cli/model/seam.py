@@ -60,7 +60,7 @@ class Hold:
 
     @property
     def given(self) -> bool:
-        """Whether the file says where the part is."""
+        """Whether the file gives the pose of the part."""
         return self.way is not None or self.pose is not None
 
     @property
@@ -106,7 +106,7 @@ class SeamWork:
     acceleration: float | None = None
     """Largest acceleration along the seam [m/s²]; None leaves the ramps to the planner."""
     slower: bool = False
-    """Whether it may be slower where the joints' limits ask for it."""
+    """Whether the speed may be reduced where the joints' limits need it."""
     downhand: float | None = None
     """By how much the seam's surface may lean away from facing upwards [rad]; None where it does not matter."""
     entry_duration: float | None = None

@@ -33,7 +33,7 @@ def stage_by_stage(job: Job) -> Job:
     """Returns a job as paired arms do it: each makes its next stop as soon as what comes before it is over.
 
     Raises:
-        InfeasibleError: in the order that is given arms wait for one another for ever.
+        InfeasibleError: in the order that is given arms wait for one another forever.
     """
     if job.is_decided and used_buffers(job):
         return replace(job, mode="paired", pairing=served_pairing(job))

@@ -137,7 +137,7 @@ def proven_orders(
         effort: one of EFFORTS.
         watch: receives progress, and may end it.
     """
-    watch.tell("bounding all orders, and looking for better ones on the way")
+    watch.tell("bounding all orders and searching for better ones")
     how = EFFORTS[effort].order_bound.of_stops(problem.stops)
     waits = bool(order.job.cell.tool_changes)
     told = (lambda _: None) if waits else watch.bounded

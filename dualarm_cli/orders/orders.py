@@ -39,13 +39,15 @@ from dualarm_cli.stages.search.problem import Decisions
 
 LONG = 60
 """Orders of more stages are long: most of one is as good as it was when something is taken apart."""
-PROVEN = "on the grid of the search the best of all orders, proven by dynamic programming"
+PROVEN = "proven by dynamic programming to be the best of all orders on the grid of the search"
 """How orders of few tasks of one arm are found."""
 PROOF_SHARE = 0.2
 """Share of a time limit that is kept for the bound."""
-DYNAMIC = "found by dynamic programming over the stops made, with bounds for what is yet to come"
+DYNAMIC = (
+    "found by dynamic programming over partial orders, with lower bounds on the remaining time"
+)
 """How orders are found on the way to a bound."""
-SEARCHED = "found by removing tasks and putting them back where all is then done soonest"
+SEARCHED = "found by removing tasks and inserting them again where the plan is then shortest"
 """How orders of many tasks are found."""
 
 
@@ -167,9 +169,12 @@ class PairedSearch:
         few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
-            how = f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks were timed, k-th stops in one stage"
+            how = (
+                f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks "
+                f"were timed, k-th stops of both arms in one stage"
+            )
             if self.problem.stores is not None:
-                how = how.replace("k-th stops in one stage", "whoever waits for whom")
+                how = how.replace("k-th stops of both arms in one stage", "whoever waits for whom")
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
         if provable and not watch.stop():
             known = found[0]

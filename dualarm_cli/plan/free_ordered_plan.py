@@ -103,7 +103,7 @@ def plan_by_own_clocks(
     together = None
     why = [_why_together(best)]
     if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
-        watch.tell("planning both arms stage by stage together")
+        watch.tell("planning both arms in synchronous stages")
         try:
             job = stage_by_stage(with_changes(problem.job))
             together = paired(job, lambda one: watch.keep(_noted(one, why)))
@@ -132,11 +132,11 @@ def _why_together(own: Schedule | None) -> str:
     if own is None:
         return (
             "mode: free: no plan was found in which the arms run asynchronously (the platform stands while tools "
-            "work there); both go from stage to stage together"
+            "work there); both start each stage together"
         )
     return (
-        "mode: free: both arms go from stage to stage together, as that is quicker than each by its own clock, for "
-        f"which the platform has to stand ({own.duration:.3f} s)"
+        "mode: free: both arms start each stage together, as that is faster than asynchronous arms, for which the "
+        f"platform has to stand ({own.duration:.3f} s)"
     )
 
 
@@ -186,7 +186,7 @@ def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
 def _together_notes(together: Schedule | None) -> list[str]:
     if together is None:
         return []
-    return [f"mode: free: both arms stage by stage together would take {together.duration:.3f} s"]
+    return [f"mode: free: synchronous stages would take {together.duration:.3f} s"]
 
 
 def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> list[str]:
@@ -204,13 +204,13 @@ def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> l
     notes += _together_notes(together)
     if orders.exact and total <= orders.found[0].total:
         notes.append(
-            "order: on the grid of the search (its postures, the platform standing at one of its angles) the best of "
-            "all, proven; plans leave the grid, and of them this proves nothing"
+            "order: on the grid of the search (its postures, the platform standing at one of its angles) this order "
+            "is proven to be the best; this proves nothing about plans, which leave the grid"
         )
     elif orders.bound is not None:
         notes.append(
             "order bound: on the grid of the search (its postures, the platform standing at one of its angles), where "
-            f"this order takes {total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and "
-            "of them this proves nothing"
+            f"this order takes {total:.2f} s, no order takes less than {orders.bound:.2f} s; this proves nothing about "
+            "plans, which leave the grid"
         )
     return notes

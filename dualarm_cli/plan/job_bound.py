@@ -16,17 +16,17 @@ from dualarm_cli.stages.search.problem import SequenceProblem
 from dualarm_cli.stages.sequence_problem import sequence_problem
 
 SHARED = (
-    "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: no task takes less "
-    "than by itself, with the platform angle, postures and yaws that suit it best, and the slower arm does at least "
-    "its share; transfers between tasks count nothing, of tool changes the fewest visits to stands"
+    "lower bound: holds for every plan of these tasks, whichever arm does what in whatever order: each task takes at "
+    "least its shortest time alone, with its best platform angle, postures and yaws, and the slower arm does at least "
+    "its share; transfers between tasks count as zero, tool changes as the fewest visits to stands"
 )
 """What the bound over all orders assumes."""
 OWN_CLOCKS = (
-    "lower bound: holds for every plan in this order in which the arms run asynchronously: the slower arm's stops, "
-    "as if the platform served it alone"
+    "lower bound: holds for every plan in this order in which the arms run asynchronously: the time of the slower "
+    "arm's stops, as if the platform moved for this arm only"
 )
 """What the bound of asynchronous arms assumes."""
-DWELLS_ONLY = "lower bound: of the tasks beyond the first {most} only dwells count"
+DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
 """Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
 """So many tasks are bounded one by one."""
@@ -126,8 +126,8 @@ def _least_makespan(times: FloatArray, besides: FloatArray) -> float:
 
 
 PATH_BOUND = (
-    "lower bound: the sections between paths and seams each by itself, from wherever they like; these at full speed; "
-    "the transfers to where they begin and from where they end count nothing"
+    "lower bound: the sum of the sections between paths and seams, each from its best start, and of paths and seams "
+    "at full speed; transfers to and from paths and seams count as zero"
 )
 """What a bound with paths assumes."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"

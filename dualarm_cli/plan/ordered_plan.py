@@ -257,7 +257,7 @@ def order_notes(orders: Orders, total: float) -> list[str]:
     if orders.bound is not None:
         notes.append(
             f"order bound: on the grid of the search (its platform angles and postures), where this order takes "
-            f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; plans leave the grid, and of them this "
-            "proves nothing: another order's may be quicker"
+            f"{total:.2f} s, no order takes less than {orders.bound:.2f} s; this proves nothing about plans, which "
+            "leave the grid: another order may be faster"
         )
     return notes

@@ -41,10 +41,10 @@ from dualarm_cli.timing import TIMING_SOLVERS
 
 NOT_BOUNDED = "lower bound: none, as its computation was interrupted"
 """Message where the user had seen enough once there was a plan."""
-OF_THE_FILE = "order: that of the file, whose plan is quicker than those of the orders found"
+OF_THE_FILE = "order: that of the file, whose plan is faster than those of the orders found"
 """Message where a search does no better than the file."""
 T = TypeVar("T")
-UNLIMITED = "order: --time-limit had nothing to limit: the task file leaves no order open"
+UNLIMITED = "order: --time-limit has no effect, as the task file fixes the order"
 """Message of a time limit where nothing was searched."""
 
 
@@ -128,18 +128,18 @@ def plan_without_bound(
     method = METHODS[settings.platform]
     robot = job.cell.robot
     if reason := timing.why_unsupported(robot.limits):
-        raise UnsupportedError(f"--timing {timing.name} does not serve {robot.name}: {reason}")
+        raise UnsupportedError(f"--timing {timing.name} cannot plan {robot.name}: {reason}")
     reason = why_redundancy_unserved(settings.redundancy, robot)
     if reason and "redundancy" in settings.named:
         raise UnsupportedError(
-            f"--redundancy {settings.redundancy} does not serve {robot.name}: {reason}"
+            f"--redundancy {settings.redundancy} cannot plan {robot.name}: {reason}"
         )
     watch.kept = None
     watch.tell("reading the robot")
     model = cell_model(job.cell, settings.redundancy)
     problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
     if reason := method.why_unsupported(problem):
-        raise UnsupportedError(f"--platform {method.name} does not serve {robot.name}: {reason}")
+        raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
     found = _until_seen_enough(
         watch, lambda: _not_slower_than_filed(job, settings, problem, replaced, watch, clear=clear)
     )
@@ -160,7 +160,9 @@ def _finished(schedule: Schedule, job: Job, settings: PlanSettings, watch: Watch
         if job.mode == "free" and kind.together and not job.in_sections:
             notes.append(kind.together)
     if watch.stopped:
-        notes.append(f"order: the search was ended early, as {watch.stopped}; it may do better")
+        notes.append(
+            f"order: the search ended early, as {watch.stopped}; a longer search may find a faster plan"
+        )
     return replace(schedule, notes=(*schedule.notes, *notes))
 
 
@@ -337,7 +339,7 @@ def _job_notes(job: Job) -> list[str]:
         return []
     some = ", ".join(idle[:3]) + (", …" if len(idle) > 3 else "")
     verb = "pick or place takes" if len(idle) == 1 else "picks and places take"
-    return [f"dwell: {len(idle)} {verb} no time at all ({some}); is that meant?"]
+    return [f"dwell: {len(idle)} {verb} no time ({some}); check `dwell` in the task file"]
 
 
 def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
@@ -345,12 +347,12 @@ def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
     notes = []
     if model.platform.joints and not model.platform.is_turntable:
         notes.append(
-            "platform: held where it starts; this version turns a platform of one revolute joint only"
+            "platform: held at its start angle; this version turns a platform only if it has one revolute joint"
         )
     reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
     if reached:
         notes.append(
-            f"platform: in stages {', '.join(reached)} no angle of the solver lets every arm reach; "
-            "the platform turns to the nearest one that does (platform solver: reach)"
+            f"platform: in stages {', '.join(reached)} the solver's angles do not let every arm reach; "
+            "the platform turns to the nearest angle that does (platform solver: reach)"
         )
     return notes

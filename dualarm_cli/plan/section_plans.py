@@ -216,7 +216,7 @@ def quickest_of_sections(
         if best is not None and watch.stop(longest):
             break
         begin = watch.elapsed()
-        watch.tell(f"planning order {number} of {len(orders)} of what takes both arms")
+        watch.tell(f"planning order {number} of {len(orders)} of tasks of both arms")
         tried += 1
         try:
             found = plan(one)
@@ -255,5 +255,5 @@ def _with_order(schedule: Schedule, chosen: Job, given: Job, tried: int) -> Sche
     whose = "the file's order of sections" if chosen == given else "sections in another order"
     if chosen.order == "given":
         whose = "the file's order of all tasks"
-    note = f"order: of {tried} that were planned {whose} is the quickest: {', '.join(rows)}"
+    note = f"order: of {tried} planned orders, {whose} is the fastest: {', '.join(rows)}"
     return replace(schedule, notes=(*schedule.notes, note))

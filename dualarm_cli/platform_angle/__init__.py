@@ -22,13 +22,13 @@ PLATFORM_SOLVERS: Registry[Solver[PlatformProblem, PlatformSolution]] = Registry
         Solver(
             name="exact",
             solve=solve_exact,
-            summary="Exactly equal elbow displacements: zeros of a quartic, stationary points else.",
+            summary="Exactly equal elbow displacements: roots of a quartic, otherwise stationary points.",
             reference="ours, after [Bottin2021] Eq. 3",
         ),
         Solver(
             name="linearised",
             solve=solve_linearised,
-            summary="Elbow displacements equal to first order of the arccosine.",
+            summary="Equal elbow displacements, with the arccosine to first order.",
             reference="[Bottin2021] Eq. 14 and 15",
         ),
     ],

@@ -106,7 +106,7 @@ class PlatformSolution:
         if not self.reachable[row].any():
             return "no candidate angle brings both wrists within reach"
         if self.alike[row]:
-            return "both elbows turn alike at every angle: the platform may as well stay"
+            return "both elbows turn alike at every angle: the platform can stay at rest"
         return None
 
 

@@ -19,7 +19,7 @@ def _needs_closed_form(problem: StopProblem) -> str | None:
 
 def _needs_general_arm(problem: StopProblem) -> str | None:
     if isinstance(problem.arm, SrsArm):
-        return "the arm is measured in closed form and not as a general one"
+        return "the arm has closed forms, so the numeric solver is not needed"
     return None
 
 

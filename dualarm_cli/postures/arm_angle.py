@@ -409,7 +409,7 @@ def _no_lines(batch: StopBatch) -> NoPosture:
     if batch.given:
         return NoPosture(
             "no given configuration can follow its approach and retract lines (a straight wrist or "
-            "shoulder cannot: give others, or approach: 0 and retract: 0)"
+            "shoulder is singular); give other configurations, or approach: 0 and retract: 0"
         )
     clear = any(problem.clear is not None for problem in batch.problems)
     also = " and are collision-free at their ends" if clear else ""

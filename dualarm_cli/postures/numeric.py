@@ -50,9 +50,7 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     """
     arm = problem.arm
     if isinstance(arm, SrsArm):
-        raise UnsupportedError(
-            "numeric inverse kinematics serves arms that are measured as general ones"
-        )
+        raise UnsupportedError("numeric inverse kinematics is for general arms only")
     batch = StopBatch((problem,))
     ways, miss = target_ways(batch, arm)
     if not len(ways):
@@ -69,9 +67,7 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
             if found is not None:
                 return _best_of(batch, arm, some, k, found)
     if not clear:
-        return NoPosture(
-            "every posture at the target that is within limits touches something or is too near to it"
-        )
+        return NoPosture("every posture at the target within limits collides or lacks clearance")
     also = "" if problem.clear is None else " and are collision-free at their ends"
     return NoPosture(f"no posture at the target can follow its approach and retract lines{also}")
 

@@ -22,7 +22,7 @@ KEPT = 48
 """Target postures, quickest transfer first, whose lines are looked at."""
 LOOKED_AT = 4 * KEPT
 """Target postures whose clearance is looked at together, quickest first, until KEPT are clear."""
-TOUCHES = "every posture at the target that is within limits touches something or is too near to it"
+TOUCHES = "every posture at the target within limits collides or lacks clearance"
 """Why there is none where what is clear matters."""
 ROUGH_STEPS = 24
 """Arm angles where only a first idea of a time is wanted: 15 degrees apart."""

@@ -121,14 +121,14 @@ def bound_line(report: dict[str, Any]) -> str:
     if report["lower_bound"] is None:
         line = "lower bound: none computed"
     elif report["lower_bound"] <= 0.0 < report["cycle_time"]:
-        line = "lower bound: 0 s, as its cells are too coarse for moves this short: try --effort thorough"
+        line = "lower bound: 0 s, as the grid is too coarse for moves this short; try --effort thorough"
     else:
-        what = "tasks, in whatever order," if report["open"] else "stages"
+        what = "tasks, in any order," if report["open"] else "stages"
         line = f"lower bound: no rest-to-rest plan of these {what} is faster than {report['lower_bound']:.3f} s"
         if report["gap"] is not None:
             line += f"; at most {report['gap']:.1%} could be saved"
     if report["tool_speed_cap"] is not None:
-        line += "; neither the bound nor the search knows the cap on the tools' speed"
+        line += "; neither the bound nor the search includes the limit of the tools' speed"
     elif report["grid_gap"] is not None:
         line += (
             f"; before refinement {report['grid_gap']:.1%} above the bound of the search's own grid"
@@ -154,7 +154,7 @@ def wait_lines(report: dict[str, Any]) -> list[str]:
             drawn.append(f"{name} {use['drawn_out_for_platform']:.2f} s")
     lines = [f"waits: {', '.join(waits)}"] if waits else []
     if drawn:
-        lines.append(f"transfers drawn out until the platform is there: {', '.join(drawn)}")
+        lines.append(f"transfers slowed down until the platform arrives: {', '.join(drawn)}")
     return lines
 
 
@@ -176,10 +176,10 @@ def sensitivity_lines(report: dict[str, Any]) -> list[str]:
             f"higher: {_with_change(higher, cycle)}"
         )
     if lines:
-        lines[0] = f"sensitivity: {lines[0]}; postures kept: planning anew could do better"
+        lines[0] = f"sensitivity: {lines[0]}; with unchanged postures; a new plan may be faster"
     if len(telling) > SHOWN_LIMITS:
         lines.append(
-            f"these are the {SHOWN_LIMITS} that matter most of {len(single)} limits; the rest is in report.json"
+            f"these {SHOWN_LIMITS} of {len(single)} limits matter most; report.json has all"
         )
     return lines
 

@@ -117,7 +117,7 @@ def _remarks(report: CurveReport) -> list[str]:
     if kappa == 0.0:
         lines = ["the curve is straight"]
     elif math.isinf(kappa):
-        lines = ["somewhere the curve bends too sharply to tell its least radius"]
+        lines = ["the least radius is not known, as the curve bends too sharply somewhere"]
     else:
         lines = [f"the curve bends with a radius of {1e3 / kappa:.3f} mm or more (proven)"]
     if isinstance(report.curve, PoseCurve):

@@ -67,22 +67,22 @@ def read_baseline(path: Path) -> Baseline:
     except json.JSONDecodeError as error:
         _refuse(name, f"is not JSON: {error.msg}", error.lineno, error.colno)
     except UnicodeDecodeError as error:
-        _refuse(name, f"is no baseline: byte 0x{data[error.start]:02x} is not UTF-8")
+        _refuse(name, f"is not a baseline: byte 0x{data[error.start]:02x} is not UTF-8")
     except RecursionError:
-        _refuse(name, "is no baseline: nested too deep")
+        _refuse(name, "is not a baseline: nested too deeply")
     except ValueError as error:
-        _refuse(name, f"is no baseline: {error}")
+        _refuse(name, f"is not a baseline: {error}")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         found = document.get("format") if isinstance(document, dict) else document
         _refuse(
             name,
-            f"is no baseline that this version reads: its format is {quote(found)}, not '{FORMAT}'",
+            f"cannot be read by this version: its format is {quote(found)}, not '{FORMAT}'",
         )
     cases, settings = document.get("cases"), document.get("settings")
     if not isinstance(cases, dict) or not isinstance(settings, dict):
         _refuse(name, "is damaged: 'cases' and 'settings' must be there")
     if not cases:
-        _refuse(name, "has no cases, so that nothing could be compared with it")
+        _refuse(name, "has no cases to compare with")
     return Baseline(settings, {case: _recorded(name, case, entry) for case, entry in cases.items()})
 
 
@@ -115,7 +115,7 @@ def _members(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members = dict(pairs)
     if len(members) < len(pairs):
         keys = [key for key, _ in pairs]
-        raise ValueError(f"{quote(next(k for k in keys if keys.count(k) > 1))} stands there twice")
+        raise ValueError(f"{quote(next(k for k in keys if keys.count(k) > 1))} is used twice")
     return members
 
 

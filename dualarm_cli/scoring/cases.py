@@ -37,7 +37,7 @@ def find_cases(patterns: Sequence[str]) -> list[str]:
         names = _matches(pattern)
         if not names:
             folder = bool(pattern) and Path(pattern).is_dir()
-            what = "has no task files (tasks/1)" if folder else "is no file, and matches none"
+            what = "has no task files (tasks/1)" if folder else "does not exist and matches no file"
             raise UsageError(f"{quote(pattern)} {what}: there is nothing to score")
         found |= dict.fromkeys(case_name(name) for name in names)
     return sorted(found)

@@ -72,7 +72,7 @@ def why_slower(before: Recorded, now: Evaluation) -> str:
         parts.append(_listed(tightened))
         if grown:
             taken = _takes_more(grown[0], before.limiting, now.limiting)
-            parts.append(f"so the plan goes another way: {taken}")
+            parts.append(f"so the plan differs: {taken}")
     elif grown:
         parts.append(_takes_more(grown[0], before.limiting, now.limiting))
     parts.append(_input_files(before.inputs, now.inputs))
@@ -134,7 +134,7 @@ def _input_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     """Returns which files are others than they were."""
     changed = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
     if not changed:
-        return "no file has changed, so it is dualarm or one of its libraries"
+        return "no file has changed, so the cause is dualarm or one of its libraries"
     more = len(changed) - MOST_FILES
     tail = f" and {more} more" if more > 0 else ""
     return f"changed since: {', '.join(changed[:MOST_FILES])}{tail}"
@@ -207,17 +207,17 @@ def judge(
     """
     if evaluation is None:
         text = (
-            "is in the baseline, but was not scored; --update-baseline takes it out, "
-            "--subset leaves out what is not named"
+            "is in the baseline, but was not scored; --update-baseline removes it, "
+            "--subset ignores cases that are not named"
         )
         if renamed:
-            text = f"is now {quote(renamed)}, with the same files; --update-baseline takes the new name"
+            text = f"is now named {quote(renamed)}, with the same files; --update-baseline stores the new name"
         return Verdict(case, "missing", None, before, (Finding(text, case),))
     if evaluation.status != "planned":
         return Verdict(case, evaluation.status, evaluation, before, evaluation.findings)
     time = evaluation.cycle_time
     if time is None or not math.isfinite(time) or time < 0.0:
-        reason = Finding("the cycle time is no number, or negative", case)
+        reason = Finding("the cycle time is not a number, or negative", case)
         return Verdict(case, "internal_error", evaluation, before, (reason,))
     states: list[State] = []
     reasons: list[Finding] = []

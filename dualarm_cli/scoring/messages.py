@@ -70,7 +70,7 @@ def advice(verdicts: Sequence[Verdict]) -> list[str]:
     lines = []
     if better := states.count("improved"):
         lines.append(
-            f"{better} improved: --update-baseline keeps it so, or it may be lost again unseen"
+            f"{better} improved: store it with --update-baseline, or a later loss is not detected"
         )
     if new := states.count("new"):
         lines.append(f"{new} new: --update-baseline takes {'it' if new == 1 else 'them'} in")

@@ -59,15 +59,13 @@ def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improv
     tables = tuple(StopTable.of(work) for work in numbers.arms)
     plan = repaired(numbers, tables, decisions_of(numbers, model, start.stages))
     if plan is None:
-        note = (
-            f"{name}: the plan it starts from is too close to a joint limit; it was left as it is"
-        )
+        note = f"{name}: the initial plan is too close to a joint limit and was kept"
         return replace(start, notes=(*start.notes, note))
     better = improve(numbers, tables, plan)
     stages = stage_plans(model, job, numbers, better.decisions, name)
     notes = start.notes
     if better.total >= plan.total:
-        notes = (*notes, f"{name} found nothing faster than the plan it starts from")
+        notes = (*notes, f"{name} found nothing faster than the initial plan")
     return Decided(stages, start.grid_gap, (start.stages, *start.alternatives), notes)
 
 
@@ -120,7 +118,7 @@ METHODS: Registry[Solver[MethodProblem, Decided]] = Registry(
         Solver(
             name="continuous",
             solve=solve_continuous,
-            summary="The plan of `sequence`, refined as one nonlinear program in CasADi by IPOPT.",
+            summary="The plan of `sequence`, refined as one nonlinear program by CasADi and IPOPT.",
             reference="ours; IPOPT [Waechter2006]",
             why_unsupported=_served("continuous"),
         ),

@@ -46,7 +46,7 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
         raise UnsupportedError(f"{job.cell.robot.name} has no elbows to balance: {reason}")
     if not job.is_decided:
         raise UsageError(
-            "the tasks leave arms or order open, so that they have no stages yet: plan them, or say order: given and "
+            "the tasks have no stages yet, as their arms or order are not fixed; plan them, or write order: given and "
             "arm: left or right"
         )
     work = job.stages()

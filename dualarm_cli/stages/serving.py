@@ -62,7 +62,7 @@ def why_no_closed_form(robot: Robot) -> str | None:
         return None
     return (
         f"{_which(robot)} not spherical-revolute-spherical; --platform {SEQUENCE} and --platform {FIXED} "
-        f"serve any arms, with --redundancy {NUMERIC}"
+        f"plan such arms, with --redundancy {NUMERIC}"
     )
 
 
@@ -86,7 +86,7 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
     if reason := why_no_closed_form(robot):
         return reason
     possible = " or ".join(TOGETHER.get(method, (CLOSED_FORMS,)))
-    return f"it goes with --redundancy {possible}, not with {redundancy}"
+    return f"it needs --redundancy {possible}, not {redundancy}"
 
 
 def _which(robot: Robot) -> str:

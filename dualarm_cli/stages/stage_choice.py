@@ -105,9 +105,7 @@ def in_axis_frame(point: FloatArray, angle: float) -> FloatArray:
     return np.array([c * x - s * y, s * x + c * y, z])
 
 
-MEET = (
-    "its posture and the other arm's are too near to each other, whichever of those tried they take"
-)
+MEET = "its posture and the other arm's lack clearance in all combinations tried"
 """Why there is none for two arms together."""
 REACH = "reach"
 """What a stage's solver is called where none of its angles would do."""

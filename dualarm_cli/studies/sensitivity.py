@@ -40,7 +40,7 @@ class Factor:
     """A parameter as columns of numbers: what each plan had of it."""
 
     name: str
-    """What it is called."""
+    """Its name."""
     levels: IntArray
     """Which of its values each plan had, shape (n,); for ranges without steps which part."""
     count: int
@@ -259,16 +259,18 @@ def _notes(
     notes = []
     if count < FEW * len(factors):
         notes.append(
-            f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: take this as a hint"
+            f"{count} plans for {len(factors)} parameter{'s' * (len(factors) > 1)}: the result is only an indication"
         )
     if grid and not whole:
         notes.append("values at which nothing has a plan are left out")
     if not grid:
-        notes.append("shares are estimates: the plans are no whole grid")
+        notes.append("shares are estimates, as the plans do not fill the grid")
         if linear_share is not None and linear_share >= STRAIGHT:
-            notes.append(f"a linear fit explains {linear_share:.0%}: slopes tell more than shares")
+            notes.append(
+                f"a linear fit explains {linear_share:.0%}: slopes are more reliable than shares"
+            )
     if linear_share is not None and linear_share < STRAIGHT:
         notes.append(
-            f"a linear fit explains {linear_share:.0%} only: the slopes say little, look at the main effects"
+            f"a linear fit explains {linear_share:.0%} only: use the main effects instead of the slopes"
         )
     return tuple(notes)

@@ -41,10 +41,10 @@ def concatenate(trajectories: Sequence[Trajectory]) -> Trajectory:
         ValueError: there is none, the joints differ, or one does not start where the one before ends.
     """
     if not trajectories:
-        raise ValueError("no trajectories to follow one another")
+        raise ValueError("no trajectories to join")
     first = trajectories[0]
     if any(t.joints != first.joints for t in trajectories):
-        raise ValueError("trajectories of different joints cannot follow one another")
+        raise ValueError("trajectories of different joints cannot be joined")
     parts: list[tuple[FloatArray, ...]] = []
     clock, before = 0.0, None
     for t in trajectories:

@@ -92,6 +92,6 @@ def why_jerk_limits_unsupported(limits: JointLimits) -> str | None:
         return None
     named = ", ".join(limited[:3]) + ("..." if len(limited) > 3 else "")
     return (
-        f"{len(limited)} joints have jerk limits ({named}), which it does not keep; "
+        f"{len(limited)} joints have jerk limits ({named}), which this solver ignores; "
         "use --timing ruckig"
     )

@@ -61,7 +61,7 @@ def stages_of(schedule: Schedule, edges: FloatArray) -> list[list[int]]:
     return found
 
 
-NOT_ASKED = "not asked for; `dualarm verify PLAN --tasks FILE` proves it"
+NOT_ASKED = "not requested; `dualarm verify PLAN --tasks FILE` proves it"
 NO_JOB = "obstacles, tools and clearances are in the cell file: no task file was given (--tasks)"
 COLLISIONS = "collisions"
 """Name of the check."""
@@ -169,7 +169,7 @@ def _proven(
 
 def _millimetres(distance: float) -> str:
     if distance < 0.0:
-        return f"{-distance * 1e3:.1f} mm inside one another"
+        return f"{-distance * 1e3:.1f} mm of penetration"
     return f"{distance * 1e3:.1f} mm"
 
 

@@ -68,7 +68,7 @@ def check_segments(schedule: Schedule) -> Check:
 
 def check_dwells(schedule: Schedule, job: Job) -> Check:
     """Checks that every tool stands still for as long as the job asks, and for what it asks."""
-    worst, where = 0.0, "as long as asked"
+    worst, where = 0.0, "as long as the job requires"
     asked = {key: stop.dwell for key, stop in job.stops_by_key().items()}
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     for key, event in events.items():
@@ -98,11 +98,13 @@ def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[f
         (abs(segment.start - event.time), "does not stand still from its event on"),
         (
             abs(length - event.dwell),
-            f"is listed with {length:g} s, its event with {event.dwell:g} s",
+            f"lasts {length:g} s, but its event states {event.dwell:g} s",
         ),
     ]
     if segment.dwell is not None:
-        errors.append((abs(segment.dwell.total - length), "has shares that are not its length"))
+        errors.append(
+            (abs(segment.dwell.total - length), "has shares that do not add up to its length")
+        )
         errors += [
             (getattr(asked, name) - getattr(segment.dwell, name), f"has too short a share: {name}")
             for name in ("gripper", "settle", "handshake")
@@ -165,7 +167,7 @@ def check_order(schedule: Schedule, job: Job) -> Check:
         *(_against_the_file(rows, job) if job.order == "given" else ()),
         *_broken_sequences(rows, job),
     ]
-    where = faults[0] if faults else "every target once, by an arm and in an order that may be"
+    where = faults[0] if faults else "every target once, by an allowed arm and in an allowed order"
     return judge("order", len(faults), 0, "", where)
 
 
@@ -183,7 +185,7 @@ def _check_given(schedule: Schedule, job: Job) -> Check:
             first = next(((a, d) for a, d in pairs if a != d), (("nothing", ""), ("nothing", "")))
             wrong += 1
             due, did = (" ".join(entry).strip() for entry in first)
-            where = f"{arm.name} arm: {due} is due, {did} is done"
+            where = f"{arm.name} arm: expected {due}, found {did}"
     return judge("order", wrong, 0, "", where)
 
 
@@ -283,13 +285,13 @@ def _broken_sequences(rows: dict[str, list[Event]], job: Job) -> list[str]:
         for one, other, by, then in zip(names, names[1:], doers, doers[1:], strict=False):
             if by != then:
                 faults.append(
-                    f"{one} and {other} are of one sequence; {by} does the one, {then} the other"
+                    f"{one} and {other} belong to one sequence, but are done by {by} and {then}"
                 )
                 break
             following = orders[by][orders[by].index(one) + 1 :][:1]
             if following != [other]:
                 did = following[0] if following else "nothing"
-                faults.append(f"{by} arm: {other} is due right after {one}, {did} is done")
+                faults.append(f"{by} arm: {other} must follow {one} directly, but {did} is done")
                 break
     return faults
 
@@ -315,7 +317,7 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
         spans: of the job's stops.
     """
     if not any(task.after for task in job.tasks):
-        return not_checked("precedence", "no task is to come after another")
+        return not_checked("precedence", "no task has `after`")
     begin: dict[str, float] = {}
     over: dict[str, float] = {}
     for span in spans:
@@ -326,7 +328,7 @@ def check_precedence(schedule: Schedule, job: Job, spans: Sequence[LineSpan]) ->
     for s in schedule.segments:
         if s.kind in WORK_ENDS:
             begin[s.task] = min(s.start, begin.get(s.task, s.start))
-    worst = Worst(where="every task after those that are to be done before")
+    worst = Worst(where="every task begins after those in its `after`")
     for task, name in ((one.id, name) for one in job.tasks for name in one.after):
         # What nobody does is the order's to find.
         if task in begin and name in over:
@@ -348,7 +350,7 @@ def check_windows(schedule: Schedule, job: Job) -> Check:
     times: dict[str, list[float]] = {}
     for event in schedule.events:
         times.setdefault(event.task, []).append(event.time)
-    worst = Worst(where="every task in its time")
+    worst = Worst(where="every task within its window")
     for task in tasks:
         if task.id not in times:
             continue  # what nobody does is the order's to find

@@ -43,7 +43,7 @@ def check_segment_kinds(schedule: Schedule) -> Check:
                 faults.append(
                     f"{arm} {segment.kind}{of} from {segment.start:.4f} to {segment.end:.4f} s: {fault}"
                 )
-    where = faults[0] if faults else "every segment is what the motion shows"
+    where = faults[0] if faults else "every segment agrees with the motion"
     return judge(NAME, len(faults), 0, "", where)
 
 
@@ -76,7 +76,7 @@ class _Events:
 def _fault(schedule: Schedule, segment: Segment, events: _Events) -> str:
     """Returns what of a segment is not so, by its arm's events, or an empty string."""
     if segment.reason and segment.kind != "wait":
-        return f"a reason to wait is given ('{segment.reason}')"
+        return f"a reason for waiting is given ('{segment.reason}')"
     key = (segment.task, segment.action)
     ahead = events.ahead(segment)
     due = (ahead.task, ahead.action) if ahead else ("", "")
@@ -185,7 +185,7 @@ def _misplaced(schedule: Schedule) -> str:
     for number, (stage, events) in enumerate(zip(schedule.stages, found, strict=True), start=1):
         idle = [name for name in stage.tasks if all(event.task != name for event in events)]
         if idle:
-            return f"stage {number} names {idle[0]}, of which nothing is done in it"
+            return f"stage {number} names {idle[0]}, which has no stop in it"
     return ""
 
 
@@ -289,7 +289,10 @@ def _unpaired(schedule: Schedule, job: Job) -> str:
     """Returns which stage is one arm's alone, or which target that is asked for is in no stage, or an empty string."""
     for number, stage in enumerate(schedule.stages, start=1):
         if stage.arm:
-            return f"stage {number} is the {stage.arm} arm's by its own clock; paired arms start every stage together"
+            return (
+                f"stage {number} is the {stage.arm} arm's alone, but with "
+                f"mode: paired both arms start every stage together"
+            )
     if job.pairing is None:
         return ""
     asked = {(task.arm, task.id, stop.action) for task in job.tasks for stop in task.stops}

@@ -39,7 +39,7 @@ def check_tool_speed(schedule: Schedule, cap: float | None, model: ToolModel) ->
     allowed = cap * (1.0 + tol.TOOL_SPEED_SLACK)
     trajectory = schedule.trajectory
     if trajectory.duration > LONGEST:
-        where = f"a motion of {trajectory.duration:g} s cannot be measured, {LONGEST:g} s can"
+        where = f"a motion of {trajectory.duration:g} s is too long to check, at most {LONGEST:g} s are checked"
         return judge("tool_speed", np.inf, allowed, "m/s", where)
     # Where acceleration jumps, the fastest instant is a knot.
     uniform = np.arange(trajectory.time[0], trajectory.time[-1], STEP)
@@ -194,7 +194,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         key = (segment.arm, segment.task, segment.action)
         where = f"{segment.kind} of {segment.task} ({segment.action}) at {segment.start:.3f} s"
         if key not in events:
-            beside.add(np.inf, f"{where}: no event says where it leads")
+            beside.add(np.inf, f"{where}: no event belongs to it")
             continue
         event = events[key]
         if event.moves:
@@ -206,7 +206,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
-    none = "the schedule lists no approach or retract that an event belongs to"
+    none = "the schedule lists no approach or retract of an event"
     return [
         beside.judge("lines_straight", tol.LINE_DISTANCE, "m", none),
         turned.judge("lines_steady", tol.LINE_ANGLE, "rad", none),

@@ -101,7 +101,7 @@ def _axis(model: pin.Model, joint: int) -> tuple[FloatArray, bool]:
     length = float(np.linalg.norm(axis))
     if not abs(length - 1.0) <= UNIT_AXIS:
         name = model.names[joint]
-        message = f"robot.urdf: joint '{name}' has an axis of length {length:g}; give it one"
+        message = f"robot.urdf: joint '{name}' has an axis of length {length:g}; give a unit vector"
         raise InputError([Diagnostic("schedule", 0, 0, "E300", message)])
     return axis / length, slide
 

@@ -79,7 +79,7 @@ def test_the_fit_finds_tool_and_base_height(qin: str, capsys) -> None:
     words = capsys.readouterr()
     assert "fitted left: tool x" in words.out
     assert "the second joint's axis is then 335.0" in words.out
-    assert "takes fitted tools and heights as exact" in words.err
+    assert "treats fitted tools and heights as exact" in words.err
 
 
 def test_the_result_is_a_base_of_a_cell(points: Path, capsys) -> None:
@@ -135,7 +135,7 @@ def test_points_on_a_line_are_3_and_millimetres_without_unit_too(points: Path, c
     )
     points.write_text(f"dualarm: points/1\npoints:\n{lines}")
     assert run(["calibrate", "points.yaml"]) == 3
-    assert "touch a point far beside that line" in capsys.readouterr().err
+    assert "touch a point far from that line" in capsys.readouterr().err
     points.write_text(COORDINATES.replace("left: {xyz: [1, 0, 0]}", "left: {xyz: [900, 0, 0]}", 1))
     assert run(["calibrate", "points.yaml", "--json"]) == 3
     words = capsys.readouterr()

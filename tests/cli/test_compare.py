@@ -265,11 +265,11 @@ def test_a_schedule_from_elsewhere_without_stages_is_compared(plans, tmp_path, c
     ("change", "words"),
     [
         (lambda d: d["trajectory"]["time"].__setitem__(2, float("nan")), "is not finite"),
-        (lambda d: d["trajectory"]["time"].reverse(), "do not rise"),
+        (lambda d: d["trajectory"]["time"].reverse(), "do not increase"),
         (lambda d: d["stages"][0].__setitem__("end", -1), "stage 1 ends before it starts"),
         (
             lambda d: [e.__setitem__("task", "x" + e["task"]) for e in d["events"] + d["segments"]],
-            "nothing to compare",
+            "no common stages",
         ),
         (lambda d: d.__setitem__("format", "other/1"), "other/1"),
     ],

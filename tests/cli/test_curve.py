@@ -187,7 +187,7 @@ def test_the_figure_is_the_same_every_time(kind: str, qin: str, tmp_path: Path, 
         (["--spacing", "1 mm", "--step", "4 ms"], "--spacing does not go with --step; keep one"),
         (["--task", "sem"], "--task sem: tasks.yaml has no such coordinate task, did you mean 'seam'? it has seam"),
         (["--plot", "a.gif"], "--plot a.gif: must end in .png, .svg, .pdf"),
-        (["--out", "cell.yaml"], "cell.yaml: is there already; add --force to replace it"),
+        (["--out", "cell.yaml"], "cell.yaml: already exists; add --force to replace it"),
         (["--out", "no/a.csv"], "no/a.csv: there is no folder no"),
     ],
 )  # fmt: skip

@@ -136,7 +136,7 @@ def test_check_measures_a_spherical_wrist(general_robots, tmp_path, capsys):
     file.write_text(file.read_text().replace("kind: general", "kind: spherical_wrist"))
     assert run(["check", str(file)]) == 2
     words = capsys.readouterr()
-    assert "called kind: spherical_wrist" in words.out + words.err
+    assert "has kind: spherical_wrist" in words.out + words.err
     assert "45 mm" in words.out + words.err
 
 
@@ -153,7 +153,7 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     assert (settings["platform"], settings["redundancy"]) == ("sequence", "numeric")
     assert "named" not in settings
     assert run(["plan", str(file), *out, "--platform", "exact"]) == 2
-    assert "--platform exact does not serve Two six-axis arms" in capsys.readouterr().err
+    assert "--platform exact cannot plan Two six-axis arms" in capsys.readouterr().err
     file.write_text(file.read_text().replace("[0.45, 0.2, 0.1]", "[1.2, 0.3, 0.4]"))
     assert run(["plan", str(file), *out]) == 3
     error = capsys.readouterr().err.replace("\n", " ")

@@ -313,7 +313,7 @@ def test_too_little_memory_is_no_bug(error, monkeypatch, capsys):
     monkeypatch.setattr(run_module, "_run_command", fail)
     assert run_module.run(["plan"]) == 4
     said = capsys.readouterr().err
-    assert "there is too little memory" in said
+    assert "not enough memory" in said
     assert "bug" not in said
 
 
@@ -326,7 +326,7 @@ def test_a_plan_within_too_little_memory_says_so(megabytes, tmp_path, tasks_fold
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most)),
     )
     assert ended.returncode == 4
-    assert "there is too little memory" in ended.stderr
+    assert "not enough memory" in ended.stderr
     assert "bug" not in ended.stderr
     assert not (tmp_path / "out").exists()
 

@@ -175,7 +175,7 @@ def test_nothing_that_is_missing_or_damaged_passes(cells, score, tmp_path):
     document["settings"]["weight"] = 3
     baseline.write_text(json.dumps(document))
     code, _, err = score(ALL, "--baseline", baseline)
-    assert (code, "(weight 3 there, not said here)" in err) == (2, True)
+    assert (code, "(weight 3 there, not stated here)" in err) == (2, True)
     code, _, err = score("cells/**/nothing.yaml", "--baseline", baseline)
     assert (code, "nothing to score" in err) == (2, True)
 
@@ -219,16 +219,16 @@ def test_a_baseline_is_not_updated_by_cases_without_a_plan(cells, score):
         (["--baseline", "b"], "b: E500 there is no such file; --update-baseline writes it"),
         (
             ["--baseline", "b", "--update-baseline", "--junit", "./b"],
-            "is the file of --baseline as well",
+            "is also the file of --baseline",
         ),
-        (["--junit", "x", "--markdown", "x"], "--markdown x: is the file of --junit as well"),
+        (["--junit", "x", "--markdown", "x"], "--markdown x: is also the file of --junit"),
         (
             ["--scheduler", "foo"],
-            "--scheduler 'foo': is no address; write one such as tcp://10.0.0.1:8786",
+            "--scheduler 'foo': is not an address; write one such as tcp://10.0.0.1:8786",
         ),
-        (["--scheduler", ""], "--scheduler '': is no address"),
-        (["--scheduler", "xyz://a:1"], "--scheduler 'xyz://a:1': is no address"),
-        (["--cache", "cells"], "--cache cells: has other files in it"),
+        (["--scheduler", ""], "--scheduler '': is not an address"),
+        (["--scheduler", "xyz://a:1"], "--scheduler 'xyz://a:1': is not an address"),
+        (["--cache", "cells"], "--cache cells: holds other files"),
         (
             ["--baseline", "b", "--update-baseline", "--max-regression", "1%"],
             "--max-regression does not go with --update-baseline",
@@ -272,7 +272,7 @@ def test_reports_replace_reports_but_nobody_elses_file(cells, score):
     before = Path(case).read_bytes()
     for option in ("--junit", "--markdown"):
         code, _, err = score(ALL, option, case)
-        assert (code, "is no report of an earlier score" in err) == (2, True)
+        assert (code, "is not a report of an earlier score" in err) == (2, True)
     assert Path(case).read_bytes() == before
     for _ in range(2):
         assert score(ALL, "--junit", "j.xml", "--markdown", "m.md")[0] == 0
@@ -474,7 +474,7 @@ def test_a_full_disk_costs_the_cache_and_not_the_result(cells):
     )
     assert result.returncode == 0, result.stderr
     assert "2 cases: 2 pass" in result.stdout
-    assert result.stderr.count("warning: answers could not be kept in c: No space left") == 1
+    assert result.stderr.count("warning: results could not be cached in c: No space left") == 1
 
 
 def test_a_limit_on_files_costs_the_cache_and_not_the_result(cells):
@@ -489,7 +489,7 @@ def test_a_limit_on_files_costs_the_cache_and_not_the_result(cells):
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert "1 case: 1 pass" in out
-    assert "warning: answers could not be kept" in err
+    assert "warning: results could not be cached" in err
     assert not list(Path("c").rglob("making/*"))
     for known in (0, 1):
         again = start(ALL, "--cache", "c")

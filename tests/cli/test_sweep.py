@@ -162,20 +162,20 @@ def test_a_time_out_is_a_row_of_its_own(folder, capsys, monkeypatch) -> None:
         (["--jobs", "2", "--scheduler", "tcp://x"], "--jobs does not go with --scheduler"),
         (["--cache", "a", "--no-cache"], "--cache does not go with --no-cache"),
         (["--csv", "none/a.csv"], "--csv none/a.csv: there is no folder none"),
-        (["--csv", "tasks.yaml"], "--csv tasks.yaml: is there already; add --force"),
+        (["--csv", "tasks.yaml"], "--csv tasks.yaml: already exists; add --force"),
         (["--out", "tasks.yaml"], "--out tasks.yaml: is a file"),
         (
             ["--csv", "study.yaml", "--force"],
-            "--csv study.yaml: is a file that the study is read from",
+            "--csv study.yaml: is an input of the study",
         ),
-        (["--csv", "./cell.yaml", "--force"], "--csv cell.yaml: is a file that the study is read"),
+        (["--csv", "./cell.yaml", "--force"], "--csv cell.yaml: is an input of the study"),
         (
             ["--csv", "o/study.json", "--out", "o", "--force"],
             "--csv o/study.json: is a file of --out",
         ),
         (
             ["--scheduler", "foo"],
-            "--scheduler 'foo': is no address; write one such as tcp://10.0.0.1:8786",
+            "--scheduler 'foo': is not an address; write one such as tcp://10.0.0.1:8786",
         ),
     ],
 )
@@ -289,7 +289,7 @@ def test_ctrl_c_ends_it_at_once_and_the_next_run_goes_on(folder, here, capsys) -
     _, err = process.communicate(timeout=10)
     assert time.monotonic() - begun < 2.0
     assert process.returncode == 130
-    assert "the same command goes on from there" in err
+    assert "run the same command to continue" in err
     assert not [pid for pid in children if _lives(pid)]
     done = len(list(kept.glob("*/*.json")))
     assert 3 <= done < 82

@@ -172,7 +172,7 @@ def test_what_the_cluster_gives_up_is_crashed_and_says_why(request_and_answer, a
 def test_a_scheduler_that_ends_is_told_in_a_sentence(request_and_answer, answered, end):
     """With how much is done; nothing counts as crashed, so that the same command goes on."""
     request, answer = request_and_answer
-    words = r"it has ended or cannot be reached any more, with 1 of 3 plans done; those are in the cache"
+    words = r"it has ended or cannot be reached, with 1 of 3 plans done; those are in the cache"
     with pytest.raises(UsageError, match=words):
         answered([request] * 3, Future("finished", answer.as_document()), end, Future("cancelled"))
 
@@ -227,7 +227,7 @@ def test_a_worker_that_came_later_with_other_programs_plans_nothing(
 
 
 def test_a_cluster_that_has_lost_all_workers_is_given_up(request_and_answer, answered, monkeypatch):
-    """Instead of waiting for ever; one that has some, or does not say, is waited for."""
+    """Instead of waiting forever; one that has some, or does not say, is waited for."""
     request, answer = request_and_answer
     monkeypatch.setattr(module, "LOOK", 0.01)
     monkeypatch.setattr(module, "DESERTED", 0.2)

@@ -101,7 +101,7 @@ def test_a_process_that_dies_costs_its_own_request_only_after_a_second_try(stand
     assert len(found) == 8
     assert {case for case, e in states.items() if e.status == "crashed"} == {"die1", "exit1"}
     assert "SIGKILL" in states["die1"].findings[0].message
-    assert "SIGKILL; is memory short?" in states["die1"].findings[0].message
+    assert "SIGKILL; possibly out of memory" in states["die1"].findings[0].message
     assert states["exit1"].findings[0].message == (
         "its process died 2 times, at last by exit code 7 (what has happened)"
     )
@@ -124,7 +124,7 @@ def test_a_process_that_takes_too_long_is_ended_and_tried_once_more(stand_in):
 
 
 def test_processes_that_are_never_ready_are_given_up(monkeypatch):
-    """Instead of starting them for ever; why is in their last words. Whoever asks again is answered again."""
+    """Instead of starting them forever; why is in their last words. Whoever asks again is answered again."""
     monkeypatch.setattr(module, "_START", "import sys; print('lost'); sys.exit('no library')")
     with Crew(2) as crew:
         for _ in range(2):

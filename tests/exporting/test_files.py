@@ -224,7 +224,7 @@ def test_one_file_is_written_whole_and_not_over_another(tmp_path):
     """As the commands with a single result do."""
     file = tmp_path / "result.json"
     write_file(file, b"one", False)
-    with pytest.raises(OutputError, match="is there already; add --force"):
+    with pytest.raises(OutputError, match="already exists; add --force"):
         write_file(file, b"two", False)
     assert file.read_bytes() == b"one"
     write_file(file, b"two", True)

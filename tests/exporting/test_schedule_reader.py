@@ -187,11 +187,11 @@ def test_what_other_programs_may_leave_out_may_be_missing(folder, path):
         (b'{\n"format": 1,\n}', "schedule: is not JSON: ", 3),
         (b"[]", "schedule: must be an object", 0),
         (b"null", "schedule: must be an object", 0),
-        (b'{"a": "\xff"}', "schedule: is not JSON in UTF-8, or is nested too deep", 0),
-        (b"[" * 100_000, "schedule: is not JSON in UTF-8, or is nested too deep", 0),
-        (b'{"a":' * 100_000, "schedule: is not JSON in UTF-8, or is nested too deep", 0),
+        (b'{"a": "\xff"}', "schedule: is not JSON in UTF-8, or is nested too deeply", 0),
+        (b"[" * 100_000, "schedule: is not JSON in UTF-8, or is nested too deeply", 0),
+        (b'{"a":' * 100_000, "schedule: is not JSON in UTF-8, or is nested too deeply", 0),
         (b'{"a": ' + b"9" * 5000 + b"}", "schedule: is not JSON in UTF-8, or is nested", 0),
-        (b'{"format": 1, "format": 2}', "format: stands there twice", 0),
+        (b'{"format": 1, "format": 2}', "format: is used twice", 0),
     ],
     ids=["empty", "comma", "list", "null", "latin", "lists", "objects", "digits", "twice"],
 )
@@ -225,7 +225,7 @@ def test_a_file_that_is_not_there_a_pipe_and_a_giant_are_refused(tmp_path, monke
     (tmp_path / "schedule.json").unlink()
     with (tmp_path / "schedule.json").open("wb") as file:
         file.truncate(4_000_000_001)  # sparse: takes no space
-    with pytest.raises(InputError, match="is larger than 4000 MB"):
+    with pytest.raises(InputError, match="has more than 4000 MB"):
         read_schedule(tmp_path)
 
 

@@ -49,7 +49,7 @@ def test_contacts_clearances_and_parts_are_read(project: Path, change: Change) -
         ),
         ("clearances: [{between: [table, left_tool], clearance: -1 mm}]", "E2"),
         ("parts: {box: {shapes: []}}", "E2"),
-        ("parts: {box: {shapes: [{half_space: true}]}}", "a half_space has no end"),
+        ("parts: {box: {shapes: [{half_space: true}]}}", "a half_space is infinite"),
         ("parts: {table: {shapes: [{sphere: 1 mm}]}}", "'table' is already the name of a"),
         ("parts: {left_tool: {shapes: [{sphere: 1 mm}]}}", "'left_tool' is already the name of a"),
     ],

@@ -103,8 +103,8 @@ def test_a_buffer_that_nobody_uses_is_noted(stored: Callable[..., str]) -> None:
         ((LEVELS, "{capacity: 2, initial: ¦-1}"), "E200 -1 must be at least 0"),
         ((LEVELS, "{capacity: 2, initial: ¦3}"), "E200 3 parts at the start; there is room for 2 (capacity)"),
         ((LEVELS, "¦{initial: 1}"), "E202 'capacity' is missing"),
-        ((UNLOAD, "pick: {xyz: [0.4, 0.0, 0.9]}", "  chute: ", "  chute: ¦"), "E300 with return: true the cycle cannot repeat: buffer 'chute' ends with 2 parts and began with 1 (puts: 1, takes: 0); let puts and takes be equally many, or say return: false"),
-        ((UNLOAD, "pick: {xyz: [0.4, 0.0, 0.9]}", "return: true", "return: false", LEVELS, "¦{capacity: 1, initial: 1}"), "E300 buffer 'chute' has no room for all parts: 1 at the start, puts: 1, takes: 0, so 2 are left where there is room for 1 (capacity)"),
+        ((UNLOAD, "pick: {xyz: [0.4, 0.0, 0.9]}", "  chute: ", "  chute: ¦"), "E300 with return: true the cycle cannot repeat: buffer 'chute' ends with 2 parts and began with 1 (puts: 1, takes: 0); make the numbers of picks and places equal, or write return: false"),
+        ((UNLOAD, "pick: {xyz: [0.4, 0.0, 0.9]}", "return: true", "return: false", LEVELS, "¦{capacity: 1, initial: 1}"), "E300 buffer 'chute' has no room for all parts: 1 at the start, puts: 1, takes: 0, so 2 remain where there is room for 1 (capacity)"),
         ((LOAD, "place: {xyz: [0.4, 0.2, 0.9]}", "return: true", "return: false", LEVELS, "¦{capacity: 2}"), "E300 buffer 'chute' never holds as many parts as are taken: 0 at the start, puts: 0, takes: 1; 1 more must be put into it, or be in it at the start (initial)"),
     ],
 )  # fmt: skip

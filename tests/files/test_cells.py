@@ -132,9 +132,9 @@ def test_two_robots_become_one(project: Path, change: Change) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("bin: {xyz", "bin: {in: bin.slot, xyz", "6:13: E300 frames stand in each other: 'bin' in 'bin.slot' in 'bin'"),
+        ("bin: {xyz", "bin: {in: bin.slot, xyz", "6:13: E300 frames form a cycle: 'bin' in 'bin.slot' in 'bin'"),
         ("in: bin,", "in: bon,", "7:18: E300 there is no frame 'bon', did you mean 'bin'? Frames: bin, bin.slot, world"),
-        ("bin.slot: {in", "world: {in", "7:3: E300 'world' is the frame that everything stands in; choose another name"),
+        ("bin.slot: {in", "world: {in", "7:3: E300 'world' is the name of the root frame; choose another name"),
         ("box: [1, 2, 40 mm]", "box: [1, 2, 0]", "9:31: E200 0: length must be positive"),
         ("box: [1, 2, 40 mm]", "sphere: -0.1", "9:27: E200 -0.1: length must be positive"),
         ("box: [1, 2, 40 mm]", "capsule: {radius: 1 mm}", "9:28: E202 'length' is missing"),

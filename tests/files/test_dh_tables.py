@@ -152,9 +152,9 @@ def test_rows_carry_limits_and_shapes(project: Path) -> None:
         ("  left: {kind: general}", "  left: {kind: general}\n  right: {kind: general}", ["9:3: E300 dh has no right table for it"]),
         ("  left: {kind: general}", "  right: {kind: general}", ["4:3: E300 arms has no left arm for it", "8:3: E300 dh has no right table for it"]),
         ("{kind: general}", "{kind: general, flange: a_link}", ["8:33: E300 flange 'a_link' is also at left row 1; rename it"]),
-        ("{kind: general}", "{kind: general, joints: [b, a]}", ["8:33: E300 the robot of the tables moves flange 'flange' by [a, b], platform and arm say [b, a]"]),
+        ("{kind: general}", "{kind: general, joints: [b, a]}", ["8:33: E300 the robot of the DH parameters moves flange 'flange' by [a, b], platform and arm name [b, a]"]),
         ("{kind: general}", "{kind: spherical_wrist}", ["8:9: E300 kind spherical_wrist needs 6 joints, found 2"]),
-        ("arms:", "platform: [a]\narms:", ["7:12: E300 'a': tables describe arms only; a robot with a platform needs a URDF"]),
+        ("arms:", "platform: [a]\narms:", ["7:12: E300 'a': DH parameters describe arms only; a robot with a platform needs a URDF"]),
     ],
 )  # fmt: skip
 def test_each_mistake_is_reported_at_its_place(
@@ -178,6 +178,6 @@ def test_a_file_with_neither_urdf_nor_tables_is_told_along_with_everything_else(
         )
     )
     assert messages(lambda: load_robot(Path("r.yaml"))) == [
-        "r.yaml:1:1: E202 'urdf' is missing; give the path of a URDF, or tables: `dh: …`",
+        "r.yaml:1:1: E202 'urdf' is missing; give the path of a URDF, or DH parameters: `dh: …`",
         "r.yaml:2:7: E200 must be text (in quotes, if it looks like a number), not 5",
     ]

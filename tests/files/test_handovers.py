@@ -103,8 +103,8 @@ def test_without_a_part_nothing_is_carried(flip: Path, change: Change) -> None:
         (("    pick: {at: bin, xyz: [0, 0, 50 mm]}\n", ""), ["tasks.yaml:6:5: E202 'pick' is missing: a hand-over has pick, handover and place"]),
         ((", grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", ""), ["tasks.yaml:10:15: E202 'grip' is missing"]),
         (("grip: {xyz: [0, 0, 100 mm], rpy: [180 deg, 0, 0]}", "grip: {}"), ["tasks.yaml:10:64: E200 both tools in the same pose; give xyz, rpy or quat of the taking tool in the giving one's frame"]),
-        (("at: bin, xyz: [0, 0, 0.3], rpy: [90 deg, 0, 0]", "joints: [0, 0]"), ["tasks.yaml:10:16: E200 'joints' does not go with 'handover': two tools meet there, so it has to be a pose; give xyz, with rpy or quat"]),
-        (("xyz: [0, 0, 0.3]", "xyz: [0, 0, 0.3], free: yaw"), ["tasks.yaml:10:43: E200 'free' does not go with 'handover': the taking tool's pose follows from the giving one's, so that both are fixed"]),
+        (("at: bin, xyz: [0, 0, 0.3], rpy: [90 deg, 0, 0]", "joints: [0, 0]"), ["tasks.yaml:10:16: E200 'joints' does not go with 'handover': two tools meet there, so it must be a pose; give xyz, with rpy or quat"]),
+        (("xyz: [0, 0, 0.3]", "xyz: [0, 0, 0.3], free: yaw"), ["tasks.yaml:10:43: E200 'free' does not go with 'handover': the taking tool's pose follows from the giving one's, so both must be fixed"]),
         (("at: bin, xyz: [0, 0, 0.3]", "at: bim, xyz: [0, 0, 0.3]"), ["tasks.yaml:10:20: E300 the cell has no frame 'bim', did you mean 'bin'? It has: bin, bin.slot, world"]),
         (("    arm: left\n    part", "    part"), ["tasks.yaml:6:5: E202 'arm' is missing"]),
         (("part: bracket", "part: racket"), ["tasks.yaml:8:11: E300 the cell has no part 'racket', did you mean 'bracket'? Parts: bracket"]),
@@ -168,7 +168,7 @@ def test_a_giver_that_begins_later_cannot_be_over_before(
     if mode == "free":
         change("tasks.yaml", "dualarm: tasks/1\n", "dualarm: tasks/1\nmode: free\n")
     [text] = messages(lambda: load_job("tasks.yaml"))
-    assert "task 'flip' is to come after 'again', but order: given does it first" in text
+    assert "task 'flip' must come after 'again', but order: given puts it first" in text
 
 
 def test_grips_are_rigid(flip: Path) -> None:

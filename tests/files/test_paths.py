@@ -302,7 +302,7 @@ def refused(
         (SPEED + "\n      through", "speed: 1\n      ¦poses: a.csv\n      through", "E200 'poses' does not go with 'through'; keep one"),
         # Who follows.
         ("  - id: seam\n    arm: left\n", "  - ¦id: seam\n", "E202 'arm' is missing"),
-        ("arm: left", "arm: ¦any", "E310 arm: any does not go with 'path'; it says itself which arms it takes"),
+        ("arm: left", "arm: ¦any", "E310 arm: any does not go with 'path'; it names its arms itself"),
         (SPEED, "¦speed: 1\n      arm: right", "E300 the task's arm is left, its path's is right; keep one"),
         (SPEED, "¦speed: 1\n      left: {poses: a.csv}", "E202 'right' is missing: where both follow, both need a path"),
         (SPEED, "¦speed: 1\n      right: {poses: a.csv}", "E202 'left' is missing: where both follow, both need a path"),
@@ -322,10 +322,10 @@ def refused(
         (START, "¦{rpy: [0, 0, 0]}", "E200 no pose; give xyz, with rpy or quat, or one of arc, turn, spline"),
         (START, "{xyz: [0.4, 0.1, 0.9], quat: ¦[0, 0, 0, 2]}", "E200 a quaternion [x, y, z, w] must have length 1, not 2; divide by its length"),
         # Lines.
-        ("{xyz: [0.5, 0.1, 0.9]}", "¦{xyz: [0.4, 0.1, 0.9]}", "E300 the tool is there already; remove this piece"),
-        ("{xyz: [0.5, 0.1, 0.9]}", "¦{xyz: [0.4, 0.1, 0.9000005]}", "E300 the tool is there already; remove this piece"),
+        ("{xyz: [0.5, 0.1, 0.9]}", "¦{xyz: [0.4, 0.1, 0.9]}", "E300 the tool is already there; remove this piece"),
+        ("{xyz: [0.5, 0.1, 0.9]}", "¦{xyz: [0.4, 0.1, 0.9000005]}", "E300 the tool is already there; remove this piece"),
         ("{xyz: [0.5, 0.1, 0.9]}", "{xyz: [0.5, 0.1, 0.9], in: ¦bun}", FRAMES),
-        ("{xyz: [0.5, 0.1, 0.9]}", "{xyz: ¦[0.5, 0.1]}", "E200 a list of 2 is too short; at least 3 belong here"),
+        ("{xyz: [0.5, 0.1, 0.9]}", "{xyz: ¦[0.5, 0.1]}", "E200 a list of 2 is too short; at least 3 are needed"),
         # Arcs.
         ("{arc: {via: {xyz: [0.6, 0.2, 0.9]}", "{arc: ¦{via: {xyz: [0.5, 0.2, 0.9]}", "E300 start, via and end lie on a line; write it as a line"),
         ("arc: {via: {xyz: [0.6, 0.2, 0.9]}, to: {xyz: [0.5, 0.3, 0.9]}}", "arc: ¦{via: {xyz: [0.6, 0.2, 0.9]}, to: {xyz: [0.5, 0.1, 0.9]}}", "E300 an arc cannot end where it starts; write a full circle as a turn"),
@@ -338,7 +338,7 @@ def refused(
         (ARC, ARC[:-1] + ", ¦turn: {about: [0, 0, 0], axis: [0, 0, 1], angle: 1}}", "E200 'turn' does not go with 'arc'; make two pieces"),
         # Turns.
         ("axis: [0, 0, 1]", "¦axis: [0, 0, 0]", "E200 an axis needs a direction; allowed: for example [0, 0, 1]"),
-        ("{turn: {about: [0.5, 0.5, 0], axis: [0, 0, 1], angle: 90 deg}}", "¦{turn: {about: [0.5, 0.5, 0], axis: [0, 0, 1], angle: 0}}", "E300 the tool is there already; remove this piece"),
+        ("{turn: {about: [0.5, 0.5, 0], axis: [0, 0, 1], angle: 90 deg}}", "¦{turn: {about: [0.5, 0.5, 0], axis: [0, 0, 1], angle: 0}}", "E300 the tool is already there; remove this piece"),
         ("about: [0.5, 0.5, 0]", "in: ¦bun, about: [0.5, 0.5, 0]", FRAMES),
         ("angle: 90 deg", "angle: 90 deg, tool: ¦turn", "E200 'turn' is not allowed, did you mean 'turns'? Allowed: turns, keeps"),
         # Splines.
@@ -346,7 +346,7 @@ def refused(
         ("{xyz: [0.9, 0.4, 1.0]}", "¦{rpy: [0, 0, 1]}", "E300 no position; give xyz"),
         ("{xyz: [0.9, 0.4, 1.0]}", "{xyz: [0.9, 0.4, 1.0], in: ¦bun}", FRAMES),
         ("[0.9, 0.4, 1.0]}]", "[0.9, 0.5, 0.9]}, ¦{xyz: [1.0, 0.5, 0.9]}, {xyz: [0.9, 0.5, 0.9]}, {xyz: [0.8, 0.5, 0.9]}, {xyz: [0.7, 0.5, 0.9]}]", BACK.format("this pose")),
-        (SPLINE, "{spline: ¦[]}", "E200 a list of 0 is too short; at least 1 belong here"),
+        (SPLINE, "{spline: ¦[]}", "E200 a list of 0 is too short; at least 1 are needed"),
     ],
 )  # fmt: skip
 def test_each_mistake_is_reported_at_its_place(

@@ -119,7 +119,7 @@ def test_a_file_of_points_becomes_touches(project: Path) -> None:
         ("-90 deg", "-90 mm", "7:35: E200 unit 'mm' in '-90 mm' is not one of angle; allowed: rad, mrad, deg"),
         ("[1, 2, 3]", "[1, 2, .nan]", None),
         ("[1, 2, 3]", "[1e6, 2, 3]", "8:60: E200 1000000.0 is outside the range of length: -1000 to 1000 m"),
-        ("[1, 2, 3]", "[1, 2]", "8:59: E200 a list of 2 is too short; at least 3 belong here"),
+        ("[1, 2, 3]", "[1, 2]", "8:59: E200 a list of 2 is too short; at least 3 are needed"),
         ("[1, 2, 3]", "[1 deg, 2, 3]", "8:60: E200 unit 'deg' in '1 deg' is not one of length; allowed: m, mm, cm, um, in"),
         (", right: {xyz: [0, 0, 1]}", "", "9:5: E202 'right' is missing"),
         ("{xyz: [0, 0, 1]}", "{}", "9:47: E202 no reading; give xyz, joints or both"),
@@ -175,11 +175,11 @@ def test_a_base_may_be_a_file(project: Path, change: Change) -> None:
         (("base: base.yaml", "base: none.yaml"), None, "cell.yaml:4:32: E500 there is no file 'none.yaml' here"),
         (("base: base.yaml", "base: 5"), None, "cell.yaml:4:32: E200 must be a pose, such as {xyz: [0, 0, 0]}, or the path of a base file, not 5"),
         (("base: base.yaml", "base: {xzy: [0, 0, 0]}"), None, "cell.yaml:4:33: E201 unknown key 'xzy', did you mean 'xyz'? Allowed: xyz, rpy, quat"),
-        (("base: base.yaml", "base: {xyz: [0, 0]}"), None, "cell.yaml:4:38: E200 a list of 2 is too short; at least 3 belong here"),
+        (("base: base.yaml", "base: {xyz: [0, 0]}"), None, "cell.yaml:4:38: E200 a list of 2 is too short; at least 3 are needed"),
         (("base: base.yaml", "base: robot.yaml"), None, "robot.yaml:1:10: E200 this is a robot file (robot/1); needed here: base/1"),
-        (("base: {xyz: [0, 0.5, 0], rpy: [0, 0, 90 deg]}", "base: base.yaml"), None, "cell.yaml:3:31: E300 the file says where the robot stands from the left one, which is this one"),
+        (("base: {xyz: [0, 0.5, 0], rpy: [0, 0, 90 deg]}", "base: base.yaml"), None, "cell.yaml:3:31: E300 the file gives this robot's base relative to itself (left)"),
         (None, ("relative_to: left", "relative_to: up"), "base.yaml:2:14: E200 'up' is not allowed; allowed: left, right"),
-        (None, ("relative_to: left", "relative_to: right"), "cell.yaml:4:32: E300 the file says where the robot stands from the right one, which is this one"),
+        (None, ("relative_to: left", "relative_to: right"), "cell.yaml:4:32: E300 the file gives this robot's base relative to itself (right)"),
         (None, ("xyz: [1, 2, 3]", "xyz: [1, 2, x]"), "base.yaml:3:20: E200 'x' is not a number; write one such as '30 mm'"),
         (None, ("base: {", "bsae: {"), None),
     ],
@@ -221,7 +221,7 @@ def test_two_robots_cannot_both_stand_on_each_other(
     change("cell.yaml", "robot: robot.yaml", PAIR)
     change("cell.yaml", "base: {xyz: [0, 0.5, 0], rpy: [0, 0, 90 deg]}", "base: other.yaml")
     assert messages(lambda: load_cell("cell.yaml")) == [
-        "cell.yaml:4:32: E300 each robot stands relative to the other; give one of them a pose in the cell"
+        "cell.yaml:4:32: E300 the base of each robot is given relative to the other; give one of them a pose in the cell"
     ]
 
 

@@ -73,7 +73,7 @@ def test_units_become_si(value: object, dimension: Dimension, expected: float) -
         (1e308, q.LENGTH, "1e+308 is outside the range of length: -1000 to 1000 m"),
         ("5 km", q.LENGTH, "unit 'km' in '5 km' is not one of length; allowed: m, mm, cm, um, in"),
         (math.nan, q.LENGTH, "nan is outside the range of length: -1000 to 1000 m"),
-        (1e-320, q.LENGTH, "1e-320 is too small to be meant; write 0"),
+        (1e-320, q.LENGTH, "1e-320 is too small; write 0"),
         (180, q.ANGLE, "180 without a unit is rad, and more than a turn; did you mean '180 deg'?"),
         (
             "-90",

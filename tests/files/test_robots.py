@@ -221,7 +221,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("[l1, l2]", "[l2, l1]", "6:19: E300 the URDF moves flange 'l_tool' by [turn, l1, l2], platform and arm say [turn, l2, l1]"),
+        ("[l1, l2]", "[l2, l1]", "6:19: E300 the URDF moves flange 'l_tool' by [turn, l1, l2], platform and arm name [turn, l2, l1]"),
         ("[l1, l2]", "[l1, 'l 2']", "6:24: E300 the URDF has no joint 'l 2', did you mean 'l2'?"),
         ("[l1, l2]", "[l1, r1]", "7:20: E300 joint 'r1' is named twice, first at line 6"),
         ("flange: l_tool", "flange: l_tol", "6:37: E300 the URDF has no link 'l_tol', did you mean 'l_tool'?"),
@@ -243,7 +243,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),
         ("urdf: tiny.urdf", "urdf: tiny.urd", "3:7: E500 there is no file 'tiny.urd' here"),
         ("platform: [turn]", "platform: turn", "4:11: E200 must be a list, such as [a, b], not 'turn'"),
-        ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 belong here"),
+        ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 are needed"),
         ("name: Tiny", "nmae: Tiny", None),
     ],
 )  # fmt: skip

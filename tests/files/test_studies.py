@@ -101,7 +101,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
 @pytest.mark.parametrize(
     ("text", "messages"),
     [
-        ("parameters: {}\n", ["study.yaml:3:13: E200 a list of 0 is too short; at least 1 belong here"]),
+        ("parameters: {}\n", ["study.yaml:3:13: E200 a list of 0 is too short; at least 1 are needed"]),
         (_parameter("vales: [1]"), ["study.yaml:6:5: E201 unknown key 'vales', did you mean 'values'?"]),
         (_parameter("values: [1]", "cel: clearance"), ["study.yaml:5:5: E201 unknown key 'cel', did you mean 'cell'?"]),
         (
@@ -119,7 +119,7 @@ def test_what_is_not_said_has_a_default(study) -> None:
             _parameter("values: [1]", "robot.left: name"),
             ["study.yaml:5:5: E300 tasks.yaml has no file 'robot.left'; its files are: tasks, cell, robot"],
         ),
-        (_parameter("values: [1, 1.0]"), ["study.yaml:6:17: E102 1.0 is there twice"]),
+        (_parameter("values: [1, 1.0]"), ["study.yaml:6:17: E102 1.0 is listed twice"]),
         (
             _parameter("values: [1, x]"),
             ["study.yaml:6:17: E200 'x' is not a number; write one such as 0.12 or '120 mm'; the others are numbers"],

@@ -84,9 +84,9 @@ def test_a_job_that_says_all_is_decided(opened: Callable[..., str]) -> None:
         ((SEQUENCES, "sequences: [[first, second], [third, ¦second]]"), "E300 task 'second' is in a sequence already (number 1)"),
         ((SEQUENCES, "sequences: [¦[first, third]]"), "E300 one arm does a sequence; 'first' and 'third' are different arms'"),
         ((SEQUENCES, "sequences: [¦[first, second, third]]"), "E300 one arm does a sequence; 'first' and 'third' are different arms'"),
-        ((SEQUENCES, "sequences: [¦[first]]"), "E200 a list of 1 is too short; at least 2 belong here"),
+        ((SEQUENCES, "sequences: [¦[first]]"), "E200 a list of 1 is too short; at least 2 are needed"),
         ((SEQUENCES, "sequences: [¦first, [second, first]]"), "E200 must be a list, such as [a, b], not 'first'"),
-        (("order: optimise\nsequences: ", "order: given\nsequences: ¦"), "E300 order: given does all tasks in the file's order already; say order: optimise, or remove 'sequences'"),
+        (("order: optimise\nsequences: ", "order: given\nsequences: ¦"), "E300 order: given does all tasks in the file's order already; write order: optimise, or remove 'sequences'"),
         # Windows: they may be an instant, not less.
         (("not_after: 2 s", "not_after: ¦499 ms"), "E300 not_after: 0.499 s is before not_before: 0.5 s"),
         (("not_before: 500 ms", "not_before: ¦-500 ms"), "E200 '-500 ms': time must be at least 0"),
@@ -149,7 +149,7 @@ def test_in_the_given_order_a_task_of_any_arm_cannot_wait_for_a_later_one(
     """Whichever arm it turns out to be; the one before it may be waited for."""
     place = opened(*GIVEN, "    arm: any\n", "    arm: any\n    after: [¦third]\n")
     assert messages(lambda: load_job("tasks.yaml")) == [
-        f"{place}: E300 task 'second' is to come after 'third', but order: given does it first; change their order in the file"
+        f"{place}: E300 task 'second' must come after 'third', but order: given puts it first; change their order in the file"
     ]
     opened(*GIVEN, "    arm: any\n", "    arm: any\n    after: [first]\n")
     assert load_job("tasks.yaml").notes == ()
@@ -179,8 +179,8 @@ def test_arms_that_wait_for_each_other_for_ever_are_refused(
     )
     [message] = messages(lambda: load_job("tasks.yaml"))
     assert message.endswith(
-        "in the order that is given 'a' and 'c' wait for ever for tasks that come later; "
-        "change the order in the file, or say order: optimise"
+        "in the given order 'a' and 'c' wait forever for tasks that come later; "
+        "change the order in the file, or write order: optimise"
     )
     assert message.startswith("tasks.yaml:6:")
     text = (project / "tasks.yaml").read_text()
@@ -206,7 +206,7 @@ def test_orders_may_be_open_beside_paths_but_windows_and_sequences_of_paths_not(
     assert "not_before does not go with paths and coordinate tasks (task 'wipe')" in found
     file.write_text(tasks.format("sequences: [[go, wipe]]\n", ""))
     (found,) = messages(lambda: load_job(file))
-    assert "task 'wipe' takes its own arms" in found
+    assert "task 'wipe' names its own arms" in found
 
 
 @pytest.mark.parametrize("value", ["5", "true", "x", "1.5"])

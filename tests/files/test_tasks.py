@@ -101,8 +101,8 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("start: bent", "start: bend", "5:8: E300 Tiny has no posture 'bend', did you mean 'bent'? Choose one of: home, bent, free"),
         ("approach: 80 mm", "aproach: 80 mm", "6:12: E201 unknown key 'aproach', did you mean 'approach'? Allowed: approach, retract, dwell, part, straight, dwell_motion, line_motion, tool"),
         ("approach: 80 mm", "approach: -1 mm", "6:22: E200 '-1 mm': length must be at least 0"),
-        ("[0.2, 0.5, 0.8]", "[0.2, 0.5]", "11:18: E200 a list of 2 is too short; at least 3 belong here"),
-        ("[0.2, 0.5, 0.8]", "[1,5, 2, 3]", "11:18: E200 a list of 4 is too long; at most 3 belong here"),
+        ("[0.2, 0.5, 0.8]", "[0.2, 0.5]", "11:18: E200 a list of 2 is too short; at least 3 are needed"),
+        ("[0.2, 0.5, 0.8]", "[1,5, 2, 3]", "11:18: E200 a list of 4 is too long; at most 3 are needed"),
         ("[0.2, 0.5, 0.8]", "[.inf, 0, 0]", "11:19: E104 non-finite number '.inf' is not allowed"),
         ("[0.2, 0.5, 0.8]", "[017, 0, 0]", "11:19: E200 '017' is not a number; remove the leading zero"),
         ("symmetry: 2", "quat: [0, 0, 0, 0]", "11:41: E200 a quaternion [x, y, z, w] must have length 1, not 0; divide by its length"),
@@ -112,7 +112,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("xyz: [0.2, 0.5, 0.8], ", "", "11:12: E200 no target; give xyz, with rpy or quat, or joints"),
         ("at: bin.slot", "at: bin.slit", "10:16: E300 the cell has no frame 'bin.slit', did you mean 'bin.slot'? It has: bin, bin.slot, world"),
         ("at: bin.slot", "at: bin, in: bin", "10:21: E200 'in' and 'at' both name the frame; keep one"),
-        ("-90 deg]", "-90 deg], symmetry: 2", "14:36: E200 'symmetry' does not go with 'joints', which say everything"),
+        ("-90 deg]", "-90 deg], symmetry: 2", "14:36: E200 'symmetry' does not go with 'joints', which define the whole target"),
         ("-90 deg]", "-90 deg, 1]", "14:20: E300 3 joint positions; the arm has 2 joints: r1, r2"),
         ("[0.5, -90 deg]", "[[0, 0], [0, 4]]", "14:33: E300 4 is outside the limits of 'r2': -3 to 3 rad (-171.887 to 171.887 deg)"),
         ("id: b", "id: a", "12:9: E102 duplicate task id 'a', first at line 8"),
@@ -185,7 +185,7 @@ def test_an_order_that_the_file_itself_breaks_is_refused(
     )
     change("tasks.yaml", "tasks:\n", f"tasks:\n{tasks}")
     [message] = messages(lambda: load_job("tasks.yaml"))
-    assert "task 'x' is to come after 'z', but order: given does it first" in message
+    assert "task 'x' must come after 'z', but order: given puts it first" in message
 
 
 def test_arms_wait_for_each_others_tasks(project: Path, change: Change) -> None:

@@ -92,7 +92,7 @@ def test_a_doctype_is_refused_before_any_entity_is_read(
         (LINK, _solid('<capsule radius="0" length="1"/>'), "5:38: E400 link 'la': capsule radius must be above 0, not 0"),
         (LINK, _solid('<mesh filename="none.stl"/>'), "5:38: E400 mesh: there is no file 'none.stl' here"),
         (LINK, _solid('<mesh filename="huge.stl"/>'), "5:38: E400 mesh: 'huge.stl' is not a whole STL file: 4000000000 triangles in 84 bytes"),
-        (LINK, _solid('<mesh filename="robot.yaml"/>'), "5:38: E400 mesh: 'robot.yaml' is no mesh file; allowed: .stl, .obj, .ply, .dae"),
+        (LINK, _solid('<mesh filename="robot.yaml"/>'), "5:38: E400 mesh: 'robot.yaml' is not a mesh file; allowed: .stl, .obj, .ply, .dae"),
     ],
 )  # fmt: skip
 def test_each_mistake_is_reported_at_its_line(

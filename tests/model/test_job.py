@@ -165,7 +165,7 @@ def test_tasks_that_wait_for_ever_are_no_stages():
     a, c = replace(move("a", "left"), after=("d",)), replace(move("c", "right"), after=("b",))
     one = job(a, move("b", "left"), c, move("d", "right"))
     assert [task.id for task in one.stuck()] == ["a", "c"]
-    with pytest.raises(InfeasibleError, match="'a' and 'c' wait for ever"):
+    with pytest.raises(InfeasibleError, match="'a' and 'c' wait forever"):
         one.stages()
     assert job(move("a", "left"), c, move("b", "left")).stuck() == []
 

@@ -156,7 +156,7 @@ def test_one_arm_lets_the_other_pass():
     found = quickest_together(Diagram((4, 4), ((0, 2), (0, 2)), blocked))
     assert found.length == 7
     assert found.waits == (((0, 3),), ())
-    # Not from its start: the second arm may not wait at its end for ever, the first must not wait at 0.
+    # Not from its start: the second arm may not wait at its end forever, the first must not wait at 0.
     assert quickest_together(Diagram((4, 4), ((2,), (0, 2)), blocked)) is None
 
 

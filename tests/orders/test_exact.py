@@ -112,6 +112,6 @@ def test_an_order_is_timed_as_by_hand(by_clocks):
     missed = timed(replace(problem, not_after=np.array([9.0, 9.5])), found.order)
     assert missed.late == pytest.approx(over - 9.0 + done - 9.5)
     assert not missed.is_possible
-    # Each waits for the other for ever.
+    # Each waits for the other forever.
     crossed = replace(by_clocks(0, "", 4, 1, restricted=False), before=((0, 3), (2, 1)))
     assert np.isinf(timed(crossed, best_ways(crossed, ((1, 0), (3, 2)))).total)

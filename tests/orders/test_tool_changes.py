@@ -251,7 +251,7 @@ def test_the_report_and_the_chart_tell_of_changes(kit):
         "time": pytest.approx(spent),
     }
     assert spent > 2 * 0.8
-    line = f"left arm: 1 tool change: 2 visits to stands, {spent:.2f} s with the ways there"
+    line = f"left arm: 1 tool change: 2 visits to stands, {spent:.2f} s including the motions there"
     assert line in summary_lines(report)
     words = [word.text for word in task_words(schedule, ["left"], 0.0, schedule.duration)]
     assert words[:3] == ["leave fingers", "take suction", "plate-1"]

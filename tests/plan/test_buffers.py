@@ -69,7 +69,7 @@ def test_stages_in_which_a_part_is_missing_are_named(chute):
 
 
 def test_stage_by_stage_an_arm_waits_for_parts_and_room(chute):
-    """What is given becomes stages that keep all levels; an order in which arms wait for ever is said to be one."""
+    """What is given becomes stages that keep all levels; an order in which arms wait forever is said to be one."""
     job = dataclasses.replace(chute, order="given")
     found = stage_by_stage(job)
     check_stage_levels(found)

@@ -159,7 +159,7 @@ def test_stage_by_stage_what_comes_before_is_over(bricks):
         dataclasses.replace(t, after={first: (ends[1],), later: (ends[0],)}.get(t.id, ()))
         for t in job.tasks
     )
-    with pytest.raises(InfeasibleError, match="wait for ever for tasks that come later"):
+    with pytest.raises(InfeasibleError, match="wait forever for tasks that come later"):
         stage_by_stage(dataclasses.replace(job, tasks=tasks, pairing=None))
 
 

@@ -102,7 +102,7 @@ def test_a_plan_that_failed_never_wins():
 def test_without_any_verified_plan_there_is_no_winner():
     """Said in so many words."""
     rows = [row("broken", 1.0, "failed", "x"), row("none", None, "infeasible", "y")]
-    assert winner_sentence(rows) == "no method finds a plan that the verifier passes"
+    assert winner_sentence(rows) == "no method finds a plan that passes verification"
 
 
 def test_what_differs_between_rows_is_in_their_names():

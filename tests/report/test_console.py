@@ -70,7 +70,7 @@ def test_the_report_lists_every_assumed_limit_and_the_console_the_most_telling(j
     assert lines[start].startswith(
         "sensitivity: all assumed acceleration and jerk limits 10 % lower"
     )
-    assert lines[start].endswith("postures kept: planning anew could do better")
+    assert lines[start].endswith("with unchanged postures; a new plan may be faster")
     for line, entry in zip(lines[start + 1 : start + 4], entries[:3], strict=True):
         assert line.startswith(
             f"{entry['joint']} {entry['limit']} 10 % lower: {entry['lower']:.3f} s"

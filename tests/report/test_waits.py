@@ -108,7 +108,7 @@ def test_the_console_says_the_longest_waits_first_and_leaves_out_nothings():
     }
     assert wait_lines(report) == [
         "waits: left 1.20 s (platform 0.60, partner 0.40, shared zone 0.20), right 1.50 s (end 1.50)",
-        "transfers drawn out until the platform is there: left 0.25 s",
+        "transfers slowed down until the platform arrives: left 0.25 s",
     ]
     report["arms"]["left"] = report["arms"]["right"] = {"waited": none, "drawn_out_for_platform": 0}
     assert wait_lines(report) == []

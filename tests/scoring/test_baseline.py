@@ -71,7 +71,7 @@ def refused(path, text):
         ('"cycle_time": 10.0', '"cycle_time": "10"', "cycle_time is '10'"),
         ('"cycle_time": 10.0', '"cycle_time": -1', "cycle_time is negative"),
         ('"cycle_time": 10.0', '"cycletime": 10.0', "must have clearance, cycle_time"),
-        ('"cycle_time": 10.0,', '"cycle_time": 10.0, "gap": 1,', "'gap' stands there twice"),
+        ('"cycle_time": 10.0,', '"cycle_time": 10.0, "gap": 1,', "'gap' is used twice"),
         ('"velocity": 3.0', '"velocity": "3"', "limiting, limits or inputs"),
         ('"cases"', '"caes"', "'cases' and 'settings' must be there"),
     ],

@@ -50,7 +50,7 @@ def test_a_lowered_joint_that_the_plan_avoids_is_named_all_the_same(evaluation, 
     now = evaluation(cycle_time=11.0, limiting={"a": 0.5, "b": 4.0}, limits=limits(a=50, b=100))
     text = why_slower(before, now)
     assert "a's velocity limit was 100 deg/s, now 50 deg/s" in text
-    assert "another way: b takes more of it" in text
+    assert "so the plan differs: b takes more of it" in text
 
 
 @pytest.mark.parametrize(
@@ -91,4 +91,4 @@ def test_a_wider_limit_is_no_cause_and_without_one_the_share_is_named(evaluation
 def test_files_that_did_not_change_point_at_the_programs(evaluation, recorded):
     """Then it is dualarm or a library."""
     text = why_slower(recorded(), evaluation(cycle_time=11.0))
-    assert "no file has changed, so it is dualarm or one of its libraries" in text
+    assert "no file has changed, so the cause is dualarm or one of its libraries" in text

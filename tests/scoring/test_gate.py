@@ -68,7 +68,7 @@ def test_a_case_with_another_name_is_missing_but_is_told_as_renamed(evaluation, 
     missing = {v.case: v for v in judge_all(found, baseline, 0.0) if v.state == "missing"}
     assert set(missing) == {"old", "other", "bare"}
     told = {
-        case: "is now 'new', with the same files" in str(v.reasons[0])
+        case: "is now named 'new', with the same files" in str(v.reasons[0])
         for case, v in missing.items()
     }
     assert not any("is now" in str(missing[case].reasons[0]) for case in ("other", "bare"))

@@ -465,7 +465,7 @@ def test_random_seams_are_planned_or_refused_with_what_helps(
         planned(job_of(tmp_path, cell, text))
     except InfeasibleError as refused:
         message = str(refused)
-        helps = ("ask for less speed", "shorten the curve", "make it shorter", "let the tool lean")
+        helps = ("lower its speed", "shorten the curve", "make it shorter", "let the tool lean")
         assert any(word in message for word in helps), message
         assert "the chain opens" not in message
         assert "between its knots" not in message

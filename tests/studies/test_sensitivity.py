@@ -123,8 +123,8 @@ def test_of_samples_the_shares_are_estimates_and_what_does_nothing_has_about_non
     assert _of(found, "b").share == pytest.approx(0.2 * 15 / 16, abs=0.1)
     assert _of(found, "c").share == pytest.approx(0.0, abs=0.05)
     assert _of(found, "a").slope == pytest.approx(2 / np.sqrt(5), abs=0.07)
-    assert "shares are estimates: the plans are no whole grid" in found.notes
-    assert "a linear fit explains 100%: slopes tell more than shares" in found.notes
+    assert "shares are estimates, as the plans do not fill the grid" in found.notes
+    assert "a linear fit explains 100%: slopes are more reliable than shares" in found.notes
 
 
 def test_chance_explains_nothing_on_average() -> None:
@@ -154,7 +154,8 @@ def test_few_plans_are_said_to_be_few() -> None:
         [numeric_factor(n, [1.0, 2.0], [1.0, 2.0]) for n in "pq"], np.array([3.0, 4.0]), True
     )
     assert any(
-        note.startswith("2 plans for 2 parameters: take this as a hint") for note in two.notes
+        note.startswith("2 plans for 2 parameters: the result is only an indication")
+        for note in two.notes
     )
     assert all(one.slope is None for one in two.influences)
 

@@ -43,7 +43,8 @@ PUT, TAKE = "place", "pick"
     [
         ([(1.0, 0.5, PUT, "left"), (1.5, 0.5, TAKE, "right")], 1, 0, ""),
         ([(1.0, 0.5, PUT, "left"), (1.4, 0.5, TAKE, "right")], 1, 0,
-         "buffer tray: at 1.400 s the right arm's t1 pick takes a part that is not there: 0 can be taken (capacity 1)"),
+         "buffer tray: at 1.400 s the right arm's t1 pick takes a part "
+             "from an empty buffer: 0 can be taken (capacity 1)"),
         ([(1.0, 0.5, TAKE, "left"), (1.5, 0.5, PUT, "right")], 1, 1, ""),
         ([(1.0, 0.5, TAKE, "left"), (1.4, 0.5, PUT, "right")], 1, 1,
          "buffer tray: at 1.400 s the right arm's t1 place has no room: 1 of 1 places are taken"),
@@ -52,7 +53,8 @@ PUT, TAKE = "place", "pick"
         ([(1.0, 0.5, PUT, "left"), (1.1, 0.5, TAKE, "right")], 2, 1, ""),
         # Both faults, the first one in time is told.
         ([(1.0, 0.0, TAKE, "left"), (2.0, 0.0, PUT, "left"), (3.0, 0.0, PUT, "right")], 1, 0,
-         "buffer tray: at 1.000 s the left arm's t0 pick takes a part that is not there: 0 can be taken (capacity 1)"),
+         "buffer tray: at 1.000 s the left arm's t0 pick takes a part "
+             "from an empty buffer: 0 can be taken (capacity 1)"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("order", ["given", "optimise"])

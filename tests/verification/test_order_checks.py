@@ -84,12 +84,12 @@ def test_what_breaks_a_task_is_named(problem, left, right, detail):
         ({**ANY, "c": "left"}, "optimise", (), "ab", "cd", "c is the left arm's, the right arm does it"),
         (ANY, "given", (), "ba", "cd", "left arm: b is done before a, not as order: given has it"),
         ({**ANY, "d": "left"}, "given", (), "dab", "c", "left arm: d is done before a, not as order: given has it"),
-        (ANY, "optimise", ["ab"], "adb", "c", "left arm: b is due right after a, d is done"),
-        (ANY, "optimise", ["ab"], "ba", "cd", "left arm: b is due right after a, nothing is done"),
-        (ANY, "optimise", ["ab"], "ad", "bc", "a and b are of one sequence; left does the one, right the other"),
-        (ANY, "optimise", ["abc"], "dab", "c", "b and c are of one sequence; left does the one, right the other"),
-        (ANY, "optimise", ["abc"], "abdc", "", "left arm: c is due right after b, d is done"),
-        (ANY, "optimise", ["ab", "cd"], "ab", "dc", "right arm: d is due right after c, nothing is done"),
+        (ANY, "optimise", ["ab"], "adb", "c", "left arm: b must follow a directly, but d is done"),
+        (ANY, "optimise", ["ab"], "ba", "cd", "left arm: b must follow a directly, but nothing is done"),
+        (ANY, "optimise", ["ab"], "ad", "bc", "a and b belong to one sequence, but are done by left and right"),
+        (ANY, "optimise", ["abc"], "dab", "c", "b and c belong to one sequence, but are done by left and right"),
+        (ANY, "optimise", ["abc"], "abdc", "", "left arm: c must follow b directly, but d is done"),
+        (ANY, "optimise", ["ab", "cd"], "ab", "dc", "right arm: d must follow c directly, but nothing is done"),
         (ANY, "optimise", ["ab", "cd"], "cdab", "", ""),
         (ANY, "optimise", ["abcd"], "", "abcd", ""),
         (ANY, "given", (), "ad", "bc", ""),
@@ -103,7 +103,9 @@ def test_rules_across_tasks_are_kept_or_named(problem, arms, order, sequences, l
     check = check_order(schedule(left=stops(*left), right=stops(*right)), asked)
     assert check.verdict == ("failed" if detail else "passed")
     assert check.measured == (1.0 if detail else 0.0)
-    assert check.detail == (detail or "every target once, by an arm and in an order that may be")
+    assert check.detail == (
+        detail or "every target once, by an allowed arm and in an allowed order"
+    )
 
 
 def test_a_task_that_is_not_done_breaks_no_sequence(problem):
@@ -176,7 +178,7 @@ def test_clocks_of_their_own_change_nothing_in_a_given_order(clean):
     events = tuple(e for e in clean.schedule.events if e.arm == "left")
     torn = dataclasses.replace(clean.schedule, events=events)
     found = check_order(torn, free)
-    assert found.detail == "right arm: right-part pick is due, nothing is done"
+    assert found.detail == "right arm: expected right-part pick, found nothing"
     assert found == check_order(torn, clean.job)
     # Each arm that does otherwise counts once.
     nothing = dataclasses.replace(clean.schedule, events=())
@@ -233,7 +235,7 @@ def test_a_dwell_and_an_event_count_where_there_are_no_lines(by_clocks, preceden
         ({"mode": "free", "order": "given"}, "failed", "look begins at"),
         ({"mode": "paired", "order": "given", "any": True}, "failed", "look begins at"),
         ({"mode": "paired", "order": "given"}, "failed", "look begins at"),
-        ({"mode": "free", "order": "given", "after": ()}, "not checked", "no task is to come"),
+        ({"mode": "free", "order": "given", "after": ()}, "not checked", "no task has `after`"),
     ],
 )
 def test_precedence_is_asked_of_what_waits(by_clocks, precedence, changes, verdict, detail):
@@ -292,7 +294,7 @@ def test_a_window_is_from_the_first_target_to_the_last(
     check = check_windows(by_clocks.schedule, job)
     assert check.verdict == ("failed" if detail else "passed")
     assert check.measured == pytest.approx(beyond, abs=2e-9)
-    assert check.detail == (detail or "every task in its time")
+    assert check.detail == (detail or "every task within its window")
 
 
 def test_without_windows_or_without_the_task_nothing_is_measured(clean, by_clocks):

@@ -35,8 +35,8 @@ NOTHING = {"task": "", "action": ""}
     ("number", "changes", "fault"),
     [
         # Reasons are for waits.
-        (FIRST, {"reason": "partner"}, "a reason to wait is given ('partner')"),
-        (BACK, {"reason": "end"}, "a reason to wait is given ('end')"),
+        (FIRST, {"reason": "partner"}, "a reason for waiting is given ('partner')"),
+        (BACK, {"reason": "end"}, "a reason for waiting is given ('end')"),
         # An arm that waits stands; one that has work left does not wait for the end.
         (APPROACH, {"kind": "wait", **NOTHING}, "the arm moves at 0.8"),
         (DWELL, {"kind": "wait", **NOTHING}, ""),

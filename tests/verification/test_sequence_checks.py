@@ -34,7 +34,7 @@ def test_stops_in_another_order_are_found(clean, failing):
     )
     found = failing(clean.schedule, job)
     assert set(found) == {"order", "pairing"}
-    assert found["order"] == "left arm: left-part place is due, left-part pick is done"
+    assert found["order"] == "left arm: expected left-part place, found left-part pick"
 
 
 def test_an_event_that_is_missing_is_named_as_due(clean, failing):
@@ -45,7 +45,7 @@ def test_an_event_that_is_missing_is_named_as_due(clean, failing):
     found = failing(dataclasses.replace(clean.schedule, events=events), clean.job)
     assert set(found) == {"order", "pairing", "lines_straight", "dwells", "segment_kinds"}
     assert found["dwells"] == "left-part (place) stands still without an event"
-    assert found["order"] == "left arm: left-part place is due, nothing is done"
+    assert found["order"] == "left arm: expected left-part place, found nothing"
 
 
 def test_an_event_that_nobody_asked_for_is_named(clean, failing):
@@ -53,7 +53,7 @@ def test_an_event_that_nobody_asked_for_is_named(clean, failing):
     again = clean.schedule.events[1]
     schedule = dataclasses.replace(clean.schedule, events=(*clean.schedule.events, again))
     found = failing(schedule, clean.job)
-    assert found == {"order": "right arm: right-part place is due, right-part pick is done"}
+    assert found == {"order": "right arm: expected right-part place, found right-part pick"}
 
 
 @pytest.mark.parametrize("what", ["events", "segments"])
@@ -266,7 +266,7 @@ def test_an_arm_whose_segments_end_early_is_found(clean, failing):
 @pytest.mark.parametrize(
     ("changes", "detail"),
     [
-        ({"dwell": Dwell(9.0, 0.06, 0.04)}, "has shares that are not its length"),
+        ({"dwell": Dwell(9.0, 0.06, 0.04)}, "has shares that do not add up to its length"),
         ({"dwell": Dwell(0.2, 0.16, 0.04)}, "has too short a share: gripper"),
         ({"kind": "wait"}, "has no dwell listed"),
         ({"task": "ghost"}, "stands still without an event"),
@@ -286,8 +286,8 @@ def test_a_dwell_that_is_listed_wrongly_is_found(clean, failing, changes, detail
     ("changes", "off", "detail"),
     [
         ({"start": 1.25, "end": 1.65}, 0.05, "does not stand still from its event on"),
-        ({"end": 1.55}, 0.05, "is listed with 0.35 s, its event with 0.4 s"),
-        ({"end": 1.7}, 0.1, "is listed with 0.5 s, its event with 0.4 s"),
+        ({"end": 1.55}, 0.05, "lasts 0.35 s, but its event states 0.4 s"),
+        ({"end": 1.7}, 0.1, "lasts 0.5 s, but its event states 0.4 s"),
     ],
 )
 def test_a_dwell_that_is_not_the_time_of_its_event_is_found(clean, changes, off, detail):

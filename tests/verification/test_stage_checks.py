@@ -92,10 +92,10 @@ def test_stages_of_one_arm_and_of_both_do_not_overlap(by_clocks, changes, measur
             {"s1": {"tasks": ("look",)}},
             "fill (pick) at 1.200 s is within none of the left arm's stages that name it",
         ),
-        ({"s6": {"tasks": ("look",)}}, "stage 6 names look, of which nothing is done in it"),
+        ({"s6": {"tasks": ("look",)}}, "stage 6 names look, which has no stop in it"),
         (
             {"s2": {"tasks": ("turn", "fit")}},
-            "stage 2 names fit, of which nothing is done in it",
+            "stage 2 names fit, which has no stop in it",
         ),
         (
             {"s4": {"end": 4.7}},
@@ -150,7 +150,7 @@ def test_paired_arms_have_no_stages_of_their_own(by_clocks, clean, measured_line
         lines = measured_lines(schedule, job)
         check = check_pairing(schedule, job_as_done(schedule, job), lines)
         assert check.detail == (
-            "stage 2 is the left arm's by its own clock; paired arms start every stage together"
+            "stage 2 is the left arm's alone, but with mode: paired both arms start every stage together"
         )
         assert check.verdict == "failed"
 

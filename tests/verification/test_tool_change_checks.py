@@ -94,18 +94,18 @@ HOME = [("leave suction 2", "leave_tool"), ("take fingers 2", "take_tool")]
     ("events", "fault"),
     [
         ([*THERE, *PLATE, *HOME, *SCREW], ""),
-        ([*THERE, *PLATE, (THERE[1][0], "leave_tool"), HOME[1], *SCREW], "take suction 1 is what 2 visits to stands are called"),
+        ([*THERE, *PLATE, (THERE[1][0], "leave_tool"), HOME[1], *SCREW], "take suction 1 is the name of 2 visits to stands"),
         ([*SCREW, *THERE, *PLATE, *HOME], ""),
-        ([*PLATE, *SCREW], "plate-1 pick is done with tool fingers on, tool suction is due"),
-        ([*THERE, *PLATE, *SCREW], "screw-1 pick is done with tool suction on, tool fingers is due"),
-        ([*SCREW, *THERE, *PLATE], "suction is on at the end, fingers at the start"),
-        ([THERE[1], *PLATE, *HOME, *SCREW], "take suction 1: suction is taken while fingers is on"),
-        ([THERE[0], *PLATE, *HOME, *SCREW], "plate-1 pick is done with no tool on, tool suction is due"),
+        ([*PLATE, *SCREW], "plate-1 pick is done with tool fingers mounted; it needs tool suction"),
+        ([*THERE, *PLATE, *SCREW], "screw-1 pick is done with tool suction mounted; it needs tool fingers"),
+        ([*SCREW, *THERE, *PLATE], "suction is mounted at the end, fingers at the start"),
+        ([THERE[1], *PLATE, *HOME, *SCREW], "take suction 1: suction is taken while fingers is mounted"),
+        ([THERE[0], *PLATE, *HOME, *SCREW], "plate-1 pick is done with no tool mounted; it needs tool suction"),
         ([HOME[0], THERE[1], *PLATE, *HOME, *SCREW], "leave suction 2: fingers is left at the stand of suction"),
         ([*THERE, PLATE[0], *HOME, PLATE[1], *SCREW], "leave suction 2 is done within plate-1"),
-        ([*THERE, *HOME, *SCREW, ("leave fingers 3", "leave_tool"), ("take suction 3", "take_tool"), *PLATE, ("leave suction 4", "leave_tool"), ("take fingers 4", "take_tool")], "leave suction 2: suction is left without a task that it was taken for"),
-        ([THERE[0], HOME[1], *SCREW], "fingers was on before screw-1 already"),
-        ([THERE[0], ("leave fingers 5", "leave_tool"), THERE[1], *PLATE, *HOME, *SCREW], "leave fingers 5: fingers is left, no tool is on"),
+        ([*THERE, *HOME, *SCREW, ("leave fingers 3", "leave_tool"), ("take suction 3", "take_tool"), *PLATE, ("leave suction 4", "leave_tool"), ("take fingers 4", "take_tool")], "leave suction 2: suction is left without having been used for a task"),
+        ([THERE[0], HOME[1], *SCREW], "fingers was already mounted before screw-1"),
+        ([THERE[0], ("leave fingers 5", "leave_tool"), THERE[1], *PLATE, *HOME, *SCREW], "leave fingers 5: fingers is left, but no tool is mounted"),
         ([*THERE, *PLATE, *HOME, *SCREW, ("leave fingers 3", "leave_tool"), ("take fingers 4", "take_tool")], "tools are changed after the last task, to fingers, for nothing"),
     ],
 )  # fmt: skip
@@ -266,4 +266,4 @@ def test_a_tool_at_its_stand_need_not_keep_clear_of_it_but_not_reach_into_it(
     assert (check.name, check.verdict) == ("collisions", verdict)
     if raised:
         assert "left_fingers and rack" in check.detail
-        assert "0.5 mm inside" in check.detail
+        assert "0.5 mm of penetration" in check.detail

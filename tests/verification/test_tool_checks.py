@@ -223,7 +223,7 @@ def test_a_line_that_leads_to_no_event_is_named(clean, failing):
         clean.schedule,
         lambda s: dataclasses.replace(s, task="lost") if s.kind == "retract" else s,
     )
-    assert failing(schedule)["lines_straight"].endswith("no event says where it leads")
+    assert failing(schedule)["lines_straight"].endswith("no event belongs to it")
 
 
 def test_a_tool_that_wanders_between_its_stand_still_and_its_line_is_found(

@@ -71,7 +71,7 @@ def test_only_paths_that_ask_for_it_are_measured(changes):
     """Another segment, another task, a path without length, and a path that does not ask."""
     check = judged(1e-3, 0.0, **changes)
     assert check.verdict == "not checked"
-    asked = "no path is to keep the joints' torques within limits"
+    asked = "no path has torque limits"
     assert check.detail == (asked if "asked" in changes else "no segment of kind path")
     assert judged(1e-3, 0.0).verdict == "failed"
 

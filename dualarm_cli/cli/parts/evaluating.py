@@ -60,6 +60,6 @@ def say_unkept(store: Store | None) -> None:
     """Says once that answers could not be kept, if that is so."""
     if store is not None and store.problem:
         print_message(
-            f"warning: answers could not be kept in {store.folder}: {store.problem}; the results are whole, but are "
-            "planned again the next time"
+            f"warning: results could not be cached in {store.folder}: {store.problem}; the results are complete, but "
+            "will be planned again next time"
         )

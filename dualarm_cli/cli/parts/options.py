@@ -48,7 +48,7 @@ TimeLimitOption = Annotated[
     typer.Option(
         "--time-limit",
         metavar="DURATION",
-        help="How long to search for orders at most (30, '30 s', '2 min'): what is found then depends on the machine.",
+        help="Longest search for orders (30, '30 s', '2 min'). The result then depends on the machine.",
         show_default="as long as --effort says",
     ),
 ]
@@ -82,7 +82,7 @@ def refuse_plot(plot: Path, force: bool) -> None:
     """Raises before any work is done where a figure could not be written anyway.
 
     Raises:
-        UsageError: the name or the folder is wrong, or the file is there already.
+        UsageError: the name or the folder is wrong, or the file already exists.
         MissingDependencyError: matplotlib is not installed.
     """
     from dualarm_cli.report.figures.figures import FIGURE_KINDS, require_matplotlib
@@ -92,5 +92,5 @@ def refuse_plot(plot: Path, force: bool) -> None:
     if not plot.parent.is_dir():
         raise UsageError(f"--plot {plot}: there is no folder {plot.parent}")
     if plot.exists() and not force:
-        raise UsageError(f"--plot {plot}: is there already; add --force to replace it")
+        raise UsageError(f"--plot {plot}: already exists; add --force to replace it")
     require_matplotlib()

@@ -45,7 +45,7 @@ def refuse_report(option: str, path: Path | None, mark: bytes, force: bool) -> N
         raise OutputError(f"{option} {path}: cannot be read: {error.strerror}") from None
     if begin not in (mark, b""):
         raise OutputError(
-            f"{option} {path}: is there already and is no report of an earlier score; add --force to replace it"
+            f"{option} {path}: already exists and is not a report of an earlier score; add --force to replace it"
         )
 
 
@@ -63,7 +63,7 @@ def refuse_same_file(named: Mapping[str, Path | None]) -> None:
         if path is not None:
             first = seen.setdefault(os.path.realpath(path), option)
             if first != option:
-                raise UsageError(f"{option} {path}: is the file of {first} as well; name another")
+                raise UsageError(f"{option} {path}: is also the file of {first}; name another")
 
 
 def read_former(path: Path, update: bool, force: bool) -> Baseline | None:

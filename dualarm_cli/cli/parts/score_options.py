@@ -42,11 +42,11 @@ RegressionOption = Annotated[
 ]
 UpdateOption = Annotated[
     bool,
-    typer.Option("--update-baseline", help="Write the baseline anew: what there is now is good."),
+    typer.Option("--update-baseline", help="Replace the baseline by the present results."),
 ]
 SubsetOption = Annotated[
     bool,
-    typer.Option("--subset", help="Leave out cases of the baseline that are not named here."),
+    typer.Option("--subset", help="Ignore cases of the baseline that are not named here."),
 ]
 JobsOption = Annotated[
     int | None,
@@ -63,7 +63,7 @@ TimeoutOption = Annotated[
     typer.Option(
         "--timeout",
         metavar="DURATION",
-        help="How long one plan may take (60, '60 s', '5 min'); it is tried twice.",
+        help="Longest time for one plan (60, '60 s', '5 min'). Each plan is tried twice.",
         show_default="no limit",
     ),
 ]
@@ -80,12 +80,12 @@ CacheOption = Annotated[
     Path | None,
     typer.Option(
         "--cache",
-        help="Folder of its own that answers are kept in: what has not changed is not planned again.",
+        help="Cache folder, used for nothing else: unchanged cells are not planned again.",
         show_default=".dualarm-cache",
     ),
 ]
 NoCacheOption = Annotated[
-    bool, typer.Option("--no-cache", help="Plan everything, and keep nothing.")
+    bool, typer.Option("--no-cache", help="Plan everything, without a cache.")
 ]
 JunitOption = Annotated[
     Path | None, typer.Option("--junit", help="JUnit XML file to write.", show_default=False)
@@ -121,7 +121,7 @@ def read_regression(text: str | None) -> float:
     if share >= 1.0 and "%" not in text:
         # Taken as it stands, it would leave the gate wide open.
         raise UsageError(
-            f"--max-regression {text}: is {share * 100:g} %; write {share:g}% or {share * 100:g}%, whichever is meant"
+            f"--max-regression {text}: is {share * 100:g} %; write {share:g}% or {share * 100:g}%"
         )
     return share
 
@@ -157,11 +157,11 @@ def refuse_combinations(
         )
     if scheduler is not None and jobs is not None:
         raise UsageError(
-            "--jobs does not go with --scheduler: the cluster's workers are as many as were started"
+            "--jobs does not go with --scheduler: the cluster sets the number of workers; leave one out"
         )
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         raise UsageError(
-            f"--scheduler '{scheduler}': is no address; write one such as tcp://10.0.0.1:8786"
+            f"--scheduler '{scheduler}': is not an address; write one such as tcp://10.0.0.1:8786"
         )
     if no_cache and cache is not None:
         raise UsageError("--cache does not go with --no-cache; keep one")
@@ -169,8 +169,8 @@ def refuse_combinations(
         raise UsageError(f"--cache {cache}: is a file; name a folder")
     if cache is not None and _belongs_to_others(cache):
         raise UsageError(
-            f"--cache {cache}: has other files in it, and git would not see them any more; name a folder of its own, "
-            f"such as {cache / '.dualarm-cache'}"
+            f"--cache {cache}: holds other files, which git would then ignore; name a separate folder, such "
+            f"as {cache / '.dualarm-cache'}"
         )
 
 

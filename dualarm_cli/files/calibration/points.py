@@ -67,9 +67,9 @@ class ReadingSection(Section):
 class TouchedPointSection(Section):
     """A point that both robots have touched."""
 
-    name: Name = Field(description="What it is called.")
-    left: ReadingSection = Field(description="What the left robot says of it.")
-    right: ReadingSection = Field(description="What the right robot says of it.")
+    name: Name = Field(description="Its name.")
+    left: ReadingSection = Field(description="The left robot's reading.")
+    right: ReadingSection = Field(description="The right robot's reading.")
 
 
 class PointsFile(Section):
@@ -84,7 +84,8 @@ class PointsFile(Section):
     )
     noise: Noise | None = Field(
         default=None,
-        description="Standard deviation of each coordinate of a touched point [m]; without it the residuals tell.",
+        description="Standard deviation of each coordinate of a touched point [m]; "
+        "without it, it is estimated from the residuals.",
     )
     origin: Name | None = Field(
         default=None,
@@ -93,7 +94,7 @@ class PointsFile(Section):
     fit: list[Literal["tool", "base_height"]] = Field(
         default_factory=list,
         max_length=2,
-        description="What is unknown of the robots and found along with the transform.",
+        description="What to estimate of the robots, together with the transform.",
     )
     points: list[TouchedPointSection] = Field(
         min_length=1, max_length=1000, description="The points."

@@ -27,7 +27,7 @@ def world_frames(
     known = [*sections, WORLD]
     for name, section in sections.items():
         if name == WORLD:
-            message = f"'{WORLD}' is the frame that everything stands in; choose another name"
+            message = f"'{WORLD}' is the name of the root frame; choose another name"
             findings.add(document, ("frames", name), message, key=True)
         parent = section.in_
         if parent is not None and parent not in known:
@@ -62,7 +62,7 @@ def _note_cycles(document: Document, waiting: dict[str, FramedPose], findings: F
             ring = path[path.index(str(parent)) :]
             seen.update(ring)
             text = " in ".join(quote(name) for name in [*ring, ring[0]])
-            findings.add(document, ("frames", ring[0], "in"), f"frames stand in each other: {text}")
+            findings.add(document, ("frames", ring[0], "in"), f"frames form a cycle: {text}")
 
 
 def frame_pose(

@@ -54,7 +54,7 @@ def pair_bases(
     for side, value in sections.items():
         base = _base(project, path, document, value, ("robot", side, "base"), findings)
         if base is not None and base.relative_to == side:
-            message = f"the file says where the robot stands from the {side} one, which is this one"
+            message = f"the file gives this robot's base relative to itself ({side}); use it for the other robot"
             findings.add(document, ("robot", side, "base"), message)
             base = None
         if base is not None:
@@ -62,7 +62,7 @@ def pair_bases(
     if len(found) < 2:
         return None
     if all(base.relative_to is not None for base in found.values()):
-        message = "each robot stands relative to the other; give one of them a pose in the cell"
+        message = "the base of each robot is given relative to the other; give one of them a pose in the cell"
         findings.add(document, ("robot", "right", "base"), message)
         return None
     other = {"left": "right", "right": "left"}

@@ -100,7 +100,10 @@ class ToolShapeSection(ShapeSection):
         if self.in_ is not None:
             raise refuse("the shape moves with the tool, not with a frame; remove 'in'", "in")
         if self.half_space is not None:
-            raise refuse("a half_space has no end; it cannot move with a tool", "half_space")
+            raise refuse(
+                "a half_space is infinite and cannot move with a tool; use another shape",
+                "half_space",
+            )
         return self
 
 
@@ -202,11 +205,9 @@ class CellFile(Section):
     frames: dict[Name, FramedPose] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )
-    obstacles: list[ObstacleSection] = Field(
-        default_factory=list, description="Fixed solids that must not be touched."
-    )
+    obstacles: list[ObstacleSection] = Field(default_factory=list, description="Fixed obstacles.")
     clearance: Distance = Field(
-        default=0.0, description="Least distance between everything that may not touch [m]."
+        default=0.0, description="Least distance between bodies that may not touch [m]."
     )
     clearances: list[ClearanceSection] = Field(
         default_factory=list, description="Pairs of bodies with a least distance of their own."

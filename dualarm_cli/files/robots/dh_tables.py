@@ -81,7 +81,9 @@ def _check_links(document: Document, model: RobotFile, findings: Findings) -> bo
     """Returns whether every link has a name of its own, each table its arm and each arm its table."""
     before, tables = len(findings.diagnostics), model.dh.tables() if model.dh is not None else {}
     for name in model.platform:
-        message = f"{quote(name)}: tables describe arms only; a robot with a platform needs a URDF"
+        message = (
+            f"{quote(name)}: DH parameters describe arms only; a robot with a platform needs a URDF"
+        )
         findings.add(document, ("platform", model.platform.index(name)), message)
     seen = {ROOT_LINK: "the root link"}
     for side, rows in tables.items():

@@ -192,7 +192,7 @@ def _positions(source: Element) -> FloatArray:
     if stride < 3 or count > len(values) or offset + count * stride > len(values):
         raise MeshError(
             f"line {accessor.line}: <accessor> asks for {count} times {stride} numbers "
-            f"from {offset} on, of {len(values)}"
+            f"from {offset} on, but has {len(values)}"
         )
     return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
@@ -219,7 +219,7 @@ def _corner_numbers(primitive: Element, vertices: str) -> IntArray:
             numbers = np.array([int(word) for word in part.text.split()], dtype=np.int64)
         except (ValueError, OverflowError):
             raise MeshError(
-                f"line {part.line}: <{part.tag}> holds something else than whole numbers"
+                f"line {part.line}: <{part.tag}> must hold whole numbers only"
             ) from None
         if len(numbers) % width:
             raise MeshError(

@@ -267,7 +267,7 @@ def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
     """Returns the byte order, empty for text, the elements and where they begin."""
     end = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE).search(data, 0, _PLY_MOST_HEADER)
     if not data.startswith(b"ply") or end is None:
-        raise MeshError("is no PLY file: it does not begin with 'ply', or has no 'end_header'")
+        raise MeshError("is not a PLY file: it does not begin with 'ply', or has no 'end_header'")
     order = None
     elements: list[_Element] = []
     for line, text in enumerate(data[: end.start()].decode("latin-1").split("\n")[1:], 2):
@@ -289,7 +289,7 @@ def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
             case _:
                 raise MeshError(f"line {line}: {quote(text.strip())} is not known in a PLY header")
     if order is None:
-        raise MeshError("is no PLY file: its header has no 'format'")
+        raise MeshError("is not a PLY file: its header has no 'format'")
     if len({e.name for e in elements}) != len(elements):
         raise MeshError("has two elements of one name")
     for element in elements:

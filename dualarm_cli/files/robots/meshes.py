@@ -44,7 +44,7 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise BadReferenceError(
-            f"{quote(reference)} is no mesh file; allowed: {', '.join(MESH_SUFFIXES)}"
+            f"{quote(reference)} is not a mesh file; allowed: {', '.join(MESH_SUFFIXES)}"
         )
     try:
         data = read_bytes(path, reference, MAX_MESH_BYTES)
@@ -79,7 +79,7 @@ def _hull(corners: FloatArray, scale: FloatArray) -> Hull:
         corners = np.unique(corners * scale, axis=0)
     finite = np.isfinite(corners).all(axis=1)
     if not finite.all():
-        raise MeshError("has a corner that is not finite; export it anew")
+        raise MeshError("has a corner that is not finite; export it again")
     far = np.abs(corners).max(initial=0.0)
     if far > MAX_COORDINATE:
         raise MeshError(

@@ -33,7 +33,7 @@ def file_arms(model: RobotFile) -> dict[str, ArmSection]:
 
 
 def _source(model: RobotFile) -> str:
-    return "the URDF has" if model.dh is None else "the robot of the tables has"
+    return "the URDF has" if model.dh is None else "the robot of the DH parameters has"
 
 
 def check_names(document: Document, model: RobotFile, urdf: Urdf, findings: Findings) -> bool:
@@ -87,7 +87,7 @@ def check_chains(
         if chain != wanted:
             message = (
                 f"{_source(model).removesuffix(' has')} moves flange {quote(arm.flange)} by [{', '.join(chain)}], "
-                f"platform and arm say [{', '.join(wanted)}]"
+                f"platform and arm name [{', '.join(wanted)}]"
             )
             findings.add(document, loc, message)
         count = AXES_OF_KIND.get(arm.kind or "")

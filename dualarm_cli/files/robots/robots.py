@@ -184,7 +184,7 @@ def _check_description(document: Document, findings: Findings) -> bool:
             document, ("dh",), "urdf and dh both describe the robot; keep one", "E200", key=True
         )
     if not given:
-        message = "'urdf' is missing; give the path of a URDF, or tables: `dh: …`"
+        message = "'urdf' is missing; give the path of a URDF, or DH parameters: `dh: …`"
         findings.add(document, (), message, "E202")
     return len(given) == 1
 

@@ -71,7 +71,8 @@ class DhSection(Section):
     left: Rows | None = Field(default=None, description="Rows of the left arm, base to flange.")
     right: Rows | None = Field(default=None, description="Rows of the right arm, base to flange.")
     bases: BasesSection = Field(
-        default=BasesSection(), description="Where the tables begin; by default in the root link."
+        default=BasesSection(),
+        description="Frame 0 of each arm's DH parameters; by default the root link.",
     )
 
     @model_validator(mode="after")
@@ -141,13 +142,13 @@ class RobotFile(Section):
     """A robot: its URDF or its tables of parameters, platform, arms, limits and named postures."""
 
     dualarm: Literal["robot/1"] = Field(description="Kind and version of the file.")
-    name: Name = Field(description="What people call the robot.")
+    name: Name = Field(description="The robot's name.")
     urdf: Name | None = Field(
-        default=None, description="Path of its URDF, relative to this file; or dh instead."
+        default=None, description="Path of its URDF, relative to this file; or give dh instead."
     )
     dh: DhSection | None = Field(
         default=None,
-        description="Tables of Denavit and Hartenberg's parameters in place of a URDF.",
+        description="Denavit-Hartenberg parameters instead of a URDF.",
     )
     platform: Annotated[list[Name], Field(max_length=2)] = Field(
         default_factory=list,

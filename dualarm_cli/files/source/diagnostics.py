@@ -82,7 +82,9 @@ def schema_diagnostics(
     """
     if error.error_count() > MAX_MISTAKES:
         # Told one by one they would take gigabytes, and nobody wrote so many by hand.
-        message = f"{error.error_count():,} mistakes in this file; look at what wrote it"
+        message = (
+            f"{error.error_count():,} mistakes in this file; correct the program that wrote it"
+        )
         return [document.diagnostic(prefix, "E100", message)]
     found = []
     for item in error.errors(include_url=False):
@@ -115,7 +117,7 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
     if kind in ("too_short", "too_long"):
         least, most = context.get("min_length"), context.get("max_length")
         wanted = f"at least {least}" if least is not None else f"at most {most}"
-        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted} belong here"
+        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted} are needed"
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         bound = next(context[k] for k in ("gt", "ge", "lt", "le") if k in context)
         words_of = {"greater_than": "above", "less_than": "below"}

@@ -83,7 +83,7 @@ def parse_quantity(value: object, dimension: Dimension, example: str = "") -> fl
         span = f"-{dimension.limit:g} to {dimension.limit:g} {dimension.unit}".strip()
         raise QuantityError(f"{quote(value)} is outside the range of {dimension.name}: {span}")
     if 0.0 < abs(result) < _SMALLEST:
-        raise QuantityError(f"{quote(value)} is too small to be meant; write 0")
+        raise QuantityError(f"{quote(value)} is too small; write 0")
     return result + 0.0  # -0.0 becomes 0.0
 
 

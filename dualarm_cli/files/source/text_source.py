@@ -105,7 +105,7 @@ def read_bytes(path: Path, name: str, limit: int = MAX_FILE_BYTES) -> bytes:
         InputError: missing, unreadable, not a regular file, or too large.
     """
     try:
-        # Without O_NONBLOCK opening a FIFO would wait for a writer for ever.
+        # Without O_NONBLOCK opening a FIFO would wait for a writer forever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not the name of a file"

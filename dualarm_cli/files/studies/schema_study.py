@@ -180,14 +180,14 @@ class StudyFile(Section):
         description="Path of a task file, relative to this file, or a list of them: every layout is planned for all."
     )
     parameters: Annotated[dict[Name, ParameterSection], Field(min_length=1, max_length=50)] = Field(
-        description="What is varied, by name."
+        description="The parameters, by name."
     )
     objectives: Annotated[
         list[Literal["cycle_time", "gap", "clearance", "travel"]],
         Field(min_length=1, max_length=4),
     ] = Field(
         default=["cycle_time"],
-        description="What is to become good, most important first: cycle_time, gap and travel small, clearance large.",
+        description="The objectives, most important first: cycle_time, gap and travel small, clearance large.",
     )
     sample: SampleSection | None = Field(
         default=None, description="How ranges without step and count are sampled."

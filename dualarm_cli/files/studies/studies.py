@@ -231,7 +231,7 @@ class LevelReader:
             # True is no 1: a boolean is not an Amount.
             if level in levels[:k]:
                 self._findings.add(
-                    self._document, (*loc, k), f"{quote(values[k])} is there twice", "E102"
+                    self._document, (*loc, k), f"{quote(values[k])} is listed twice", "E102"
                 )
         return tuple(levels)
 

@@ -166,7 +166,7 @@ class CurveReader:
             if piece is None:
                 return None
             if piece.length < SHORTEST:
-                self.note((*loc, k), "the tool is there already; remove this piece")
+                self.note((*loc, k), "the tool is already there; remove this piece")
                 return None
             pieces.append(piece)
             R, p = piece.at(np.array([piece.length]))

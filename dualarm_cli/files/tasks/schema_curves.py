@@ -49,7 +49,7 @@ class TurnSection(Section):
     axis: Annotated[list[Component], Field(min_length=3, max_length=3)] = Field(
         description="Direction of the axis."
     )
-    angle: Angle = Field(description="By how much it turns, positive by the right hand [rad].")
+    angle: Angle = Field(description="Angle of the turn, positive by the right-hand rule [rad].")
     tool: Literal["turns", "keeps"] = Field(
         default="turns",
         description="turns: the tool turns with it, as on a rigid part; keeps: it keeps its rotation.",
@@ -93,7 +93,7 @@ class CurveSection(Section):
     """The path of one tool: pieces, or poses from a file."""
 
     through: Annotated[list[PieceSection], Field(min_length=1, max_length=10_000)] | None = Field(
-        default=None, description="Where it starts, then piece by piece."
+        default=None, description="The start pose, then the pieces of the curve."
     )
     poses: Name | None = Field(
         default=None,

@@ -100,7 +100,9 @@ class TargetSection(FramedPose):
         if self.joints is not None:
             for key in ("xyz", "rpy", "quat", "in", "at", "free", "symmetry"):
                 if getattr(self, "in_" if key == "in" else key) is not None:
-                    raise refuse(f"'{key}' does not go with 'joints', which say everything", key)
+                    raise refuse(
+                        f"'{key}' does not go with 'joints', which define the whole target", key
+                    )
         elif self.xyz is None:
             raise refuse("no target; give xyz, with rpy or quat, or joints")
         if self.in_ is not None and self.at is not None:
@@ -129,7 +131,9 @@ class TaskHead(Section):
     )
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
-    move: TargetSection | None = Field(default=None, description="Where the tool just goes.")
+    move: TargetSection | None = Field(
+        default=None, description="Where the tool moves, without gripping."
+    )
 
 
 class TaskSection(TaskHead):
@@ -183,7 +187,7 @@ class TasksFile(Section):
         description="paired: both arms start each stage together; free: the arms run asynchronously.",
     )
     order: Literal["given", "optimise"] = Field(
-        default="given", description="Who chooses the order of the tasks."
+        default="given", description="Whether the file or the planner orders the tasks."
     )
     start: Name = Field(default="home", description="Posture in which the motion starts, or free.")
     return_: bool = Field(
@@ -194,14 +198,14 @@ class TasksFile(Section):
     )
     limits: LimitsSection = Field(default=LimitsSection(), description="Caps for these tasks.")
     defaults: DefaultsSection = Field(
-        default=DefaultsSection(), description="What tasks have that do not say otherwise."
+        default=DefaultsSection(), description="Default values for all tasks."
     )
     budget: BudgetSection | None = Field(
-        default=None, description="What every plan of these tasks must keep."
+        default=None, description="Limits that every plan of these tasks must meet."
     )
     sequences: list[Annotated[list[Name], Field(min_length=2)]] = Field(
         default_factory=list,
-        description="Lists of tasks that one arm does one right after the other, for order: optimise.",
+        description="Lists of tasks that one arm does directly one after another, for order: optimise.",
     )
     tasks: Annotated[list[TaskSection], Field(min_length=1)] = Field(
         description="The tasks, in order."

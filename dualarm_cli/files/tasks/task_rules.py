@@ -82,10 +82,13 @@ def check_settings(document: Document, model: TasksFile, findings: Findings) -> 
     for k, row in enumerate(model.sequences):
         for m, name in enumerate(row):
             if name in names:
-                message = f"task {quote(name)} takes its own arms; sequences are of picks, places and moves"
+                message = f"task {quote(name)} names its own arms; sequences hold picks, places and moves only"
                 findings.add(document, ("sequences", k, m), message)
     if model.sequences and model.order == "given":
-        message = "order: given does all tasks in the file's order already; say order: optimise, or remove 'sequences'"
+        message = (
+            "order: given does all tasks in the file's order already; "
+            "write order: optimise, or remove 'sequences'"
+        )
         findings.add(document, ("sequences",), message)
 
 
@@ -114,7 +117,7 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
             findings.add(document, ("tasks", index, action, "joints"), message)
     for kind in of_kinds("reading", "any"):
         if getattr(task, kind.key) is not None:
-            message = f"arm: any does not go with '{kind.key}'; it says itself which arms it takes"
+            message = f"arm: any does not go with '{kind.key}'; it names its arms itself"
             findings.add(document, ("tasks", index, "arm"), message, NOT_AVAILABLE)
 
 

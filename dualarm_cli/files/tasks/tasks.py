@@ -58,7 +58,7 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
             if sections[name] == sections[task.id] and not shared:
                 continue
             message = (
-                f"task {quote(task.id)} is to come after {quote(name)}, but order: given does it first; "
+                f"task {quote(task.id)} must come after {quote(name)}, but order: given puts it first; "
                 "change their order in the file"
             )
             findings.add(document, ("tasks", place[task.id], "after", k), message)

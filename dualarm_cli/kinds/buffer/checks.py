@@ -80,7 +80,7 @@ def _faults(name: str, changes: list[_Change], job: Job) -> list[tuple[float, st
         event = change.event
         who = f"at {event.time:.3f} s the {event.arm} arm's {event.task} {event.action}"
         if change.parts < 0 and parts < 0:
-            what = f"takes a part that is not there: {parts + 1} can be taken"
+            what = f"takes a part from an empty buffer: {parts + 1} can be taken"
             found.append((event.time, f"buffer {name}: {who} {what} (capacity {buffer.capacity})"))
         if change.taken > 0 and taken > buffer.capacity:
             what = f"has no room: {taken - 1} of {buffer.capacity} places are taken"

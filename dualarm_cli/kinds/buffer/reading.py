@@ -109,14 +109,14 @@ def _check_numbers(document: Document, model: BuffersFile, findings: Findings) -
             )
         elif end > buffer.capacity:
             message = (
-                f"buffer {quote(name)} has no room for all parts: {numbers}, so {end} are left where there is room for "
+                f"buffer {quote(name)} has no room for all parts: {numbers}, so {end} remain where there is room for "
                 f"{buffer.capacity} (capacity)"
             )
         elif model.return_ and end != buffer.initial:
             message = (
                 f"with return: true the cycle cannot repeat: buffer {quote(name)} ends with {end} parts and began with "
-                f"{buffer.initial} (puts: {puts}, takes: {takes}); let puts and takes be equally many, or say "
-                "return: false"
+                f"{buffer.initial} (puts: {puts}, takes: {takes}); make the numbers of picks and places equal, "
+                "or write return: false"
             )
         else:
             continue

@@ -22,7 +22,7 @@ SLOWEST_BELT = 1e-4
 class ConveyorSection(Section):
     """A belt that moves at one velocity all the time and carries targets past the robot."""
 
-    velocity: Velocity3 = Field(description="Velocity of what lies on it [m/s].")
+    velocity: Velocity3 = Field(description="Velocity of the belt [m/s].")
     in_: Name | None = Field(
         default=None,
         alias="in",

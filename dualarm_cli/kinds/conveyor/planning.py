@@ -29,12 +29,12 @@ SAME_PLACE = 0.08
 LATE = 1e-9
 """An arm that is later than its part by no more is there in time [s]."""
 NO_SENSITIVITY = (
-    "sensitivity: none for tasks with conveyors: quicker arms would meet parts elsewhere"
+    "sensitivity: none for tasks with conveyors: faster arms would meet parts elsewhere"
 )
 """Message of assumed limits."""
 NO_CONVEYOR_BOUND = "lower bound: none for tasks with conveyors"
 """The same where parts move: the bound is of parts that stand, and those may be nearer when they are met."""
-FREE = "mode: free: with conveyors both arms go from stage to stage together in this version"
+FREE = "mode: free: with conveyors, both arms start each stage together in this version"
 """Message of asynchronous arms."""
 
 
@@ -48,7 +48,7 @@ def conveyor_notes(job: Job, duration: float) -> list[str]:
     notes = [NO_SENSITIVITY]
     if job.returns:
         notes.append(
-            f"conveyors: the cycle repeats every {duration:.3f} s, and so the part of each task has to come again"
+            f"conveyors: the cycle repeats every {duration:.3f} s, so each part must arrive with the same period"
         )
     return notes
 
@@ -104,7 +104,7 @@ def quickest_meeting(
     Raises:
         InfeasibleError: a part that no plan found meets in its window, or what else makes a plan impossible.
     """
-    progress("guessing where parts on conveyors are met")
+    progress("estimating where parts on conveyors are met")
     asked = replace(problem, job=_better_guessed(problem, timing))
     delays: dict[tuple[int, str], float] = {}
     best: ClearedPlan | None = None

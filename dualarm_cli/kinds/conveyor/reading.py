@@ -26,7 +26,7 @@ class ConveyorTarget(TargetSection):
     )
     passes: Duration | None = Field(
         default=None,
-        description="When what is on the conveyor passes this pose, after the start [s].",
+        description="When the part on the conveyor passes this pose, after the start [s].",
     )
     within: Size | None = Field(
         default=None,
@@ -82,7 +82,7 @@ def on_belt(reader: TaskReader, section: TargetSection, loc: Loc, stop: Stop) ->
         return stop
     place, conveyors = (*loc, "conveyor"), reader.cell.conveyors
     if stop.action == "move":
-        message = "a move goes to a place that stands; 'conveyor' goes with pick and place"
+        message = "a move goes to a target at rest; 'conveyor' goes with pick and place"
         reader.note(place, message)
         return stop
     if section.conveyor not in conveyors:

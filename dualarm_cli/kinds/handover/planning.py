@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dualarm_cli.kinds.planning import KindPlanning
 
-HANDED_TOGETHER = (
-    "mode: free: with hand-overs both arms go from stage to stage together in this version"
-)
+HANDED_TOGETHER = "mode: free: with hand-overs, both arms start each stage together in this version"
 """Message of asynchronous arms that have to meet."""
 
 PLANNING = KindPlanning(works=lambda task: task.handover is not None, together=HANDED_TOGETHER)

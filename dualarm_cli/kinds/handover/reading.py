@@ -17,9 +17,9 @@ from dualarm_cli.model.job import ANY, Job, PoseTarget, Stop, Task
 from dualarm_cli.model.place import Place
 
 _NO_FREEDOM = {
-    "joints": "two tools meet there, so it has to be a pose; give xyz, with rpy or quat",
-    "free": "the taking tool's pose follows from the giving one's, so that both are fixed",
-    "symmetry": "the taking tool's pose follows from the giving one's, so that both are fixed",
+    "joints": "two tools meet there, so it must be a pose; give xyz, with rpy or quat",
+    "free": "the taking tool's pose follows from the giving one's, so both must be fixed",
+    "symmetry": "the taking tool's pose follows from the giving one's, so both must be fixed",
 }
 
 
@@ -44,7 +44,9 @@ class HandoverSection(FramedPose):
     @model_validator(mode="after")
     def _whole(self) -> HandoverSection:
         if self.xyz is None:
-            raise refuse("no place to meet; give xyz, with rpy or quat, of the giving tool")
+            raise refuse(
+                "the hand-over pose is missing; give xyz, with rpy or quat, of the giving tool"
+            )
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
         if self.grip.xyz is None and self.grip.rpy is None and self.grip.quat is None:
@@ -89,7 +91,7 @@ def handed(reader: TaskReader, section: TaskSection, loc: Loc) -> list[Task]:
     if arm is None:
         return []
     if len(reader.arms) < 2:
-        message = f"{reader.cell.robot.name} has one arm only; a hand-over takes two"
+        message = f"{reader.cell.robot.name} has one arm only; a hand-over needs two"
         reader.note(place, message)
         return []
     taker = ANY if arm == ANY else next(name for name in reader.arms if name != arm)

@@ -38,7 +38,7 @@ def check_torques(schedule: Schedule, job: Job | None) -> Check:
         {} if job is None else {t.id: t for t in job.tasks if t.path is not None and t.path.torque}
     )
     if job is None or not asked:
-        return not_checked(NAME, "no path is to keep the joints' torques within limits")
+        return not_checked(NAME, "no path has torque limits")
     model = _model(job.cell)
     names = list(model.names)[1:]
     columns = [schedule.trajectory.joints.index(name) for name in names]

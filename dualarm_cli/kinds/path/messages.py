@@ -49,7 +49,7 @@ def path_job_notes(job: Job, method: str, trajectory: Trajectory) -> list[str]:
         arms = [{task.arm for task in section} for section in (one, other)]
         if not arms[0] & arms[1]:
             notes.append(
-                f"paths {one[0].id} and {other[0].id} are followed one after the other; write both tools' ways into "
+                f"paths {one[0].id} and {other[0].id} are followed one after the other; write both tools' curves into "
                 "one path (left:, right:) to follow them together"
             )
     return notes
@@ -63,17 +63,17 @@ def path_notes(
     cap, speed = context.job.tool_speed, work.speed * context.job.speed
     if cap is not None and cap < speed:
         notes.append(
-            f"{task}: followed at {cap:g} m/s, the cap on the tools' speed, not at {speed:g} m/s"
+            f"{task}: followed at {cap:g} m/s, the limit of the tools' speed, instead of {speed:g} m/s"
         )
     if found.trajectory.duration > found.asked * SLOWED:
         notes.append(
-            f"{task}: eases off where the joints' limits ask for it, {found.trajectory.duration:.3f} s "
+            f"{task}: is slowed down by the joints' limits to {found.trajectory.duration:.3f} s "
             f"instead of {found.asked:.3f} s"
         )
     if corners := len(work.corners()):
         stops = "stops at one corner" if corners == 1 else f"stops at {corners} corners"
         notes.append(
-            f"{task}: the tool {stops}; arcs and splines in their place would keep it moving"
+            f"{task}: the tool {stops}; replace corners by arcs or splines to keep it moving"
         )
     if name.startswith("virtual_spring"):
         missing = [arm for arm in work.paths if arm not in work.critical_points]

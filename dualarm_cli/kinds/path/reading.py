@@ -44,7 +44,7 @@ class CriticalPoint(Section):
         default=None, description="Height of the circle above the last platform joint [m]."
     )
     angle: Angle | None = Field(
-        default=None, description="Where on the circle, from x towards y [rad]."
+        default=None, description="Angle on the circle, from x towards y [rad]."
     )
 
     @model_validator(mode="after")
@@ -89,7 +89,7 @@ class PathSection(CurveSection):
     )
     slower: Literal["allowed", "forbidden"] = Field(
         default="forbidden",
-        description="Whether it may be followed slower where the joints' limits ask for it.",
+        description="Whether the speed may be reduced where the joints' limits need it.",
     )
     tolerance: Size = Field(default=1e-4, description="How far the tools may leave the path [m].")
     redundancy: Name | None = Field(default=None, description="Method that finds the joints.")

@@ -170,7 +170,7 @@ def check_seams(
             for other in others
         )
         if len(own) != 1 or not together or own[0].end <= own[0].start:
-            message = f"{task}: it takes one segment of kind seam for each arm that works, at the same time"
+            message = f"{task}: it needs one segment of kind seam for each arm that works, at the same time"
             worst["seam_progress"].add(np.inf, message)
             continue
         _judge(worst, schedule, job, model, work, own[0], lines)

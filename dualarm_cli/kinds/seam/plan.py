@@ -222,7 +222,7 @@ class SeamPlanner:
     clear: bool
     """Whether anything has to be collision-free."""
     free_start: bool = False
-    """Whether the motion may start anywhere, so that there is no way to where the seam begins."""
+    """Whether the motion may start anywhere, so that no motion to the start of the seam is needed."""
     asked: str | None = None
     """Name of the seam solver that was asked for; None for the file's choice."""
 

@@ -162,7 +162,7 @@ class SeamReader:
         where = (*loc, key) if getattr(section, key) else loc
         if least_lean(contour) < LEAST_LEAN:
             message = (
-                "the normal points along the curve somewhere; it has to point out of the surface"
+                "the normal is tangent to the curve somewhere; it must point out of the surface"
             )
             self._reader.note(where, message)
             return None
@@ -203,9 +203,7 @@ class SeamReader:
         return True
 
 
-CORNERS = (
-    "a part cannot follow a way with corners, where it would have to stop; join its pieces smoothly"
-)
+CORNERS = "a part cannot follow a curve with corners, where it would have to stop; join its pieces smoothly"
 
 
 def _shown(point: FloatArray) -> str:
@@ -241,7 +239,7 @@ def _wrong(section: FeatureSection) -> tuple[Loc, str] | None:
     if section.finish is not None and section.finish == begin:
         return ("finish",), "the curve ends where it begins; leave 'finish' out for a full turn"
     if section.finish is not None and abs(section.finish - begin) > FULL_TURN + 1e-9:
-        return ("finish",), "the curve goes round more than once; end it after a full turn"
+        return ("finish",), "the curve is longer than a full turn; end it after one turn"
     shift = abs(section.eccentricity or 0.0)
     if section.kind == "saddle":
         R, r = section.main_radius or 0.0, section.branch_radius or 0.0

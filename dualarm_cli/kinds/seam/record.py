@@ -158,11 +158,11 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
     """Returns what a reader must know of how a seam is worked."""
     notes = []
     # What decides is not looked for: the file's own acceleration is one of the limits.
-    why = "as the cap on the tools' speed asks" if found.seam.capped else "as limits ask"
+    why = "because of the limit of the tools' speed" if found.seam.capped else "because of limits"
     speed = found.seam.speed(work.length)
     if work.speed is not None and speed * SLOWED < work.speed * job.speed:
         notes.append(
-            f"{task}: worked at {speed * 1e3:.4g} mm/s, {why} for, not at "
+            f"{task}: worked at {speed * 1e3:.4g} mm/s, {why}, instead of "
             f"{work.speed * job.speed * 1e3:.4g} mm/s"
         )
     if (
@@ -170,8 +170,8 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
         and found.seam.trajectory.duration > SLOWED * work.duration / job.speed
     ):
         notes.append(
-            f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why} for, not "
-            f"{work.duration / job.speed:.3f} s"
+            f"{task}: takes {found.seam.trajectory.duration:.3f} s, {why}, instead "
+            f"of {work.duration / job.speed:.3f} s"
         )
     if job.speed < 1.0 and work.speed is not None:
         notes.append(
@@ -181,10 +181,10 @@ def seam_notes(job: Job, task: str, work: SeamWork, found: PlannedSeam) -> list[
     bodies = [f"{arm}_tool" for arm in work.arms if not job.cell.tools[arm].shapes]
     if bodies:
         notes.append(
-            f"{task}: {' and '.join(bodies)} without shapes: nothing is clear of what they stand for"
+            f"{task}: {' and '.join(bodies)} without shapes: they are not checked for collisions"
         )
     if work.touches and f"{work.slave}_tool" not in bodies:
         notes.append(
-            f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, not reach into it"
+            f"{task}: {work.slave}_tool may touch {', '.join(work.touches)} while it works, but must not penetrate it"
         )
     return notes

@@ -71,7 +71,7 @@ class FeatureSection(Pose):
         default=None, description="Distance between the pipes' axes [m]; default 0."
     )
     semi_axes: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="Of an ellipse in the plane z = 0, along x and y [m]."
+        default=None, description="Semi-axes of an ellipse in the plane z = 0, along x and y [m]."
     )
     begin: Angle | None = Field(
         default=None, description="Angle where a saddle, arc or ellipse begins [rad]; default 0."
@@ -82,7 +82,7 @@ class FeatureSection(Pose):
     )
     side: Literal["above", "outside"] | None = Field(
         default=None,
-        description="Where the tool of a flat arc or ellipse comes from: along z, or from outside in its plane.",
+        description="Side of a flat arc or ellipse from which the tool comes: along z, or from outside in its plane.",
     )
     start: Vector3 | None = Field(default=None, description="Where a line begins [m].")
     end: Vector3 | None = Field(default=None, description="Where a line ends [m].")
@@ -91,10 +91,11 @@ class FeatureSection(Pose):
     )
     normal: Direction | None = Field(
         default=None,
-        description="Out of the surface: of a line (default z), or where a spline begins, carried along without twist.",
+        description="Surface normal, outwards: of a line (default z), or at the "
+        "start of a spline, carried along without twist.",
     )
     normals: Annotated[list[Direction], Field(min_length=2, max_length=10_000)] | None = Field(
-        default=None, description="Out of the surface at every point of a spline."
+        default=None, description="Surface normal, outwards, at every point of a spline."
     )
     closed: bool | None = Field(
         default=None, description="Whether a spline ends where it begins, smoothly."
@@ -128,10 +129,11 @@ class SeamToolSection(Section):
         default=0.0, description="Distance of the tool centre point from the curve [m]."
     )
     work_angle: Angle = Field(
-        default=0.0, description="Turn of the tool about the curve's tangent [rad]."
+        default=0.0, description="Work angle: turn of the tool about the curve's tangent [rad]."
     )
     travel_angle: Angle = Field(
-        default=0.0, description="Then about the curve frame's y: it leans forwards or back [rad]."
+        default=0.0,
+        description="Travel angle: then turn about the curve frame's y axis, forwards or back [rad].",
     )
     spin: Angle | None = Field(
         default=None,
@@ -142,7 +144,7 @@ class SeamToolSection(Section):
         description="spin: the tool may turn about its own axis; none: its x axis is along the curve.",
     )
     tilt: Tilt = Field(
-        default=0.0, description="By how much its axis may lean away from where it should be [rad]."
+        default=0.0, description="Largest tilt of the tool axis from its nominal direction [rad]."
     )
 
     @model_validator(mode="after")
@@ -157,11 +159,11 @@ class HoldSection(FramedPose):
 
     mode: Literal["free", "still"] | None = Field(
         default=None,
-        description="free: the planner moves the part as well; still: it finds a pose.",
+        description="free: the planner moves the part as well; still: the planner finds one fixed pose.",
     )
     way: CurveSection | None = Field(
         default=None,
-        description="What the part's frame follows, at the same share as the tool follows the curve.",
+        description="Curve of the part's frame, followed in proportion to the tool's progress.",
     )
 
     @model_validator(mode="after")
@@ -172,9 +174,9 @@ class HoldSection(FramedPose):
         if len(given) > 1:
             raise refuse(f"'{given[1]}' does not go with '{given[0]}'; keep one", given[1])
         if self.way is not None and self.way.through is None and self.way.poses is None:
-            raise refuse("no way; give through or poses", "way")
+            raise refuse("no curve; give through or poses", "way")
         if self.xyz is None and self.in_ is not None:
-            raise refuse("'in' goes with a pose; the poses of a way have their own", "in")
+            raise refuse("'in' goes with a pose; the poses of a curve have their own", "in")
         if self.xyz is None and (self.rpy is not None or self.quat is not None):
             raise refuse("a pose needs xyz", "rpy" if self.rpy is not None else "quat")
         return self
@@ -190,22 +192,21 @@ Hold = Annotated[HoldSection, BeforeValidator(_word)]
 class EntrySection(Section):
     """How the tool comes to the curve."""
 
-    approach: Distance = Field(default=0.0, description="Straight way along the tool's axis [m].")
-    dwell: Duration = Field(
-        default=0.0, description="How long it stands where the curve begins [s]."
-    )
+    approach: Distance = Field(default=0.0, description="Straight line along the tool's axis [m].")
+    dwell: Duration = Field(default=0.0, description="Dwell at the start of the curve [s].")
     duration: WorkDuration | None = Field(
         default=None,
-        description="Time for the way to where the curve begins, approach and dwell included; default: as quick as can "
-        "be [s].",
+        description="Time from the previous motion to the start of the curve, "
+        "approach and dwell included; default: the "
+        "shortest [s].",
     )
 
 
 class ExitSection(Section):
     """How the tool leaves the curve."""
 
-    dwell: Duration = Field(default=0.0, description="How long it stands where the curve ends [s].")
-    retract: Distance = Field(default=0.0, description="Straight way along the tool's axis [m].")
+    dwell: Duration = Field(default=0.0, description="Dwell at the end of the curve [s].")
+    retract: Distance = Field(default=0.0, description="Straight line along the tool's axis [m].")
 
 
 class CoordinateSection(Section):
@@ -225,7 +226,7 @@ class CoordinateSection(Section):
     )
     hold: Hold = Field(
         default=HoldSection(mode="free"),
-        description="Where the part is: free (default), still, a pose in the world, or a way that its frame follows.",
+        description="Where the part is: free (default), still, a pose in the world, or a curve that its frame follows.",
     )
     speed: ToolSpeed | None = Field(
         default=None, description="Speed of the tool along the curve, relative to the part [m/s]."
@@ -239,20 +240,21 @@ class CoordinateSection(Section):
     )
     slower: Literal["allowed", "forbidden"] = Field(
         default="forbidden",
-        description="Whether it may be slower where the joints' limits ask for it.",
+        description="Whether the speed may be reduced where the joints' limits need it.",
     )
     downhand: Downhand | None = Field(
         default=None,
-        description="By how much the surface under the tool may lean away from facing upwards [rad].",
+        description="Largest angle of the surface normal under the tool from vertical [rad].",
     )
-    entry: EntrySection = Field(default=EntrySection(), description="How the tool comes.")
-    exit: ExitSection = Field(default=ExitSection(), description="How the tool leaves.")
+    entry: EntrySection = Field(default=EntrySection(), description="Approach of the tool.")
+    exit: ExitSection = Field(default=ExitSection(), description="Retract of the tool.")
     not_before: Duration = Field(
         default=0.0, description="When the curve begins at the earliest, from the plan's start [s]."
     )
     touches: list[Name] | None = Field(
         default=None,
-        description="Bodies that the tool may touch, not reach into, meanwhile: tools or obstacles; default the "
+        description="Bodies (tools or obstacles) that the tool may touch, but "
+        "not penetrate, while it works; default the "
         "master's tool.",
     )
     posture: Name | None = Field(

@@ -43,13 +43,14 @@ class ChangedToolSection(ToolSection):
     """A tool that an arm takes from its stand and leaves there."""
 
     stand: FramedPose = Field(
-        description="Where the arm's own tool frame (tools: tcp) is while it takes or leaves it; xyz must be given."
+        description="Pose of the arm's own tool frame (tools: tcp) while it "
+        "takes or leaves the tool; xyz must be given."
     )
 
     @model_validator(mode="after")
     def _somewhere(self) -> ChangedToolSection:
         if self.stand.xyz is None:
-            raise refuse("the stand has no place; give its xyz", "stand", "E202")
+            raise refuse("the stand has no position; give its xyz", "stand", "E202")
         return self
 
 
@@ -57,7 +58,7 @@ class ArmChangesSection(Section):
     """The tools that one arm changes by itself."""
 
     start: Name = Field(
-        description="The tool that is on at the start, and with return: true at the end; none for no tool."
+        description="The tool mounted at the start, and with return: true at the end; none for no tool."
     )
     time: Duration = Field(
         default=0.0,
@@ -118,8 +119,8 @@ def read_tool_changes(
     _check_names(document, found, list(model.parts), findings)
     if found and model.limits.tool_speed is not None:
         message = (
-            "a cap on the tools' speed does not go with tool_changes in this version: it is measured at what is always "
-            "on the arm, not at the tools that are changed; remove one of the two"
+            "a cap on the tools' speed does not go with tool_changes in this version: it is measured at the permanent "
+            "tool, not at the changed ones; remove one of the two"
         )
         findings.add(document, ("limits", "tool_speed"), message, "E310")
     bodies: list[tuple[Loc, str]] = [
@@ -143,7 +144,7 @@ def _of_arm(
     for name, entry in section.tools.items():
         place: Loc = (*loc, "tools", name)
         if name == NO_TOOL:
-            message = f"{quote(NO_TOOL)} says that no tool is on; choose another name"
+            message = f"{quote(NO_TOOL)} means that no tool is mounted; choose another name"
             findings.add(document, place, message, key=True)
             continue
         shapes = [shape(s, (*place, "shapes", k), {}) for k, s in enumerate(entry.shapes)]
@@ -189,8 +190,8 @@ def _check_axis(
     lean = float(np.arctan2(np.hypot(z[0], z[1]), z[2]))
     if lean > PARALLEL:
         message = (
-            f"the z axis of tool {quote(name)} leans by {np.degrees(lean):.4g} deg from that of what is always on the "
-            "arm (tools: tcp); lines run along both, so that they have to be parallel: turn one of the two"
+            f"the z axis of tool {quote(name)} leans by {np.degrees(lean):.4g} deg from that of the permanent tool "
+            "(tools: tcp); lines run along both axes, so make the two parallel"
         )
         findings.add(document, (*place, "tcp"), message)
 
@@ -223,7 +224,7 @@ def _check_names(
             mine = {Held(name, part).name for part in ("", *parts)}
             mine.add(Held(name, docking=True).name)
             if mine & others:
-                message = f"{quote(name)} can be taken for a part or for another tool; choose another name"
+                message = f"{quote(name)} is also the name of a part or of another tool; choose another name"
                 findings.add(document, ("tool_changes", arm, "tools", name), message, key=True)
             others |= mine
 

@@ -53,7 +53,7 @@ def change_tasks(schedule: Schedule, job: Job) -> list[tuple[float, Task]]:
 
 
 def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
-    """Checks that each arm does every task with its tool on, and changes tools in a way that can be, never for nothing.
+    """Checks that each arm does every task with its tool mounted, and that every tool change is possible and needed.
 
     A tool is taken where none is on, and left at its own stand, never within a task; in a cycle that of the
     start is on again at its end. Every visit to a stand has a name of its own.
@@ -73,11 +73,11 @@ def check_tool_changes(schedule: Schedule, job: Job | None) -> Check:
     # What bears the name of another one is judged by nothing else: targets, lines and dwells go by names.
     named = Counter(event.task for event in schedule.events if is_change(event, job))
     faults += [
-        f"{task} is what {count} visits to stands are called"
+        f"{task} is the name of {count} visits to stands"
         for task, count in named.items()
         if count > 1
     ]
-    where = faults[0] if faults else "every task with its tool on"
+    where = faults[0] if faults else "every task with its tool mounted"
     return judge(NAME, len(faults), 0, "", where)
 
 
@@ -111,16 +111,18 @@ class _Hand:
                 continue  # what no task asks for is the order's to find
             if task.tool != on:
                 done, due = (f"tool {name}" if name else "no tool" for name in (on, task.tool))
-                self._note(f"{event.task} {event.action} is done with {done} on, {due} is due")
+                self._note(
+                    f"{event.task} {event.action} is done with {done} mounted; it needs {due}"
+                )
             if before is not None and before == on:
-                self._note(f"{before or 'no tool'} was on before {event.task} already")
+                self._note(f"{before or 'no tool'} was already mounted before {event.task}")
             before = None
             open_task = event.task if event.action != task.stops[-1].action else ""
         closes = self.job.returns and on == start
         if before is not None and (not closes or before == on):
             self._note(f"tools are changed after the last task, to {on or 'none'}, for nothing")
         if self.job.returns and on != start:
-            self._note(f"{on or 'no tool'} is on at the end, {start or 'none'} at the start")
+            self._note(f"{on or 'no tool'} is mounted at the end, {start or 'none'} at the start")
         return self.faults
 
     def _changed(self, event: Event, on: str, *, first: bool) -> str:
@@ -128,14 +130,14 @@ class _Hand:
         tool = tool_at(event, self.job)
         if event.action == "leave_tool":
             if not on:
-                self._note(f"{event.task}: {tool} is left, no tool is on")
+                self._note(f"{event.task}: {tool} is left, but no tool is mounted")
             elif on != tool:
                 self._note(f"{event.task}: {on} is left at the stand of {tool}")
             elif not first:
-                self._note(f"{event.task}: {tool} is left without a task that it was taken for")
+                self._note(f"{event.task}: {tool} is left without having been used for a task")
             return ""
         if on:
-            self._note(f"{event.task}: {tool} is taken while {on} is on")
+            self._note(f"{event.task}: {tool} is taken while {on} is mounted")
         return tool
 
     def _note(self, fault: str) -> None:

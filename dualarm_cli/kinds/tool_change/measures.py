@@ -41,7 +41,7 @@ def tool_change_lines(report: dict[str, Any]) -> list[str]:
     """
     return [
         f"{name} arm: {use['changes']} tool change{'s' if use['changes'] != 1 else ''}: {use['visits']} visits to "
-        f"stands, {use['time']:.2f} s with the ways there"
+        f"stands, {use['time']:.2f} s including the motions there"
         for name, use in report["tool_changes"].items()
     ]
 

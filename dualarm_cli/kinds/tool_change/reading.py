@@ -28,16 +28,14 @@ class ToolTask(TaskHead):
 
     tool: Name | None = Field(
         default=None,
-        description="The tool that it is done with, of those that the cell's tool_changes name; none for no tool.",
+        description="The tool for the task, one of the cell's tool_changes; none for no tool.",
     )
 
 
 class ToolDefaults(DefaultsSection):
     """Defaults that may say with which tool tasks are done."""
 
-    tool: Name | None = Field(
-        default=None, description="The tool that tasks are done with; none for no tool."
-    )
+    tool: Name | None = Field(default=None, description="The tool for all tasks; none for no tool.")
 
 
 def check_tool_changes(
@@ -61,14 +59,14 @@ def check_tool_changes(
             if getattr(task, kind.key) is not None:
                 message = (
                     f"'{kind.key}' does not go with a cell that has tool_changes in this version; plan it with a cell "
-                    "in which the tool is always on (tools:)"
+                    "in which the tool is permanent (tools:)"
                 )
                 findings.add(document, ("tasks", index, kind.key), message, NOT_AVAILABLE)
         _check_name(document, index, task.id, cell, findings)
     if model.limits.tool_speed is not None:
         message = (
             "a cap on the tools' speed does not go with a cell that has tool_changes in this version: it is measured "
-            "at what is always on the arm; remove it"
+            "at the permanent tool; remove it"
         )
         findings.add(document, ("limits", "tool_speed"), message, NOT_AVAILABLE)
 
@@ -78,7 +76,7 @@ def _check_name(document: Document, index: int, name: str, cell: Cell, findings:
     for changes in cell.tool_changes.values():
         for tool in changes.tools:
             if name.startswith((f"take {tool} (", f"leave {tool} (")):
-                message = f"{quote(name)} is what a visit to a stand is called; choose another id"
+                message = f"{quote(name)} is the name of a visit to a stand; choose another id"
                 findings.add(document, ("tasks", index, "id"), message)
                 return
 
@@ -119,7 +117,7 @@ def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[
     known = {tool for name in arms if name in changes for tool in changes[name].tools}
     if said is None:
         message = (
-            f"task {quote(section.id)} does not say with which tool it is done; say tool: or "
+            f"task {quote(section.id)} names no tool; give tool: or "
             f"defaults: {{tool: …}}, one of {', '.join([*sorted(known), NO_TOOL])}"
         )
         reader.note(loc, message, "E202")
@@ -136,8 +134,8 @@ def _choose(reader: TaskReader, section: ToolTask, loc: Loc, arm: str) -> tuple[
         first, second = (cell.T_own_tool(name, said) for name in able)
         if not first.isApprox(second, COAXIAL):
             message = (
-                f"tool {quote(said)} is not the same on both arms (its tcp as the arm's own tcp has it), so that "
-                "its targets are not either: say arm: left or right"
+                f"tool {quote(said)} is not the same on both arms (its tcp as the arm's own tcp has it), so its "
+                "targets are not the same either: write arm: left or right"
             )
             _note(reader, loc, section, message)
     return (arm if len(able) == len(arms) else able[0]), said
@@ -156,7 +154,7 @@ def _seen(reader: TaskReader, target: Target, loc: Loc, arm: str, tool: str) -> 
     if beside > COAXIAL and (target.free_yaw or target.symmetry > 1):
         key = "free" if target.free_yaw else "symmetry"
         message = (
-            f"turns about the z axis of tool {quote(tool)} are left open here, but that axis is "
+            f"turns about the z axis of tool {quote(tool)} are free here, but that axis is "
             f"{beside * 1e3:.3g} mm beside the arm's own tool's (tool_changes: tcp); remove '{key}', or make the "
             "two coaxial"
         )

@@ -256,7 +256,7 @@ def closed_form(arm: object) -> SrsArm:
     """
     if not isinstance(arm, SrsArm):
         raise UnsupportedError(
-            "an arm that is not spherical-revolute-spherical has no closed forms over an arm angle: "
-            "--redundancy numeric serves it"
+            "an arm that is not spherical-revolute-spherical has no closed form over an arm angle; "
+            "use --redundancy numeric"
         )
     return arm

@@ -112,7 +112,7 @@ LOOKS = 8
 def order_that_is_served(
     problem: SequencingProblem, units: list[TaskUnit], random: np.random.Generator
 ) -> Timed | None:
-    """Returns an order in which no arm waits for ever, None where none was found.
+    """Returns an order in which no arm waits forever, None where none was found.
 
     Units are put behind what is there, where all is over soonest among those for which there are parts and room.
 
@@ -211,7 +211,7 @@ class Recreator:
     def first(self) -> Timed | None:
         """Returns an order by insertion of the longest tasks first, None where none was found.
 
-        Where an arm would wait for a buffer for ever, one that is put together task after task.
+        Where an arm would wait for a buffer forever, one that is put together task after task.
         """
         routes = [np.zeros((0, 2), dtype=np.int64) for _ in self.problem.arms]
         dear = [-min(float(np.min(one)) for one in unit.inside) for unit in self._units]

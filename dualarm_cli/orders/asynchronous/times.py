@@ -90,7 +90,7 @@ class StoredOrder:
         return found.tolist()
 
     def played(self) -> State:
-        """Returns the best last state found: where arms wait for ever, one in which not all is done."""
+        """Returns the best last state found: where arms wait forever, one in which not all is done."""
         served = self._served()
         count = sum(len(own) for own in self._legs)
         short = count <= MOST_BRANCHED
@@ -268,7 +268,7 @@ def _legs(problem: SequencingProblem, a: int, nodes: tuple[int, ...]) -> list[Le
 LATE = 1000.0
 """What an instant of a window that is missed counts, in instants of the total."""
 STUCK = 1e6
-"""What a stop counts that is never made, as it waits for a part or for room for ever [s]."""
+"""What a stop counts that is never made, as it waits for a part or for room forever [s]."""
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class Timed:
     ends: tuple[tuple[float, ...], ...] = ()
     """By arm, when each task is over [s]."""
     left: int = 0
-    """Stops that are never made, as they wait for parts or for room for ever."""
+    """Stops that are never made, as they wait for parts or for room forever."""
 
     @property
     def is_possible(self) -> bool:

@@ -110,7 +110,7 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
     Both arms make the stops of a hand-over in one stage.
 
     Raises:
-        InfeasibleError: in the order that is given arms wait for parts, for room or for one another for ever.
+        InfeasibleError: in the order that is given arms wait for parts, for room or for one another forever.
     """
     stores = job_stores(job)
     assert stores is not None  # callers have looked

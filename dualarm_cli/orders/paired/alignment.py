@@ -24,7 +24,7 @@ class Aligned:
     """How stops of arms fall into stages."""
 
     slots: IntArray
-    """Stops by stage and arm, IDLE for none, shape (n, arms), up to where arms wait for one another for ever."""
+    """Stops by stage and arm, IDLE for none, shape (n, arms), up to where arms wait for one another forever."""
     at: tuple[int, ...]
     """By arm, so many stops are made by then, all of them where there is a way."""
     is_whole: bool

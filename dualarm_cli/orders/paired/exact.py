@@ -120,7 +120,7 @@ def _orders(problem: StageProblem) -> Iterator[IntArray]:
 def side_by_side(problem: StageProblem, rows: Sequence[Sequence[StopUnit]]) -> IntArray | None:
     """Returns stages in which each arm makes its next stop as soon as what comes before it is over.
 
-    None where arms wait for one another for ever, or a rule is broken. With buffers an arm waits as well where both
+    None where arms wait for one another forever, or a rule is broken. With buffers an arm waits as well where both
     would not get to the end otherwise.
     """
     if problem.stores is not None:

@@ -67,7 +67,7 @@ class FreePlanner:
         )
         clocks = []
         for name in model.arms:
-            self.tell(f"planning the {name} arm by its own clock")
+            self.tell(f"planning the {name} arm alone")
             clocks.append(self._own(model, name, work))
         begin = work if job.start == "free" else start
         turn = self._turn(begin, work)
@@ -80,7 +80,7 @@ class FreePlanner:
         if self.clear:
             cell = CellClearance.of(job.cell, job.carried())
         if len(clocks) > 1:
-            self.tell("making the arms wait for each other")
+            self.tell("inserting waits between the arms")
         for apart in (False, True) if turn.duration > 0.0 else (False,):
             leave = turn.duration if apart else 0.0
             meeting = ArmCoordination(model, job, work, cell, tuple(clocks), turn.duration, leave)

@@ -107,7 +107,7 @@ class NotBefore:
 def leaving_times(
     clocks: Sequence[ClockSteps], rules: Sequence[NotBefore]
 ) -> tuple[tuple[float, ...], ...] | None:
-    """Returns by arm the earliest instants at which it leaves its rests [s]; None where arms wait for ever.
+    """Returns by arm the earliest instants at which it leaves its rests [s]; None where arms wait forever.
 
     Args:
         clocks: one or two arms' own clocks.

@@ -254,7 +254,7 @@ class ArmCoordination:
         rules: Sequence[NotBefore],
         missed: Callable[[int, int], bool],
     ) -> tuple[list[Wait], ...] | None:
-        """Returns each arm's waits to the exact instants at which rules let it go, None where arms wait for ever.
+        """Returns each arm's waits to the exact instants at which rules let it go, None where arms wait forever.
 
         Args:
             steps: both timelines.

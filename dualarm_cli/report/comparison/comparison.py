@@ -161,7 +161,7 @@ def winner_sentence(rows: Sequence[dict[str, Any]]) -> str:
     """
     good = [row for row in rows if row["status"] == "verified"]
     if not good:
-        return "no method finds a plan that the verifier passes"
+        return "no method finds a plan that passes verification"
     winner, time = good[0], min(row["cycle_time"] for row in good)
     called = row_namer(rows)
     equal = [called(row) for row in good if row["cycle_time"] - time <= SHOWN]
@@ -198,7 +198,7 @@ def section_title(section: dict[str, Any], name: str) -> str:
         name: what the task file is called there.
     """
     if section["stages"] is None:
-        return f"{name}: {section['robot']}, each method with the order that it finds"
+        return f"{name}: {section['robot']}, each method with its own order"
     word = "stage" if section["stages"] == 1 else "stages"
     return f"{name}: {section['robot']}, {section['stages']} {word}"
 

@@ -227,9 +227,9 @@ def _refuse_broken(schedule: Schedule, name: str) -> None:
     advice = f"; `dualarm verify {name}` says more"
     for what in ("time", "position", "velocity", "acceleration"):
         if not np.isfinite(getattr(trajectory, what)).all():
-            raise UsageError(f"{name}: a knot's {what} is not finite{advice}")
+            raise UsageError(f"{name}: the {what} of a knot is not finite{advice}")
     if (np.diff(trajectory.time) < 0).any():
-        raise UsageError(f"{name}: the knots' times do not rise{advice}")
+        raise UsageError(f"{name}: the times of the knots do not increase{advice}")
     parts = [("stage", number, s.start, s.end) for number, s in enumerate(schedule.stages, 1)]
     parts += [("segment", number, s.start, s.end) for number, s in enumerate(schedule.segments, 1)]
     for what, number, start, end in parts:
@@ -250,7 +250,7 @@ def _refuse_strangers(
             some = ", ".join(done[:SHOWN]) + (", …" if len(done) > SHOWN else "")
             listed.append(f"{name} does {some or 'nothing'}")
         raise UsageError(
-            f"nothing to compare: {'; '.join(listed)}; stages are matched by task and action"
+            f"no common stages: {'; '.join(listed)}; compare plans that share tasks and actions"
         )
 
 
@@ -342,8 +342,8 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
     notes = []
     if a.robot.name != b.robot.name or set(a.trajectory.joints) != set(b.trajectory.joints):
         notes.append(
-            f"different robots ({a.robot.name}, {b.robot.name}): lengths compare, joints only where "
-            "both have one of that name"
+            f"different robots ({a.robot.name}, {b.robot.name}): durations are compared, joints only "
+            "where both robots have one of that name"
         )
     notes += _limit_notes(a, b)
     one, two = a.provenance.settings, b.provenance.settings
@@ -360,8 +360,8 @@ def _notes(a: Schedule, b: Schedule, pairs: Sequence[Pair]) -> list[str]:
     for schedule, side in ((a, "A"), (b, "B")):
         if overlap(schedule.stages):
             notes.append(
-                f"stages of {side} overlap: the arms run asynchronously, so that the stages' differences do "
-                "not add up to the whole"
+                f"stages of {side} overlap: the arms run asynchronously, so the differences of the stages do "
+                "not add up to the total"
             )
         missing = [w for w in ("stages", "segments") if not getattr(schedule, w)]
         if missing:

@@ -33,7 +33,7 @@ def schedules_table(document: dict[str, Any]) -> Table:
     table.add_column("work")
     for name in ("A s", "B s", "B − A s"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("to blame", no_wrap=True)
+    table.add_column("cause", no_wrap=True)
     table.add_column("A → B", no_wrap=True)
     for row in document["stages"]:
         change = row["difference"]

@@ -19,7 +19,7 @@ STATUS_WORDS = {
     "fails_verification": "failed verification",
     "infeasible": "without a plan",
     "bad_input": "with bad input",
-    "internal_error": "ended by an error of this program",
+    "internal_error": "ended by an internal error",
     "timed_out": "timed out",
     "crashed": "crashed",
 }

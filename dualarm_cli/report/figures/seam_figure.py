@@ -119,7 +119,7 @@ def _draw_speed(axes: Any, seam: SeamSamples) -> None:
         axes.axhline(1e3 * seam.work.speed, color="0.5", linestyle="--")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("speed along the seam [mm/s] (dashed: asked)")
+    axes.set_ylabel("speed along the seam [mm/s] (dashed: required)")
 
 
 def _draw_chain(axes: Any, seam: SeamSamples) -> None:

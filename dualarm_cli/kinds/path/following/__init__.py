@@ -29,7 +29,7 @@ PATH_SOLVERS: Registry[Solver[PathProblem, PathMotion | NoPath]] = Registry(
         Solver(
             name="arm_angle",
             solve=follow_arm_angle,
-            summary="Platform still; branch and arm angles of least joint motion over the whole path.",
+            summary="Platform at rest; branch and arm angles of least joint motion over the whole path.",
             reference="[Shimizu2008]; choice by dynamic programming: ours",
             why_unsupported=_needs_closed_form,
         ),
@@ -42,7 +42,8 @@ PATH_SOLVERS: Registry[Solver[PathProblem, PathMotion | NoPath]] = Registry(
         Solver(
             name="virtual_spring_damped",
             solve=follow_spring_damped,
-            summary="The same as printed: damped projector, no correction; the tools are only nearly followed.",
+            summary="The same as printed in the paper: damped projector, no "
+            "correction; the tools follow only approximately.",
             reference="[Choi2020] Eq. 1-35",
         ),
         Solver(
@@ -54,7 +55,7 @@ PATH_SOLVERS: Registry[Solver[PathProblem, PathMotion | NoPath]] = Registry(
         Solver(
             name="min_acceleration",
             solve=follow_min_acceleration,
-            summary="Whole body; least accelerations within all limits: what manipulability is compared with.",
+            summary="Whole body; least accelerations within all limits: the reference for manipulability.",
             reference="[Zhang2024] Eq. 9 and 24",
         ),
         Solver(

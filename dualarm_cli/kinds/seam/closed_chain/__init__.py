@@ -9,7 +9,7 @@ from dualarm_cli.registry import Registry, Solver
 
 def _needs_freedom(problem: SeamProblem) -> str | None:
     if problem.chain.work.hold.given and problem.chain.work.master is not None:
-        return "the file says where the part is"
+        return "the file gives the pose of the part"
     if problem.chain.work.hold.still:
         return "the file has the part stand still"
     return None
@@ -22,7 +22,8 @@ SEAM_SOLVERS: Registry[Solver[SeamProblem, SeamMotion | NoSeam]] = Registry(
         Solver(
             name="moving",
             solve=work_moving,
-            summary="Part and tool move at once, as fast as the joints allow; still where that is fast enough.",
+            summary="Part and tool move together, as fast as the joints allow; "
+            "the part rests where that is fast enough.",
             reference="closed chain: [Qin2024] Eq. 2-6, 18, 19; choice by sequential quadratic programming: ours",
             why_unsupported=_needs_freedom,
         ),

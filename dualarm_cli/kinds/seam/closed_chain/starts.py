@@ -14,9 +14,9 @@ from dualarm_cli.kinds.seam.closed_chain.problem import NoSeam, SeamProblem
 from dualarm_cli.kinds.seam.closed_chain.ways import turned_back, way_cost
 from dualarm_cli.model.curves.tool_path import Poses
 
-LIMITS = "no way along it was found that keeps all joints within their limits and everything clear"
+LIMITS = "no motion along it was found that is within joint limits and collision-free"
 """Why there is none where the tool gets along the whole seam."""
-TOUCHES = "every way along it that was found touches something or comes too near"
+TOUCHES = "every motion found along it collides or lacks clearance"
 FINER = 8
 """Steps from node to node where the first place that fails is looked for."""
 CLOSING_STEPS, FOLLOWING_STEPS, PULLS = 24, 8, 2
@@ -147,7 +147,9 @@ def _apart(problem: SeamProblem) -> str:
     nearest = int(np.argmin(found.residual))
     if found.residual[nearest] > CLOSED:
         apart = f"{found.residual[nearest] * 1e3:.1f} mm (a radian counted as {TURN:g} m)"
-        return f"no joints bring tool and part together there: at best {apart} are missing"
+        return (
+            f"no configuration brings tool and part together there: the best one misses by {apart}"
+        )
     held = found.position[found.residual < CLOSED]
     nearest = int(np.argmin(beyond_limits(problem, held)))
     return _why(problem, held[nearest : nearest + 1])
