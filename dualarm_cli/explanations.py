@@ -276,7 +276,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Both arms hold one chain: the tool of one stays on the part in the other. Reach, joint limits, speed or a collision ends it.",
         ),
         (
-            "Lower the speed, or `slower: allowed`.",
+            "Lower the speed, or write `slower: allowed`.",
             "Let the tool spin or lean (`free: spin`, `tilt`), or let the part move (`hold: free`).",
             "Divide the curve into two tasks, or move it on the part.",
         ),

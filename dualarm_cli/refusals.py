@@ -129,7 +129,7 @@ _MISFIT = "no posture avoids a collision of the part or tool"
 _NOT_CLEAR = "no collision-free plan was found: other postures, platform angles, delays and detours were tried"
 
 _ORDERS = {
-    "waits_for_ever": "in the given order {names:and} {tasks:waits|wait} forever for tasks that come "
+    "waits_forever": "in the given order {names:and} {tasks:waits|wait} forever for tasks that come "
     "later; change the order in the file, or write order: optimise",
     "out_of_reach": "no arm does task '{task}': {causes:*; }",
     "stand_out_of_reach": "the {arm} arm cannot reach the stand of tool '{tool}': {cause}",
@@ -144,7 +144,7 @@ _ORDERS = {
     "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
     "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "
     "more tasks be done by any arm",
-    "no_order": "no order does all tasks: some tasks are out of reach of both arms",
+    "no_order": "no order does all tasks: some task can be done by neither arm",
     "rule_broken": "no plan keeps this rule, whatever else is done: {rules:*; }",
     "rules_contradict": "no order keeps these rules together, whatever else is done (leave out any one of them and "
     "there may be one): {rules:*; }",
@@ -157,7 +157,7 @@ _BUFFERS = {
     "puts": "{names:and} {names:puts|put} {names:#|#} in",
     "takes": "{names:and} {names:takes|take} {names:#|#} out",
     "either_first": ", and either arm may be the first there",
-    "arms_wait_for_ever": "in the given order the arms wait forever, whichever goes first: "
+    "arms_wait_forever": "in the given order the arms wait forever, whichever goes first: "
     "{causes:* and }",
     "waits_for_tasks": "'{task}' waits for tasks that come later ({action})",
     "waits_for_arm": "'{task}' waits for the other arm ({action})",
@@ -222,8 +222,8 @@ _MOTION = {
     "raise it",
 }
 _CALIBRATION = {
-    "few_points": "{points:#|#} {points:point does|points do} not determine where one robot stands from another; "
-    "touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
+    "few_points": "{points:#|#} {points:point does|points do} not determine the base of one robot relative to the "
+    "other; touch at least {allowed} that are not on a line, better 4 to 8 that are well spread",
     "points_are_one": "all points of the {arm} robot are the same; touch points well apart",
     "sizes_differ": "the points span {left:.6g} m for the left robot and {right:.6g} m for the right one: they "
     "cannot be the same points; check the units (a plain number is m), the tools and the order of the points",
@@ -351,7 +351,7 @@ HELPS: Mapping[str, str] = {
     "late": "what helps: later windows, another arm or order (arm: any, order: optimise), or less before it",
     "buffer_in_stage": "what helps: order: optimise, mode: free (there arms wait for parts and room), a larger "
     "capacity, another number of parts at the start (initial), or another order in the file",
-    "arms_wait_for_ever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
+    "arms_wait_forever": "what helps: order: optimise, a larger capacity, more or fewer parts at the start "
     "(initial), or another order in the file",
     "part_reaches_into": _MISFIT_HELPS,
     "tool_reaches_into": _MISFIT_HELPS,

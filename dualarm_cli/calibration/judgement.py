@@ -250,7 +250,7 @@ def _few(problem: CalibrationProblem, method: str) -> list[str]:
     if n > 3:
         return []
     return [
-        "three points are the minimum, and a bad one cannot be detected; touch 4 to 8 points, "
+        "three points are the minimum, and a bad one may go undetected; touch 4 to 8 points, "
         "well spread in all directions"
     ]
 
@@ -290,8 +290,8 @@ def _disagreement(
     found = []
     if consistency.scale is not None:
         found.append(
-            f"the left robot's points span {consistency.scale:.4f} times the distance of the "
-            "right robot's; check units, tools and link lengths in the robot files"
+            f"the left robot's points span {consistency.scale:.4f} times what "
+            "the right robot's points span; check units, tools and link lengths in the robot files"
         )
     if problem.noise is None and consistency.contradicted:
         worst = max(pairs, key=lambda pair: abs(pair.left - pair.right))

@@ -27,8 +27,8 @@ DESERTED = 60.0
 CLOSING = 1.0
 """How long taking leave of it may take [s]."""
 ELSEWHERE = (
-    "a worker of the cluster has another version of this file; give workers the same files at the same paths, "
-    "such as in a shared folder"
+    "a worker of the cluster lacks this file or has another version of it; give workers the same files at the same "
+    "paths, such as in a shared folder"
 )
 """Message of a case whose files other machines lack or have otherwise."""
 OTHER_PROGRAMS = (

@@ -176,7 +176,7 @@ class JsonReader:
                     "there is no such file; name a plan's folder or its schedule.json",
                 )
             if file.stat().st_size > LARGEST_FILE:
-                self.fail("schedule", f"has more than {LARGEST_FILE // 1_000_000} MB")
+                self.fail("schedule", f"is larger than {LARGEST_FILE // 1_000_000} MB")
             with file.open("rb") as opened:
                 stream = JsonStream(opened, self._object)
                 try:

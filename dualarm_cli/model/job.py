@@ -412,7 +412,7 @@ class Job:
             return [{key[0]: stops[key] for key in stage} for stage in self.pairing]
         found, waiting = self._side_by_side()
         if waiting:
-            raise InfeasibleError(waiting_for_ever(waiting))
+            raise InfeasibleError(waiting_forever(waiting))
         return found
 
     def stuck(self) -> list[Task]:
@@ -461,10 +461,10 @@ def _section_stages(
     )
 
 
-def waiting_for_ever(tasks: Sequence[Task]) -> Refusal:
+def waiting_forever(tasks: Sequence[Task]) -> Refusal:
     """Returns that tasks wait for one another in the order that is given."""
     more = {"names": list(dict.fromkeys(task.id for task in tasks)), "tasks": tasks}
-    return Refusal("waits_for_ever", tasks[0].place, tasks[0].id, more=more)
+    return Refusal("waits_forever", tasks[0].place, tasks[0].id, more=more)
 
 
 __all__ = [

@@ -169,12 +169,11 @@ class PairedSearch:
         few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
-            how = (
-                f"{'some' if watch.stopped else 'all'} orders of {tasks} tasks "
-                f"were timed, k-th stops of both arms in one stage"
-            )
+            which = "some" if watch.stopped else "all"
+            stages = "the k-th stops of all arms in one stage"
             if self.problem.stores is not None:
-                how = how.replace("k-th stops of both arms in one stage", "whoever waits for whom")
+                stages = "with every choice of which arm waits"
+            how = f"{which} orders of {tasks} tasks were timed, {stages}"
         # What was timed is no bound: orders in which an arm is idle for a stage are not among it.
         if provable and not watch.stop():
             known = found[0]

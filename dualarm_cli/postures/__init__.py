@@ -19,7 +19,7 @@ def _needs_closed_form(problem: StopProblem) -> str | None:
 
 def _needs_general_arm(problem: StopProblem) -> str | None:
     if isinstance(problem.arm, SrsArm):
-        return "the arm has closed forms, so the numeric solver is not needed"
+        return "the arm is modelled in closed form; the numeric solver needs it modelled as a general arm"
     return None
 
 

@@ -50,7 +50,9 @@ def choose_numeric(problem: StopProblem) -> StopPosture | NoPosture:
     """
     arm = problem.arm
     if isinstance(arm, SrsArm):
-        raise UnsupportedError("numeric inverse kinematics is for general arms only")
+        raise UnsupportedError(
+            "numeric inverse kinematics needs an arm modelled as a general arm, not in closed form"
+        )
     batch = StopBatch((problem,))
     ways, miss = target_ways(batch, arm)
     if not len(ways):

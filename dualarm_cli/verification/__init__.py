@@ -84,7 +84,13 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         numbers.append(check_time(trajectory))
     if any(check.verdict == "failed" for check in numbers):
         return Verification(
-            (*numbers, not_checked("everything else", "the numbers are not finite or not in order"))
+            (
+                *numbers,
+                not_checked(
+                    "everything else",
+                    "a number is not finite, or time does not start at 0 or runs backwards",
+                ),
+            )
         )
     if job is not None:
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))

@@ -165,7 +165,7 @@ def test_readings_that_leave_the_transform_open_are_refused(count: int, turned: 
     with pytest.raises(InfeasibleError, match="not determined together") as caught:
         fit_tools_and_pose(start(random_flanges(count, 0, turned), 0.0), None)
     assert "not seen:" in str(caught.value)
-    assert "turned another way" in str(caught.value)
+    assert "another orientation of the tool" in str(caught.value)
 
 
 def test_one_tool_alone_needs_fewer_points() -> None:

@@ -81,7 +81,7 @@ def test_the_paper_s_triangle_is_told_to_be_nearly_a_line(qin: Touches) -> None:
     assert "nearly on one line" in text
     assert "P1 and P3" in text
     assert "disagree by 4.3 mm about the distance of P1 and P2" in text
-    assert "three points are the fewest" in text
+    assert "three points are the minimum" in text
 
 
 @pytest.mark.parametrize("method", NAMES)

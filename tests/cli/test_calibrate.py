@@ -140,7 +140,7 @@ def test_points_on_a_line_are_3_and_millimetres_without_unit_too(points: Path, c
     assert run(["calibrate", "points.yaml", "--json"]) == 3
     words = capsys.readouterr()
     assert json.loads(words.out)["exit_code"] == 3
-    assert "look at the units" in words.err
+    assert "check the units" in words.err
 
 
 @pytest.mark.parametrize(

@@ -158,7 +158,7 @@ def test_a_general_robot_is_planned_by_the_plain_command(general_robots, tmp_pat
     assert run(["plan", str(file), *out]) == 3
     error = capsys.readouterr().err.replace("\n", " ")
     assert "task 'left 0': left arm cannot pick" in error
-    assert "mm, turned as asked" in error
+    assert "mm with the required orientation" in error
     assert "; move the target or free its yaw" in error
     file.write_text(file.read_text().replace("deg, 0, 0]}", "deg, 0, 0], free: yaw}"))
     assert run(["plan", str(file), *out]) == 3

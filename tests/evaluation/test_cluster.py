@@ -133,7 +133,10 @@ def test_an_answer_from_other_files_is_none(request_and_answer, answered, status
         document = replace(answer, status=status, inputs=inputs).as_document()
         (found,) = answered([request], Future("finished", document))
         assert found.status == "bad_input"
-        assert "the cluster does not see this file as it is here" in found.findings[0].message
+        assert (
+            "a worker of the cluster lacks this file or has another version of it"
+            in found.findings[0].message
+        )
         assert f"({name})" in found.findings[0].message
 
 
@@ -144,7 +147,7 @@ def test_a_task_file_that_is_only_here_is_told_and_one_that_is_nowhere_as_withou
     request, _ = request_and_answer
     unread = Evaluation(request.case, "bad_input")
     (found,) = answered([request], Future("finished", unread.as_document()))
-    assert "workers need the same files" in found.findings[0].message
+    assert "give workers the same files" in found.findings[0].message
     Path(request.path).unlink()
     assert answered([request], Future("finished", unread.as_document())) == [unread]
 

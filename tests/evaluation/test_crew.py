@@ -103,7 +103,7 @@ def test_a_process_that_dies_costs_its_own_request_only_after_a_second_try(stand
     assert "SIGKILL" in states["die1"].findings[0].message
     assert "SIGKILL; possibly out of memory" in states["die1"].findings[0].message
     assert states["exit1"].findings[0].message == (
-        "its process died 2 times, at last by exit code 7 (what has happened)"
+        "its process ended 2 times, the last time by exit code 7 (what has happened)"
     )
     assert all(e.status == "planned" for c, e in states.items() if c not in ("die1", "exit1"))
 

@@ -225,7 +225,7 @@ def test_a_file_that_is_not_there_a_pipe_and_a_giant_are_refused(tmp_path, monke
     (tmp_path / "schedule.json").unlink()
     with (tmp_path / "schedule.json").open("wb") as file:
         file.truncate(4_000_000_001)  # sparse: takes no space
-    with pytest.raises(InputError, match="has more than 4000 MB"):
+    with pytest.raises(InputError, match="is larger than 4000 MB"):
         read_schedule(tmp_path)
 
 

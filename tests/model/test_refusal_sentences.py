@@ -34,10 +34,10 @@ def test_a_place_can_be_told_apart():
     "remedy, end",
     [
         ((), "knots"),
-        (("less_speed",), "knots; ask for less speed"),
+        (("less_speed",), "knots; lower its speed"),
         (
             ("raise_cap", "less_speed", "slower"),
-            "knots; raise it, ask for less speed, or say 'slower: allowed'",
+            "knots; raise it, lower its speed, or say 'slower: allowed'",
         ),
     ],
 )

@@ -207,7 +207,7 @@ def test_an_order_with_a_buffer_is_timed_as_by_hand(by_clocks):
     assert np.isfinite(stuck.worth)
 
 
-def test_many_tasks_have_an_order_in_which_no_arm_waits_for_ever(by_clocks):
+def test_many_tasks_have_an_order_in_which_no_arm_waits_forever(by_clocks):
     """Sixteen tasks of either arm into room for two and out of it again: searched, played, levels counted anew."""
     for seed in range(3):
         made = by_clocks(seed, "", 16, 2, restricted=False)

@@ -124,7 +124,7 @@ def test_an_arm_that_stands_where_it_started_is_told_with_a_way_out(
         found = clear_words.Cleared(plans, motion, blocked)
         return told(clear_words.why_blocked(clearing, found))
 
-    said = "the right arm stands in posture 'home' before stage 3, its first: a bare `move`"
+    said = "the right arm stands in posture 'home' before stage 3, its first: a `move`"
     assert said in said_of(1, 3)
     assert ("in stage 1 it starts there" in said_of(1)) == (start == "free")
     assert "stands in posture" not in said_of(2, 3)

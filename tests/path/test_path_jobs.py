@@ -122,7 +122,7 @@ def test_half_speed_takes_twice_as_long_and_a_cap_binds(tmp_path: Path) -> None:
     # Up to the speed in 0.2 s at constant acceleration, which itself takes 0.1 s to build up; as long at the end.
     length = 0.16 + np.pi * 0.05
     assert capped.duration == pytest.approx(length / 0.075 + 0.3, rel=1e-3)
-    assert any("cap on the tools' speed" in note for note in capped.notes)
+    assert any("limit of the tools' speed" in note for note in capped.notes)
 
 
 def test_a_path_too_fast_is_refused_with_time_place_and_joint_or_slowed(tmp_path: Path) -> None:
@@ -141,7 +141,10 @@ def test_a_path_too_fast_is_refused_with_time_place_and_joint_or_slowed(tmp_path
         assert part in text, text
     slower = fast.replace("speed:", "slower: allowed\n      speed:")
     schedule = planned(job_of(tmp_path, slower, head="start: free\n"), follower="arm_angle")
-    assert any("wipe: eases off" in note for note in schedule.notes)
+    assert any(
+        note.startswith("wipe: takes") and "because of the joints' limits" in note
+        for note in schedule.notes
+    )
 
 
 def test_easing_off_is_local(tmp_path: Path) -> None:

@@ -150,4 +150,4 @@ def test_between_paths_the_order_of_the_file_is_planned_as_well(made, monkeypatc
     monkeypatch.setattr(path_jobs.PairedSearch, "of", none)
     found = plan_without_bound(job, QUICK)
     assert found.duration == given.duration
-    assert any("the file's order of all tasks is the quickest" in note for note in found.notes)
+    assert any("the file's order of all tasks is the fastest" in note for note in found.notes)

@@ -81,7 +81,7 @@ def test_it_ends_where_it_began(plan):
 
 def test_stage_by_stage_it_would_take_longer(plan):
     """While the left arm presses, paired the right one makes one stop; here as many as it can."""
-    (note,) = (note for note in plan.notes if "stage by stage together would take" in note)
+    (note,) = (note for note in plan.notes if "synchronous stages would take" in note)
     paired = float(note.split("would take ")[1].split(" s")[0])
     assert plan.duration < paired - 1.0
 

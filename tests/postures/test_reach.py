@@ -109,7 +109,10 @@ def test_a_stage_that_no_solver_angle_serves_is_noted(tmp_path):
         HEAD + "  - {id: a, arm: left, move: {xyz: [-0.3, -0.6, 1.0], rpy: [180 deg, 0, 0]}}\n"
     )
     schedule = plan(load_job(tmp_path / "tasks.yaml"), PlanSettings(platform="fixed"))
-    assert any("in stages 1 no angle of the solver" in note for note in schedule.notes)
+    assert any(
+        "in stages 1 the solver's angles do not let every arm reach" in note
+        for note in schedule.notes
+    )
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,7 @@ def test_what_is_something_else_is_refused(tmp_path, text):
 def test_what_is_no_text_is_said_in_words_of_ours(tmp_path):
     """None of Python's."""
     assert "byte 0xe9 is not UTF-8" in refused(tmp_path / "scores.json", b'{"a": "\xe9"}')
-    assert "nested too deep" in refused(tmp_path / "scores.json", "[" * 100_000)
+    assert "nested too deeply" in refused(tmp_path / "scores.json", "[" * 100_000)
 
 
 def test_no_cases_and_no_file_are_refused(tmp_path):

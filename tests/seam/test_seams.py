@@ -167,7 +167,7 @@ def test_a_part_in_the_cell_is_worked_with_the_platform_still_or_turning(tmp_pat
     if moving.duration < still.duration:
         assert np.ptp(moving.trajectory.position[:, column]) > 0.0
     for schedule in (still, moving):
-        assert any("as limits ask for, not at 2000 mm/s" in note for note in schedule.notes)
+        assert any("because of limits, instead of 2000 mm/s" in note for note in schedule.notes)
         assert {s.kind for s in schedule.segments if s.arm == "left"} == {"wait"}
 
 
@@ -202,7 +202,7 @@ def test_slower_where_allowed_and_asking_for_more_is_never_less(tmp_path: Path) 
         for v in ("5 m/s", "150 mm/s")
     )
     assert fast.duration <= slow.duration
-    assert any("as limits ask for, not at 5000 mm/s" in note for note in fast.notes)
+    assert any("because of limits, instead of 5000 mm/s" in note for note in fast.notes)
 
 
 def test_the_way_to_a_seam_takes_the_time_that_the_file_gives_it(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_a_cap_holds_for_every_tool_and_is_named(tmp_path: Path) -> None:
     schedule = planned(job_of(tmp_path, SDA10F, seam(*still, "slower: allowed"), head=head))
     [(begin, end)] = spans(schedule)
     assert LENGTH / 0.06 < end - begin < LENGTH / 0.06 + 0.5
-    assert any("the cap on the tools' speed asks for" in note for note in schedule.notes)
+    assert any("because of the limit of the tools' speed" in note for note in schedule.notes)
 
 
 @pytest.mark.slow

@@ -135,7 +135,7 @@ def test_a_sequence_that_is_not_done_as_one_is_found(planned, failing):
     job = dataclasses.replace(planned.job, sequences=((other, one),))
     found = failing(planned.schedule, job)
     assert set(found) == {"order"}
-    assert f"{one} is due right after {other}" in found["order"]
+    assert f"{one} must follow {other} directly" in found["order"]
     job = dataclasses.replace(planned.job, sequences=(("right-02", "left-02"),))
     assert set(failing(planned.schedule, job)) == {"order"}
 

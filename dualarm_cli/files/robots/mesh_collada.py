@@ -192,7 +192,7 @@ def _positions(source: Element) -> FloatArray:
     if stride < 3 or count > len(values) or offset + count * stride > len(values):
         raise MeshError(
             f"line {accessor.line}: <accessor> asks for {count} times {stride} numbers "
-            f"from {offset} on, but has {len(values)}"
+            f"from {offset} on, but its array has {len(values)}"
         )
     return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
 

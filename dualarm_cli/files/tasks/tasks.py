@@ -28,7 +28,7 @@ from dualarm_cli.files.tasks.task_rules import (
 )
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.cell import Cell
-from dualarm_cli.model.job import ANY, Job, Task, waiting_for_ever
+from dualarm_cli.model.job import ANY, Job, Task, waiting_forever
 
 
 def check_order(document: Document, job: Job, findings: Findings) -> None:
@@ -65,7 +65,7 @@ def check_order(document: Document, job: Job, findings: Findings) -> None:
             wrong = True
     if not wrong and job.is_decided and (waiting := job.stuck()):
         stuck = next(task for task in waiting if task.after)
-        message = waiting_for_ever(waiting).sentence
+        message = waiting_forever(waiting).sentence
         findings.add(document, ("tasks", place[stuck.id], "after"), message)
 
 

@@ -67,8 +67,8 @@ def path_notes(
         )
     if found.trajectory.duration > found.asked * SLOWED:
         notes.append(
-            f"{task}: is slowed down by the joints' limits to {found.trajectory.duration:.3f} s "
-            f"instead of {found.asked:.3f} s"
+            f"{task}: takes {found.trajectory.duration:.3f} s instead of {found.asked:.3f} s, "
+            "because of the joints' limits"
         )
     if corners := len(work.corners()):
         stops = "stops at one corner" if corners == 1 else f"stops at {corners} corners"

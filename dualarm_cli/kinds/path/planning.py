@@ -89,7 +89,7 @@ def check_paths(job: Job) -> list[Diagnostic]:
         least = length / (task.path.speed * job.speed)
         if least > LONGEST:
             message = (
-                f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/stake {least:.4g} s, but at "
+                f"{length * 1e3:.4g} mm at {task.path.speed * job.speed * 1e3:.4g} mm/s take {least:.4g} s, but at "
                 f"most {LONGEST:g} s are planned; raise the speed"
             )
             findings.append(Diagnostic(place.file, place.line, place.column, "E300", message))

@@ -244,7 +244,7 @@ class CoordinateSection(Section):
     )
     downhand: Downhand | None = Field(
         default=None,
-        description="Largest angle of the surface normal under the tool from vertical [rad].",
+        description="Largest angle between the surface normal under the tool and the upward vertical [rad].",
     )
     entry: EntrySection = Field(default=EntrySection(), description="Approach of the tool.")
     exit: ExitSection = Field(default=ExitSection(), description="Retract of the tool.")

@@ -136,14 +136,14 @@ def served_pairing(job: Job) -> tuple[tuple[StopKey, ...], ...]:
         waiting = [
             stops[queue[k]] for queue, k in zip(queues, found.at, strict=True) if k < len(queue)
         ]
-        raise InfeasibleError(_waiting_for_ever(job, stores.after(found.slots).tolist(), waiting))
+        raise InfeasibleError(_waiting_forever(job, stores.after(found.slots).tolist(), waiting))
     return tuple(
         tuple((stops[k][0].arm, stops[k][0].id, stops[k][1].action) for k in row if k != IDLE)
         for row in found.slots.tolist()
     )
 
 
-def _waiting_for_ever(
+def _waiting_forever(
     job: Job, levels: Sequence[int], waiting: Sequence[tuple[Task, Stop]]
 ) -> Refusal:
     """Returns what arms wait for where an order that is given gets no farther."""
@@ -158,7 +158,7 @@ def _waiting_for_ever(
         more = {"action": stop.action, "buffer": stop.buffer}
         causes.append(Refusal(what, None, task.id, task.arm, level, capacity, more=more))
     first, stop = waiting[0]
-    return Refusal("arms_wait_for_ever", stop.place, first.id, more={"causes": causes})
+    return Refusal("arms_wait_forever", stop.place, first.id, more={"causes": causes})
 
 
 def begun(job: Job, done: Sequence[Task]) -> Job:

@@ -56,7 +56,7 @@ class FreePlanner:
         """Returns the motion with the platform standing at an angle (k,) while tools work.
 
         Raises:
-            InfeasibleError: an arm has no way of its own, or no way was found for both together.
+            InfeasibleError: an arm has no way of its own, or no collision-free motion of both together was found.
         """
         job = self.problem.job
         start = np.array(job.start_joints)

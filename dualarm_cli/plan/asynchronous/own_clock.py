@@ -194,7 +194,7 @@ class OwnClock:
     def _goes_on(self, event: Event) -> bool:
         """Returns whether a dwell or a retract of the same stop begins at an event; else its stop is over then.
 
-        A stop that takes no time, as the arm already exists, comes after what it waits for, and so does its event.
+        A stop that takes no time, as the arm is already there, comes after what it waits for, and so does its event.
         """
         own = [p for p in self.segments if (p.task, p.action) == (event.task, event.action)]
         return not own or any(
