@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 robot_app = typer.Typer(
     name="robot",
-    help="Show, export and import robots.",
+    help="List, show, export and import robots.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

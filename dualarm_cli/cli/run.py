@@ -88,7 +88,7 @@ def _unexpected(error: Exception, arguments: list[str]) -> int:
     """Returns the exit code of an error that nobody raised on purpose, after saying what it is."""
     if lacks_memory(error):
         text = (
-            f"error: there is too little memory ({type(error).__name__}); close other programs, allow this one more "
+            f"error: not enough memory ({type(error).__name__}); close other programs, allow this one more "
             "(ulimit -v), or plan fewer tasks at once"
         )
         return _report(text, INTERNAL_EXIT, arguments)
