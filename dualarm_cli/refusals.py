@@ -139,7 +139,7 @@ _ORDERS = {
     "stop_lacks_clearance": "it is in reach, but every posture found lacks clearance or a line",
     "arms_cannot_meet": "task '{task}': neither arm can give while the other one takes: at no tried platform angle "
     "do both arms reach it without colliding",
-    "arm_cannot_give": "task '{task}': the {arm} arm can give while the other one takes: at no tried platform angle "
+    "arm_cannot_give": "task '{task}': the {arm} arm cannot give while the other one takes: at no tried platform angle "
     "do both arms reach it without colliding",
     "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
     "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "

@@ -98,7 +98,7 @@ def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[f
         (abs(segment.start - event.time), "does not stand still from its event on"),
         (
             abs(length - event.dwell),
-            f"lasts {length:g} s, but its event states {event.dwell:g} s",
+            f"lasts {length:g} s, its event states {event.dwell:g} s",
         ),
     ]
     if segment.dwell is not None:

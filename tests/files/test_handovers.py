@@ -136,7 +136,7 @@ def test_a_robot_with_one_arm_has_nobody_to_give_to(
         urdf = urdf.replace(f'name="{name}" type="revolute"', f'name="{name}" type="fixed"')
     (flip / "tiny.urdf").write_text(urdf)
     text = messages(lambda: load_job("tasks.yaml"))
-    assert [line for line in text if line.startswith("tasks.yaml:10:15") and "takes two" in line], (
+    assert [line for line in text if line.startswith("tasks.yaml:10:15") and "needs two" in line], (
         text
     )
 

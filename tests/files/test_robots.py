@@ -243,7 +243,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("bent:", "free:", "14:12: E300 'free' cannot name a posture; it lets the planner choose the start"),
         ("urdf: tiny.urdf", "urdf: tiny.urd", "3:7: E500 there is no file 'tiny.urd' here"),
         ("platform: [turn]", "platform: turn", "4:11: E200 must be a list, such as [a, b], not 'turn'"),
-        ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 are needed"),
+        ("platform: [turn]", "platform: [turn, l1, l2]", "4:11: E200 a list of 3 is too long; at most 2 are allowed"),
         ("name: Tiny", "nmae: Tiny", None),
     ],
 )  # fmt: skip

@@ -102,7 +102,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("approach: 80 mm", "aproach: 80 mm", "6:12: E201 unknown key 'aproach', did you mean 'approach'? Allowed: approach, retract, dwell, part, straight, dwell_motion, line_motion, tool"),
         ("approach: 80 mm", "approach: -1 mm", "6:22: E200 '-1 mm': length must be at least 0"),
         ("[0.2, 0.5, 0.8]", "[0.2, 0.5]", "11:18: E200 a list of 2 is too short; at least 3 are needed"),
-        ("[0.2, 0.5, 0.8]", "[1,5, 2, 3]", "11:18: E200 a list of 4 is too long; at most 3 are needed"),
+        ("[0.2, 0.5, 0.8]", "[1,5, 2, 3]", "11:18: E200 a list of 4 is too long; at most 3 are allowed"),
         ("[0.2, 0.5, 0.8]", "[.inf, 0, 0]", "11:19: E104 non-finite number '.inf' is not allowed"),
         ("[0.2, 0.5, 0.8]", "[017, 0, 0]", "11:19: E200 '017' is not a number; remove the leading zero"),
         ("symmetry: 2", "quat: [0, 0, 0, 0]", "11:41: E200 a quaternion [x, y, z, w] must have length 1, not 0; divide by its length"),

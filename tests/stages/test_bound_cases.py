@@ -123,7 +123,7 @@ def test_a_hundred_stages_add_up(packing: Job) -> None:
 def test_a_stage_lasts_as_long_as_the_slower_arm(packing: Job, start: str, returns: bool) -> None:
     """The arms dwell 2.0 and 0.1 s, then 0.3 and 1.5 s, then 0.2 and 0.7 s, all in one place: 2.0 + 1.5 + 0.7 s.
 
-    From home they come there first, by the closed form of one move, and go back; a free start already exists.
+    From home they come there first, by the closed form of one move, and go back; a free start is already there.
     """
     robot, law = packing.cell.robot, None
     tasks = []

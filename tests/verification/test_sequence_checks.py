@@ -286,8 +286,8 @@ def test_a_dwell_that_is_listed_wrongly_is_found(clean, failing, changes, detail
     ("changes", "off", "detail"),
     [
         ({"start": 1.25, "end": 1.65}, 0.05, "does not stand still from its event on"),
-        ({"end": 1.55}, 0.05, "lasts 0.35 s, but its event states 0.4 s"),
-        ({"end": 1.7}, 0.1, "lasts 0.5 s, but its event states 0.4 s"),
+        ({"end": 1.55}, 0.05, "lasts 0.35 s, its event states 0.4 s"),
+        ({"end": 1.7}, 0.1, "lasts 0.5 s, its event states 0.4 s"),
     ],
 )
 def test_a_dwell_that_is_not_the_time_of_its_event_is_found(clean, changes, off, detail):

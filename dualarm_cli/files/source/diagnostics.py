@@ -116,8 +116,10 @@ def _message(kind: str, text: str, value: Any, context: dict[str, Any]) -> str:
         return f"{quote(value)} is not allowed{suggest(str(value), words)}"
     if kind in ("too_short", "too_long"):
         least, most = context.get("min_length"), context.get("max_length")
-        wanted = f"at least {least}" if least is not None else f"at most {most}"
-        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted} are needed"
+        wanted = (
+            f"at least {least} are needed" if least is not None else f"at most {most} are allowed"
+        )
+        return f"a list of {context['actual_length']} is too {kind[4:]}; {wanted}"
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         bound = next(context[k] for k in ("gt", "ge", "lt", "le") if k in context)
         words_of = {"greater_than": "above", "less_than": "below"}
