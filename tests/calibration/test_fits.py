@@ -91,7 +91,9 @@ def test_a_wrong_file_is_put_right_by_its_own_points(qin: Touches) -> None:
         assert found.second_joint[name] == pytest.approx(0.335, abs=3e-4)
     np.testing.assert_allclose(found.judgement.distances * 1000, [5.0, 9.0, 4.0], atol=0.2)
     # Without the fit the two triangles do not match, and what is wrong is said.
-    with pytest.raises(InfeasibleError, match=r"left: joint readings and coordinates .* mm apart"):
+    with pytest.raises(
+        InfeasibleError, match=r"left: joint readings and coordinates .* differ by up to .* mm"
+    ):
         calibrate(replace(touches, fit=()), "least_squares", "joints")
     off = replace(qin, left=replace(qin.left, tcp=np.array([0.0, 0.0, 0.337])))
     notes = calibrate(off, "least_squares", "joints").notes
@@ -161,10 +163,10 @@ def test_the_jacobian_s_blind_directions_leave_the_residuals_alone() -> None:
 
 @pytest.mark.parametrize(("count", "turned"), [(3, 1.0), (8, 0.0), (8, 1e-6)])
 def test_readings_that_leave_the_transform_open_are_refused(count: int, turned: float) -> None:
-    """Nine equations for twelve unknowns; or tools that are never turned: exit 3, with what is not seen."""
+    """Nine equations for twelve unknowns; or tools that are never turned: exit 3, with what is not observable."""
     with pytest.raises(InfeasibleError, match="not determined together") as caught:
         fit_tools_and_pose(start(random_flanges(count, 0, turned), 0.0), None)
-    assert "not seen:" in str(caught.value)
+    assert "not observable:" in str(caught.value)
     assert "another orientation of the tool" in str(caught.value)
 
 

@@ -112,7 +112,7 @@ def test_the_frame_method_says_what_it_leaves_out(
     """P4 to P8 play no part; how sure it is needs the noise."""
     words = judged(problem(spread_points), "frame").warnings
     assert "first three points only; P4, P5, P6, P7, P8" in words[0]
-    assert "only where the noise is stated" in words[-1]
+    assert "only if the noise is stated" in words[-1]
     assert judged(problem(spread_points, stated=0.5e-3), "frame").widths is not None
 
 

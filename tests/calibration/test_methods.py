@@ -151,7 +151,7 @@ def test_no_other_motion_leaves_less(problem: Problem, spread_points: np.ndarray
         ([[0, 0, 0]], "1 point does not determine"),
         ([[0, 0, 0], [1, 0, 0], [3, 0, 0]], "on one line"),
         ([[0, 0, 0], [1, 1, 1], [1, 1, 1]], "on one line"),
-        ([[1, 1, 1], [1, 1, 1], [1, 1, 1]], "are one"),
+        ([[1, 1, 1], [1, 1, 1], [1, 1, 1]], "are the same"),
     ],
 )
 def test_points_that_determine_nothing_are_refused(

@@ -188,7 +188,7 @@ def test_clocks_of_their_own_go_stage_by_stage(belt):
     job = dataclasses.replace(belt, tasks=belt.tasks[:2], mode="free")
     found = plan_without_bound(job, GREEDY)
     assert verify(found, job).passed
-    assert any("stage to stage together" in note for note in found.notes)
+    assert any("start each stage together" in note for note in found.notes)
 
 
 def test_placing_on_a_belt_gives_the_part_when_the_dwell_is_over(belt):

@@ -226,7 +226,7 @@ def test_a_worker_that_came_later_with_other_programs_plans_nothing(
         evaluate_there(request.as_document(), None, digest(dict(programs())))
     (found,) = answered([request], Future("finished", None))
     assert found.status == "bad_input"
-    assert "would plan otherwise" in found.findings[0].message
+    assert "may plan differently" in found.findings[0].message
 
 
 def test_a_cluster_that_has_lost_all_workers_is_given_up(request_and_answer, answered, monkeypatch):

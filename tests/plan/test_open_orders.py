@@ -271,7 +271,7 @@ def test_arms_with_clocks_of_their_own_meet_stage_by_stage(handed, order):
     job = changed(job, left_01={"after": ("flip-1",)})
     schedule = plan_without_bound(job, PlanSettings(effort="quick", platform="exact"))
     assert [check.name for check in verify(schedule, job, clearance=True).failures] == []
-    assert any("hand-overs both arms go from stage to stage" in note for note in schedule.notes)
+    assert any("hand-overs, both arms start each stage together" in note for note in schedule.notes)
     times = {(e.task, e.action): e.time + e.dwell for e in schedule.events}
     begins = min(s.start for s in schedule.segments if s.task == "left-01" and s.kind == "approach")
     assert begins > times["flip-1", "place"]

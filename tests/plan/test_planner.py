@@ -255,11 +255,8 @@ def test_picks_without_a_dwell_are_noted(packing):
     )
     job = dataclasses.replace(packing, tasks=(hasty, *packing.tasks[1:2]))
     notes = plan(job, PlanSettings(platform="fixed")).notes
-    assert (
-        f"2 picks and places take no time at all ({first.id} (pick), {first.id} (place))"
-        in notes[0]
-    )
-    assert not any("no time at all" in note for note in plan(packing, PlanSettings()).notes)
+    assert f"2 picks and places take no time ({first.id} (pick), {first.id} (place))" in notes[0]
+    assert not any("no time (" in note for note in plan(packing, PlanSettings()).notes)
 
 
 @pytest.mark.slow

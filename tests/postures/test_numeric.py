@@ -140,7 +140,7 @@ def test_what_has_to_keep_clear_does(yumi):
     never = replace(problem, clear=lambda q, _: np.zeros(len(q), dtype=np.bool_))
     reason = REDUNDANCY_SOLVERS["numeric"].solve(never)
     assert isinstance(reason, NoPosture)
-    assert "touches" in reason.reason
+    assert "collides or lacks clearance" in reason.reason
 
 
 def test_targets_out_of_reach_have_their_reason(yumi):

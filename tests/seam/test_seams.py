@@ -293,7 +293,7 @@ def test_a_cap_holds_for_every_tool_and_is_named(tmp_path: Path) -> None:
 def test_a_seam_too_fast_for_the_cap_is_refused(tmp_path: Path) -> None:
     """The same where it may not be slower."""
     head, still = CAPPED, ("speed: 100 mm/s", "hold: still")
-    with pytest.raises(InfeasibleError, match="the cap on the tools' speed"):
+    with pytest.raises(InfeasibleError, match="the limit of the tools' speed"):
         planned(job_of(tmp_path, SDA10F, seam(*still), head=head))
 
 
@@ -467,7 +467,7 @@ def test_random_seams_are_planned_or_refused_with_what_helps(
         message = str(refused)
         helps = ("lower its speed", "shorten the curve", "make it shorter", "let the tool lean")
         assert any(word in message for word in helps), message
-        assert "the chain opens" not in message
+        assert "the closed chain has an error" not in message
         assert "between its knots" not in message
 
 
