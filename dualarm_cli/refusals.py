@@ -144,7 +144,7 @@ _ORDERS = {
     "no_order_found": "no order was found that keeps all rules (windows, after, sequences, buffers), though none is "
     "proven to be impossible; allow more time (--effort thorough), widen the windows, make room in buffers, or let "
     "more tasks be done by any arm",
-    "no_order": "no order does all tasks: some task can be done by neither arm",
+    "no_order": "no order does all tasks, even without windows, `after`, sequences and buffers",
     "rule_broken": "no plan keeps this rule, whatever else is done: {rules:*; }",
     "rules_contradict": "no order keeps these rules together, whatever else is done (leave out any one of them and "
     "there may be one): {rules:*; }",
