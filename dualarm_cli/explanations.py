@@ -190,7 +190,7 @@ EXPLANATIONS: Mapping[str, Explanation] = {
             "Change `capacity` or `initial`.",
         ),
         "error[E605]: buffer 'tray' holds 0 of at most 2 parts before stage 1, …",
-        "how-to/orders.md",
+        "how-to/buffers.md",
     ),
     "E610": Explanation(
         "No posture reaches a target",

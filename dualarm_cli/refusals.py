@@ -194,9 +194,9 @@ _POSTURES = {
 }
 _CLEARANCE = {
     "touches": "{one} and {other} lack {measured:mm} of clearance",
-    "start_touches": "start: in posture '{posture}' {pairs:*, }; start in another posture (`start: free` leaves it "
-    "open), move what is in the way, or, where shapes are wider than what they stand for, list the pairs in "
-    "`allowed_contacts`",
+    "start_touches": "start: in posture '{posture}' {pairs:*, }{rest}; start in another posture (`start: free` "
+    "leaves it open), move what is in the way, or, where shapes are wider than what they stand for, list the pairs "
+    "in `allowed_contacts`",
     "part_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, part '{held}' reaches "
     "{measured:mm} into '{into}', at best",
     "tool_reaches_into": "task '{task}': where {arm} has to {action} it or on the line there, tool '{held}' reaches "

@@ -24,6 +24,9 @@ from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.search.clearance import Barred
 from dualarm_cli.timing import TimingSolver
 
+MOST_PAIRS = 30
+"""Most pairs of bodies that a message lists, worst first."""
+
 
 def check_start(problem: MethodProblem, holding: Holding) -> None:
     """Refuses a start that is not collision-free: no motion begins there.
@@ -42,7 +45,13 @@ def check_start(problem: MethodProblem, holding: Holding) -> None:
             Refusal("touches", measured=-margin, more={"one": one, "other": other})
             for one, other, margin in lacking
         ]
-        raise InfeasibleError(Refusal("start_touches", more={"posture": job.start, "pairs": pairs}))
+        rest = len(pairs) - MOST_PAIRS
+        more = {
+            "posture": job.start,
+            "pairs": pairs[:MOST_PAIRS],
+            "rest": f", and {rest} more pairs" if rest > 0 else "",
+        }
+        raise InfeasibleError(Refusal("start_touches", more=more))
 
 
 def check_parts(problem: MethodProblem, holding: Holding) -> None:

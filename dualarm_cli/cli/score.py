@@ -80,7 +80,7 @@ def score_command(
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Plan many cells and hold them against a baseline and their budgets: for CI.
+    """Plan many cells and compare them with a baseline and their budgets, for CI.
 
     Exit code 1 if a cycle time got longer than allowed, a case is missing, misses its budget, fails its verification
     or takes too long; 3 if one has no feasible plan, 2 if a file is wrong, 4 if one ended in a bug; the most severe

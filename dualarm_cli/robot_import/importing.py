@@ -107,7 +107,7 @@ def import_robot(request: ImportRequest) -> Imported:
             f"{names} {pair.why}: their shapes are probably too wide; give the links finer ones"
         )
     if contacts:
-        reasons.append(f"{len(contacts)} pairs of links may touch: see allowed_contacts")
+        reasons.append(f"links that may touch, see allowed_contacts: {len(contacts)} pairs")
     if text.proposed:
         reasons.append(
             "posture home: proposed; collision-free, away from joint limits and singular postures"

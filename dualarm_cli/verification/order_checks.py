@@ -86,7 +86,9 @@ def check_dwells(schedule: Schedule, job: Job) -> Check:
         for key, event in events.items():
             if event.dwell > worst and key not in listed:
                 worst, where = event.dwell, f"{event.task} ({event.action}) has no dwell listed"
-    return judge("dwells", worst, tol.SAME_TIME, "s", where)
+    # Rounding has a largest value too, and nothing to say of it.
+    fault = where if worst > tol.SAME_TIME else "as long as the job requires"
+    return judge("dwells", worst, tol.SAME_TIME, "s", fault)
 
 
 def _dwell_error(segment: Segment, event: Event | None, asked: Dwell) -> tuple[float, str]:

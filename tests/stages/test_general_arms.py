@@ -91,10 +91,10 @@ def test_named_methods_that_do_not_serve_say_why(general_robots, tmp_path):
     """Only what nobody named is replaced."""
     job = load_job(general_robots.write_cell(tmp_path, "yumi", tasks=1))
     for settings, words in (
-        (PlanSettings().naming(platform="exact"), "--platform exact does not serve YuMi"),
+        (PlanSettings().naming(platform="exact"), "--platform exact cannot plan YuMi"),
         (
             PlanSettings().naming(redundancy="arm_angle"),
-            "--redundancy arm_angle does not serve YuMi",
+            "--redundancy arm_angle cannot plan YuMi",
         ),
     ):
         with pytest.raises(UnsupportedError) as caught:

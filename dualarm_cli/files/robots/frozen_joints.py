@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from dualarm_cli.errors import did_you_mean
 from dualarm_cli.files.robots.robot_joints import file_arms
 from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
@@ -13,7 +12,7 @@ from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
-from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 
 MOST_LISTED = 8
@@ -51,7 +50,7 @@ def frozen_positions(
             message = f"{quote(name)} belongs to the platform or an arm; it cannot be frozen"
             findings.add(document, loc, message, key=True)
         else:
-            hint = did_you_mean(name, list(joints))
+            hint = suggest(name, list(joints), "others that move")
             findings.add(document, loc, f"the URDF moves no joint {quote(name)}{hint}", key=True)
     _check_chains(document, model, urdf, moving, findings)
     for name in joints:
