@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +13,7 @@ import typer
 
 from dualarm_cli.cli.parts.options import SeedOption
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from dualarm_cli.geometry.joint_axes import SrsGeometry
@@ -99,7 +103,23 @@ def export_command(
 
 @robot_app.command("import")
 def import_command(
-    urdf: Annotated[Path, typer.Argument(help="URDF or xacro file.", show_default=False)],
+    urdf: Annotated[
+        Path | None, typer.Argument(help="URDF or xacro file.", show_default=False)
+    ] = None,
+    left: Annotated[
+        Path | None,
+        typer.Option(
+            "--left",
+            help="URDF of a robot of one arm that becomes the left arm of a cell of two.",
+            show_default=False,
+        ),
+    ] = None,
+    right: Annotated[
+        Path | None,
+        typer.Option(
+            "--right", help="URDF of the robot that is the right arm.", show_default=False
+        ),
+    ] = None,
     out: Annotated[
         str | None,
         typer.Option(
@@ -130,36 +150,87 @@ def import_command(
             "--package-dir", help="Folder of a ROS package, or of several.", show_default=False
         ),
     ] = None,
+    divided: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--convex-parts",
+            help="A link whose meshes become several convex parts instead of one hull (extra `coacd`).",
+            show_default=False,
+        ),
+    ] = None,
     seed: SeedOption = 0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the files.")] = False,
     json_output: JsonOption = False,
 ) -> None:
     """Write a robot file from a URDF: arms, platform, limits, contacts and a start posture, each with its reason."""
     from dualarm_cli.cli.parts.result_files import refuse_folder, write_folder
-    from dualarm_cli.robot_import.importing import ImportRequest, import_robot
+    from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
+    from dualarm_cli.robot_import.importing_pair import ImportedPair, import_pair
+    from dualarm_cli.robot_import.structure import OpenChoiceError
 
     tips = {side: tip for side, tip in (("left", left_tip), ("right", right_tip)) if tip}
-    request = ImportRequest(
-        urdf,
-        srdf,
-        joint_limits,
-        tips,
-        tuple(platform) if platform is not None else None,
-        tuple(package_dir or ()),
-        seed,
-    )
-    imported = import_robot(request)
+    packages, parts = tuple(package_dir or ()), tuple(divided or ())
+    imported: Imported | ImportedPair
+    if urdf is not None and left is None and right is None:
+        carriers = tuple(platform) if platform is not None else None
+        request = ImportRequest(urdf, srdf, joint_limits, tips, carriers, packages, seed, parts)
+        try:
+            imported = import_robot(request)
+        except OpenChoiceError as choice:
+            if not (sys.stdin.isatty() and sys.stderr.isatty()):
+                raise
+            imported = import_robot(replace(request, tips=_asked_for_tips(choice.tips)))
+        main = "robot.yaml"
+    elif urdf is None and left is not None and right is not None:
+        alone = {"--srdf": srdf, "--platform": platform, "--convex-parts": divided}
+        for option, value in alone.items():
+            if value is not None:
+                raise UsageError(f"{option}: is of one robot; import that robot by itself")
+        one, other = (
+            ImportRequest(file, None, joint_limits, tips, None, packages, seed)
+            for file in (left, right)
+        )
+        imported, main = import_pair(one, other), "cell.yaml"
+    else:
+        raise UsageError("give one URDF, or --left URDF and --right URDF for two robots in a cell")
     folder = out if out is not None else imported.folder
     refuse_folder(folder, tuple(imported.files), force)
     write_folder(folder, dict(imported.files))
-    file = Path(folder) / "robot.yaml"
+    file = Path(folder) / main
     if json_output:
-        robot = {"robot": str(file), "decisions": list(imported.reasons)}
-        print_json({"format": "dualarm.imported_robot/1", **robot})
+        written = {main.removesuffix(".yaml"): str(file), "decisions": list(imported.reasons)}
+        print_json({"format": "dualarm.imported_robot/1", **written})
         return
     for reason in imported.reasons:
         print_message(reason)
-    print_message(f"written: {file}; a cell beside the folder {folder} uses it: `robot: {file}`")
+    uses = f"task files beside it use it: `cell: {main}`"
+    if main == "robot.yaml":
+        uses = f"a cell beside the folder {folder} uses it: `robot: {file}`"
+    print_message(f"written: {file}; {uses}")
+
+
+def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
+    """Asks on the terminal which rows of joints are the arms, and returns their last links by side."""
+    print_message(f"The tree has {len(tips)} rows of joints that may be arms: {', '.join(tips)}.")
+    left = typer.prompt("Link that the left arm ends in", value_proc=_one_of(tips), err=True)
+    others = [*(tip for tip in tips if tip != left), "none"]
+    right = typer.prompt(
+        f"Link that the right arm ends in ({', '.join(others)})",
+        value_proc=_one_of(others),
+        err=True,
+    )
+    return {"left": left} if right == "none" else {"left": left, "right": right}
+
+
+def _one_of(names: Sequence[str]) -> Callable[[str], str]:
+    """Returns a function that takes one of some names and asks again for anything else."""
+
+    def named(answer: str) -> str:
+        if answer not in names:
+            raise typer.BadParameter(f"'{answer}' is not one of {', '.join(names)}")
+        return answer
+
+    return named
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:

@@ -9,17 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf, mesh_elements
+from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import urdf_text
-from dualarm_cli.model.shape import Shape
-from dualarm_cli.robot_import.joint_limits import StatedLimits
-from dualarm_cli.robot_import.structure import Structure
+from dualarm_cli.model.shape import Hull, Shape
 
 ROUNDED = 5e-5
 """How far a written angle may be from a multiple of a quarter turn to be taken for it [rad]: 1.5708 is."""
-ASSUMED_SPEED = math.radians(90.0)
-"""Top speed of a joint whose URDF has none [rad/s]."""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 
@@ -31,8 +27,6 @@ class Described:
     """Of the URDF."""
     meshes: Mapping[str, bytes]
     """STL files by path."""
-    assumed: frozenset[str]
-    """Joints whose velocity limit is assumed."""
     reasons: tuple[str, ...]
     """What was changed, and why."""
 
@@ -40,42 +34,36 @@ class Described:
 def described(
     urdf: Urdf,
     meshes: Mapping[str, Sequence[Shape]],
-    structure: Structure,
-    limits: Mapping[str, StatedLimits],
+    parts: Mapping[str, Sequence[Sequence[Hull]]],
 ) -> Described:
     """Returns the description of a robot as it is imported.
 
     Args:
         urdf: as it was read.
         meshes: its collision meshes by link.
-        structure: its arms and platform.
-        limits: of other files, by joint; velocities take the place of the URDF's where they are lower.
+        parts: convex parts of some links' meshes, by link and mesh; other meshes become their hulls.
     """
-    used = {joint for arm in structure.arms.values() for joint in arm.joints} | set(
-        structure.platform
-    )
     files: dict[str, bytes] = {}
-    parts = []
+    elements = []
     for name, link in urdf.links.items():
         clean = Element("link", {"name": name})
         clean.children = [c for c in link.children if c.tag == "inertial"]
-        hulls = iter(meshes.get(name, ()))
+        hulls = iter(parts.get(name) or [[s.hull] for s in meshes.get(name, ()) if s.hull])
         for solid in link.all("collision"):
             if next(mesh_elements(solid), None) is None:
                 clean.children.append(
                     Element("collision", solid.attributes, children=solid.children)
                 )
                 continue
-            shape = next(hulls)
-            path = f"meshes/{_safe(name)}_{len(files)}.stl"
-            files[path] = _stl(shape)
-            mesh = Element("mesh", {"filename": path})
             kept = [c for c in solid.children if c.tag == "origin"]
-            geometry = Element("geometry", {}, children=[mesh])
-            clean.children.append(Element("collision", {}, children=[*kept, geometry]))
-        parts.append(clean)
+            for hull in next(hulls):
+                path = f"meshes/{_safe(name)}_{len(files)}.stl"
+                files[path] = _stl(hull)
+                mesh = Element("mesh", {"filename": path})
+                geometry = Element("geometry", {}, children=[mesh])
+                clean.children.append(Element("collision", {}, children=[*kept, geometry]))
+        elements.append(clean)
     rounded = 0
-    slow: set[str] = set()
     for name, joint in urdf.joints.items():
         clean = Element("joint", {"name": name, "type": joint.get("type")})
         for child in joint.children:
@@ -85,42 +73,17 @@ def described(
             if child.tag == "origin" and "rpy" in attributes:
                 attributes["rpy"], turned = _exact(attributes["rpy"])
                 rounded += turned
-            if child.tag == "limit" and name in used:
-                _set_speed(name, attributes, limits, slow)
             clean.children.append(Element(child.tag, attributes))
-        if name in used and joint.find("limit") is None and joint.get("type") in MOVING_TYPES:
-            attributes = {}
-            _set_speed(name, attributes, limits, slow)
-            clean.children.append(Element("limit", attributes))
-        parts.append(clean)
+        elements.append(clean)
     reasons = []
     if files:
-        reasons.append(f"{len(files)} collision meshes: convex hulls in meshes/")
+        count = sum(map(len, meshes.values()))
+        reasons.append(f"{count} collision meshes: convex hulls in meshes/")
+    for name, divided in parts.items():
+        reasons.append(f"{name}: {sum(map(len, divided))} convex parts")
     if rounded:
         reasons.append(f"{rounded} rounded angles of the URDF (such as 1.5708) are written in full")
-    if slow:
-        reasons.append(
-            f"velocity limits assumed (90 deg/s), as the URDF has none: {', '.join(sorted(slow))}"
-        )
-    return Described(
-        urdf_text(urdf.root.name or "robot", parts), files, frozenset(slow), tuple(reasons)
-    )
-
-
-def _set_speed(
-    name: str, attributes: dict[str, str], limits: Mapping[str, StatedLimits], assumed: set[str]
-) -> None:
-    """Sets the velocity limit of a joint: the lower one of URDF and other file, an assumed one where there is none."""
-    try:
-        own = float(attributes.get("velocity", "0"))
-    except ValueError:
-        return  # the reader of robot files reports it
-    other = limits[name].velocity if name in limits else None
-    if other is not None and (own <= 0.0 or other < own):
-        attributes["velocity"] = repr(other)
-    elif own <= 0.0:
-        attributes["velocity"] = repr(ASSUMED_SPEED)
-        assumed.add(name)
+    return Described(urdf_text(urdf.root.name or "robot", elements), files, tuple(reasons))
 
 
 def _exact(rpy: str) -> tuple[str, int]:
@@ -135,10 +98,9 @@ def _exact(rpy: str) -> tuple[str, int]:
     return " ".join(found), count
 
 
-def _stl(shape: Shape) -> bytes:
+def _stl(hull: Hull) -> bytes:
     """Returns a hull as a binary STL file."""
-    assert shape.hull is not None  # a mesh has one
-    faces = shape.hull.corners[shape.hull.triangles]
+    faces = hull.corners[hull.triangles]
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     rows = np.zeros(len(faces), dtype=[("vectors", "<f4", (12,)), ("more", "<u2")])

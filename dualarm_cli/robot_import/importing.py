@@ -15,14 +15,15 @@ from dualarm_cli.files.robots.frozen_joints import nearest_to_zero
 from dualarm_cli.files.robots.meshes import link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robots import LoadedRobot, load_robot
-from dualarm_cli.files.robots.urdf import Urdf, read_urdf
+from dualarm_cli.files.robots.urdf import Urdf, moving_joints, read_urdf
 from dualarm_cli.files.robots.urdf_tree import parse_xml
 from dualarm_cli.files.source.projects import Project
 from dualarm_cli.files.source.text_source import TextSource, read_text
 from dualarm_cli.robot_import.contacts import find_contacts
+from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described
 from dualarm_cli.robot_import.home import propose_home
-from dualarm_cli.robot_import.joint_limits import read_joint_limits
+from dualarm_cli.robot_import.joint_limits import read_joint_limits, with_speeds
 from dualarm_cli.robot_import.robot_file import RobotText, robot_text
 from dualarm_cli.robot_import.srdf import Srdf, read_srdf
 from dualarm_cli.robot_import.structure import Structure, find_structure
@@ -46,6 +47,8 @@ class ImportRequest:
     """Folders of ROS packages."""
     seed: int = 0
     """Of the postures that are sampled."""
+    divided: tuple[str, ...] = ()
+    """Links whose meshes become several convex parts."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +83,16 @@ def import_robot(request: ImportRequest) -> Imported:
     if request.tips or srdf.tips:
         named = ", ".join(f"{side} {arm.tip}" for side, arm in structure.arms.items())
         structure = replace(structure, reasons=(f"flanges as named: {named}", *structure.reasons))
-    finder = MeshFinder(Project(Path("/")), request.urdf.absolute(), request.packages)
+    urdf, assumed = with_speeds(urdf, structure.joints, limits)
+    moving_joints(urdf, structure.joints)  # its errors are at lines of the user's file
+    packages = (*request.packages, *request.urdf.absolute().parents)
+    finder = MeshFinder(Project.of(request.urdf), request.urdf.absolute(), packages)
     meshes = link_meshes(urdf, finder)
-    description = described(urdf, meshes, structure, limits)
+    parts = convex_parts(urdf, finder, request.divided)
+    description = described(urdf, meshes, parts)
     name = urdf.root.name or request.urdf.stem
     zero = {"home": _near_zero(urdf, structure)}
-    text = RobotText(
-        name, f"{_file_name(name)}.urdf", structure, description.assumed, limits, (), zero
-    )
+    text = RobotText(name, f"{_file_name(name)}.urdf", structure, assumed, limits, (), zero)
     files = {text.urdf: description.text.encode(), **description.meshes}
     first = _loaded(files, robot_text(text))
     contacts, often = find_contacts(first.robot, srdf.contacts, request.seed)
@@ -101,6 +106,9 @@ def import_robot(request: ImportRequest) -> Imported:
     content = robot_text(text)
     loaded = _loaded(files, content)
     reasons = [*structure.reasons, *description.reasons]
+    if assumed:
+        names = ", ".join(sorted(assumed))
+        reasons.append(f"velocity limits assumed (90 deg/s), as the URDF has none: {names}")
     for pair in often:
         names = " and ".join(pair.links)
         reasons.append(
@@ -143,8 +151,7 @@ def _source(path: Path) -> TextSource:
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
     """Returns the joints that cannot be at 0, where they are nearest to it [rad or m]."""
-    used = [*structure.platform, *(j for arm in structure.arms.values() for j in arm.joints)]
-    found = {joint: nearest_to_zero(urdf.joints[joint]) for joint in used}
+    found = {joint: nearest_to_zero(urdf.joints[joint]) for joint in structure.joints}
     return {joint: position for joint, position in found.items() if position != 0.0}
 
 

@@ -1,15 +1,21 @@
-"""MoveIt's `joint_limits.yaml`."""
+"""Joint limits from elsewhere: MoveIt's `joint_limits.yaml`, and speeds where nobody states one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.files.robots.urdf import Urdf
+from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.source.text_source import read_text
 from dualarm_cli.files.source.yaml_source import parse_yaml
+
+ASSUMED_SPEED = math.radians(90.0)
+"""Top speed of a joint for which nobody states one [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -57,3 +63,35 @@ def _limit(limits: Mapping[str, Any], rate: str) -> float | None:
     stated = limits.get(f"has_{rate}_limits", value is not None)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
     return float(value) if stated is True and usable else None  # type: ignore[arg-type]
+
+
+def with_speeds(
+    urdf: Urdf, used: Collection[str], stated: Mapping[str, StatedLimits]
+) -> tuple[Urdf, frozenset[str]]:
+    """Returns a URDF in which all joints that are used have a velocity limit, and those whose limit is assumed.
+
+    Args:
+        urdf: a checked URDF.
+        used: its joints that are planned.
+        stated: limits of another file, by joint; they take the place of the URDF's where they are lower.
+    """
+    joints, assumed = dict(urdf.joints), set()
+    for name in used:
+        joint = joints[name]
+        own = joint.find("limit") or Element("limit", {}, joint.line, joint.column)
+        try:
+            speed = float(own.get("velocity", "0"))
+        except ValueError:
+            continue  # the reader of limits reports it
+        other = stated[name].velocity if name in stated else None
+        if other is not None and (speed == 0.0 or 0.0 < other < speed):
+            speed = other
+        elif speed == 0.0:
+            speed = ASSUMED_SPEED
+            assumed.add(name)
+        else:
+            continue
+        limit = replace(own, attributes={**own.attributes, "velocity": repr(speed)})
+        others = [child for child in joint.children if child.tag != "limit"]
+        joints[name] = replace(joint, children=[*others, limit])
+    return replace(urdf, joints=joints), frozenset(assumed)

@@ -82,11 +82,9 @@ def robot_text(robot: RobotText) -> str:
 
 def _limits(robot: RobotText) -> list[str]:
     """Returns the lines on limits."""
-    structure = robot.structure
     rule = f"{{acceleration: {ACCELERATION_RULE}, jerk: {JERK_RULE}, source: assumed}}"
     lines = ["limits:  # positions and velocities are those of the URDF", f"  default: {rule}"]
-    used = [*structure.platform, *(j for arm in structure.arms.values() for j in arm.joints)]
-    for joint in used:
+    for joint in robot.structure.joints:
         stated = robot.limits.get(joint)
         if stated is not None and stated.acceleration is not None:
             rates = f"acceleration: {stated.acceleration!r}"
@@ -103,11 +101,7 @@ def _limits(robot: RobotText) -> list[str]:
 def _text(text: str) -> str:
     """Returns text as YAML reads it: plain where it can be nothing else, else in quotes."""
     plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", text) is not None
-    return (
-        text
-        if plain and text.lower() not in ("true", "false", "yes", "no", "on", "off", "null")
-        else json.dumps(text)
-    )
+    return text if plain and text.lower() not in _WORDS else json.dumps(text)
 
 
 def _list(names: Sequence[str]) -> str:

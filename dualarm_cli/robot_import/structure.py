@@ -30,6 +30,18 @@ _SIDES = {
 }
 
 
+class OpenChoiceError(UsageError):
+    """A tree that does not tell which of its rows of joints are the arms."""
+
+    def __init__(self, tips: tuple[str, ...]) -> None:
+        """Stores the links in which those rows end."""
+        self.tips = tips
+        super().__init__(
+            f"the tree has {len(tips)} rows of joints that may be arms, ending in {', '.join(tips)}; "
+            "say which with --left-tip and --right-tip"
+        )
+
+
 @dataclass(frozen=True)
 class ArmChain:
     """A row of joints that may be an arm."""
@@ -50,6 +62,11 @@ class Structure:
     """Joints that carry both arms, world side first."""
     reasons: tuple[str, ...]
     """What was decided, and why."""
+
+    @property
+    def joints(self) -> list[str]:
+        """Joints of the platform and the arms."""
+        return [*self.platform, *(joint for arm in self.arms.values() for joint in arm.joints)]
 
 
 def moving(urdf: Urdf) -> list[str]:
@@ -159,11 +176,7 @@ def _found_arms(urdf: Urdf) -> dict[str, ArmChain]:
         and sides["left"] != sides["right"]
     ):
         return {side: found[0] for side, found in sides.items()}
-    tips = ", ".join(chain.tip for chain in candidates)
-    raise UsageError(
-        f"the tree has {len(candidates)} rows of joints that may be arms, ending in {tips}; "
-        "say which with --left-tip and --right-tip"
-    )
+    raise OpenChoiceError(tuple(chain.tip for chain in candidates))
 
 
 def _is_of(side: str, chain: ArmChain) -> bool:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import pty
 import re
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -288,3 +292,26 @@ def test_the_command_writes_a_folder_that_plans(
     assert run(["robot", "import", str(urdf), "--out", "mine", "--force", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["robot"] == "mine/robot.yaml"
+
+
+def test_on_a_terminal_it_asks_which_arm_is_which(tmp_path: Path) -> None:
+    """YuMi with names that tell no side, its right arm called left: the answers decide."""
+    text = load_robot("yumi").robot.urdf
+    plain = re.sub(r"left|right", lambda m: {"left": "unit_a", "right": "unit_b"}[m[0]], text)
+    (tmp_path / "yumi.urdf").write_text(plain)
+    arms = [arm.flange for arm in load_robot("yumi").robot.arms]
+    a, b = (re.sub("left|right", f"unit_{x}", tip) for x, tip in zip("ab", arms, strict=True))
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "dualarm_cli", "robot", "import", "yumi.urdf", "--out", "mine"]
+    with subprocess.Popen(command, cwd=tmp_path, stdin=theirs, stdout=theirs, stderr=theirs) as run:
+        os.close(theirs)
+        os.write(ours, f"{b}\nnobody\n{a}\n".encode())
+        told = b""
+        with contextlib.suppress(OSError):  # what Linux raises when the other end is closed
+            while part := os.read(ours, 4096):
+                told += part
+    os.close(ours)
+    assert run.returncode == 0, told.decode()
+    assert "'nobody' is not one of" in told.decode()
+    robot = load_robot(tmp_path / "mine/robot.yaml").robot
+    assert (robot.arm("left").flange, robot.arm("right").flange) == (b, a)

@@ -56,7 +56,9 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
         corners = _corners(data, suffix)
         if len(corners) > _MAX_STATED:
             raise MeshError(f"has {len(corners)} corners; at most {_MAX_STATED} are read")
-        return _hull(corners, scale)
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = corners * scale
+        return convex_hull(scaled)
     except MeshError as error:
         raise BadReferenceError(f"{quote(reference)} {error}") from None
 
@@ -71,12 +73,15 @@ def _corners(data: bytes, suffix: str) -> FloatArray:
     return dae_corners(data, _MAX_STATED)
 
 
-def _hull(corners: FloatArray, scale: FloatArray) -> Hull:
-    """Returns the convex hull of corners, by Qhull."""
+def convex_hull(corners: FloatArray) -> Hull:
+    """Returns the convex hull of corners (n, 3) [m], by Qhull.
+
+    Raises:
+        MeshError: a corner that is not finite or far away, too many of them, or no volume.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        corners = np.unique(corners * scale, axis=0)
+    corners = np.unique(corners, axis=0)
     finite = np.isfinite(corners).all(axis=1)
     if not finite.all():
         raise MeshError("has a corner that is not finite; export it again")
@@ -129,13 +134,18 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> dict[str, tuple[Shape, ...]]:
                 continue
             reference = mesh.get("filename")
             try:
-                hull = read_hull(finder.find(reference), reference, _vector(mesh, "scale", 1.0))
+                hull = read_hull(finder.find(reference), reference, mesh_scale(mesh))
             except BadReferenceError as error:
                 findings.add(mesh, f"mesh: {error}")
                 continue
             shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), _pose(solid), hull))
     findings.raise_if_any()
     return shapes
+
+
+def mesh_scale(mesh: Element) -> FloatArray:
+    """Returns what a mesh element multiplies coordinates along x, y and z with, shape (3,)."""
+    return _vector(mesh, "scale", 1.0)
 
 
 def _pose(solid: Element) -> pin.SE3:

@@ -1,0 +1,99 @@
+"""A mesh as several convex parts, found by CoACD, that together hold all of its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dualarm_cli.errors import MissingDependencyError, UsageError, did_you_mean
+from dualarm_cli.files.robots.meshes import convex_hull, mesh_scale
+from dualarm_cli.files.robots.packages import MeshFinder
+from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.model.shape import Hull
+
+CONCAVITY = 0.05
+"""How concave a part may stay, as CoACD measures it: 0.01 is fine, 1 is coarse."""
+FACE_SHARE = 0.05
+"""Faces are divided until their edges are no longer than this share of the mesh's diagonal."""
+
+
+def convex_parts(
+    urdf: Urdf, finder: MeshFinder, links: Collection[str]
+) -> dict[str, list[list[Hull]]]:
+    """Returns the parts of each collision mesh of some links, in the order of the URDF, in the meshes' frames.
+
+    Args:
+        urdf: a checked URDF, whose meshes can be read.
+        finder: finds its mesh files.
+        links: those whose meshes are divided.
+
+    Raises:
+        MissingDependencyError: CoACD or trimesh is not installed.
+        UsageError: a link that there is not, or one without a mesh.
+    """
+    found: dict[str, list[list[Hull]]] = {}
+    for name in links:
+        if name not in urdf.links:
+            hint = did_you_mean(name, list(urdf.links))
+            raise UsageError(f"--convex-parts: the URDF has no link '{name}'{hint}")
+        solids = urdf.links[name].all("collision")
+        meshes = [mesh for mesh in (next(mesh_elements(s), None) for s in solids) if mesh]
+        if not meshes:
+            raise UsageError(f"--convex-parts: link '{name}' has no collision mesh")
+        found[name] = []
+        for mesh in meshes:
+            path = finder.find(mesh.get("filename"))
+            found[name].append(divided(*_triangles(path, mesh_scale(mesh))))
+    return found
+
+
+def divided(corners: FloatArray, triangles: IntArray) -> list[Hull]:
+    """Returns convex parts that hold every triangle of a mesh whole.
+
+    CoACD's parts may lack slivers of the mesh, so each triangle is put into the part that it sticks out of least.
+
+    Args:
+        corners: shape (n, 3) [m].
+        triangles: numbers of their corners, shape (m, 3).
+
+    Raises:
+        MissingDependencyError: CoACD is not installed.
+    """
+    try:
+        import coacd
+    except ImportError:
+        raise MissingDependencyError("coacd", "coacd") from None
+    coacd.set_log_level("off")
+    parts = coacd.run_coacd(coacd.Mesh(corners, triangles), threshold=CONCAVITY, seed=0)
+    hulls = [convex_hull(np.asarray(part)) for part, _ in parts]
+    of_faces = _sticking_out(hulls, corners)[:, triangles].max(axis=2).argmin(axis=0)
+    own = [corners[triangles[of_faces == k]].reshape(-1, 3) for k in range(len(hulls))]
+    return [convex_hull(np.concatenate([h.corners, o])) for h, o in zip(hulls, own, strict=True)]
+
+
+def _sticking_out(hulls: Sequence[Hull], points: FloatArray) -> FloatArray:
+    """Returns how far points are outside hulls, measured along their faces' normals, shape (hulls, points) [m]."""
+    found = np.empty((len(hulls), len(points)))
+    for k, hull in enumerate(hulls):
+        first, second, third = (hull.corners[hull.triangles[:, i]] for i in range(3))
+        normals = np.cross(second - first, third - first)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        heights = np.einsum("ij,ij->i", normals, first)
+        found[k] = (points @ normals.T - heights).max(axis=1)
+    return found
+
+
+def _triangles(path: Path, scale: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Returns the corners [m] and triangles of a mesh file, long triangles divided."""
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingDependencyError("trimesh", "coacd") from None
+    mesh = trimesh.load_mesh(path)
+    corners, triangles = np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces)
+    longest = FACE_SHARE * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    corners, triangles = trimesh.remesh.subdivide_to_size(corners, triangles, longest)
+    return np.asarray(corners), np.asarray(triangles)
