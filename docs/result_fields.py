@@ -278,6 +278,10 @@ REPORT: dict[str, tuple[str, str]] = {
     "speed": ("", "The job's share of full speed."),
     "tool_speed_cap": ("m/s", "Cap on the speed of the tools, or none."),
     "assumed_limits": ("", "Joints whose acceleration or jerk limits are assumed."),
+    "without_jerk_limit": (
+        "",
+        "Joints whose jerk is not limited: the robot file says `jerk: none`.",
+    ),
     "sensitivity[].joint": ("", "Joint; empty for all together."),
     "sensitivity[].limit": ("", "acceleration or jerk."),
     "sensitivity[].value": ("rad/s² or rad/s³", "The limit."),

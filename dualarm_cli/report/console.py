@@ -81,9 +81,14 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     lines.append(bound_line(report))
     lines.append(f"collisions: {report['collisions']}")
     lines += [f"budget: {line['text']}" for line in report["budget"]]
-    if report["assumed_limits"]:
+    if report["without_jerk_limit"]:
         lines.append(
-            f"acceleration and jerk limits are assumed, not the maker's, for "
+            f"no jerk limit, as the robot file says: {', '.join(report['without_jerk_limit'])}"
+        )
+    if report["assumed_limits"]:
+        unlimited = set(report["assumed_limits"]) <= set(report["without_jerk_limit"])
+        lines.append(
+            f"acceleration{'' if unlimited else ' and jerk'} limits are assumed, not the maker's, for "
             f"{len(report['assumed_limits'])} joints: {', '.join(report['assumed_limits'])}"
         )
         lines += sensitivity_lines(report)

@@ -66,6 +66,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "speed": job.speed,
         "tool_speed_cap": job.tool_speed,
         "assumed_limits": assumed_joints(schedule),
+        "without_jerk_limit": joints_without_jerk_limit(schedule),
         "sensitivity": [asdict(entry) for entry in sensitivity(schedule)],
         "verification": verification_document(schedule.verification),
         "settings": dict(schedule.provenance.settings),
@@ -103,6 +104,12 @@ def assumed_joints(schedule: Schedule) -> list[str]:
     return [
         j for j, source in zip(limits.joints, limits.source, strict=True) if source == "assumed"
     ]
+
+
+def joints_without_jerk_limit(schedule: Schedule) -> list[str]:
+    """Returns the joints whose jerk is not limited."""
+    limits = schedule.robot.limits
+    return [j for j, jerk in zip(limits.joints, limits.jerk, strict=True) if np.isinf(jerk)]
 
 
 def smallest_clearance(schedule: Schedule) -> dict[str, Any] | None:

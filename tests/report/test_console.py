@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 from dualarm_cli.files.tasks.tasks import load_job
@@ -75,6 +76,18 @@ def test_the_report_lists_every_assumed_limit_and_the_console_the_most_telling(j
         assert line.startswith(
             f"{entry['joint']} {entry['limit']} 10 % lower: {entry['lower']:.3f} s"
         )
+
+
+def test_joints_without_a_jerk_limit_are_told(job, schedule):
+    """Their jerk limit is not called assumed; with a limit nothing is told."""
+    assert not [line for line in summary_lines(build_report(schedule, job)) if "no jerk" in line]
+    limits = dataclasses.replace(schedule.robot.limits, jerk=np.full(15, np.inf))
+    free = dataclasses.replace(schedule, robot=dataclasses.replace(schedule.robot, limits=limits))
+    report = build_report(free, job)
+    assert report["without_jerk_limit"] == list(limits.joints)
+    lines = summary_lines(report)
+    assert f"no jerk limit, as the robot file says: {', '.join(limits.joints)}" in lines
+    assert [line for line in lines if line.startswith("acceleration limits are assumed")]
 
 
 def test_a_plan_of_no_length_has_no_shares(job, schedule):
