@@ -88,6 +88,24 @@ def test_a_package_that_the_user_names_comes_first(tmp_path: Path) -> None:
             finder.find(reference)
 
 
+def test_links_are_followed_in_packages_that_the_user_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As colcon installs them: each mesh is a link to the sources."""
+    (tmp_path / "source").mkdir()
+    (tmp_path / "source/a.stl").write_bytes(b"")
+    (tmp_path / "install/arm").mkdir(parents=True)
+    (tmp_path / "install/arm/a.stl").symlink_to(tmp_path / "source/a.stl")
+    urdf = tmp_path / "install/robot.urdf"
+    with pytest.raises(BadReferenceError, match="by a symbolic link; name the package's folder"):
+        MeshFinder(Project(tmp_path), urdf).find("package://arm/a.stl")
+    expected = tmp_path / "install/arm/a.stl"
+    named = MeshFinder(Project(tmp_path), urdf, (tmp_path / "install",))
+    assert named.find("package://arm/a.stl") == expected
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "install"))
+    assert MeshFinder(Project(tmp_path), urdf).find("package://arm/a.stl") == expected
+
+
 def test_a_mesh_that_is_only_looked_at_may_be_missing(project: Path, change: Change) -> None:
     change("tiny.urdf", LINK, link("visual", '<mesh filename="package://gone/a.dae"/>'))
     assert load_robot(Path("robot.yaml")).robot.meshes == {}

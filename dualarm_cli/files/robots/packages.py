@@ -48,29 +48,37 @@ class MeshFinder:
             or ".." in Path(rest).parts
         ):
             raise BadReferenceError(f"{quote(reference)} must be package://name/path")
-        for folder in self._folders(package):
+        linked = False
+        for folder, named in self._folders(package):
             path = folder / rest
-            if path.is_file() and Path(os.path.realpath(path)).is_relative_to(
-                os.path.realpath(folder)
-            ):
+            if not path.is_file():
+                continue
+            # Colcon installs files as links to their sources: packages that the user names may hold such links.
+            if named or Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
                 return path
+            linked = True
+        if linked:
+            raise BadReferenceError(
+                f"{quote(reference)} leads out of its package by a symbolic link; name the package's folder with "
+                "`dualarm robot import --package-dir`"
+            )
         raise BadReferenceError(
             f"there is no file {quote(reference)}: package {quote(package)} was looked for beside the URDF, in the "
             "folders above it and in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; name its folder with "
             "`dualarm robot import --package-dir`"
         )
 
-    def _folders(self, package: str) -> Iterator[Path]:
-        """Iterates over the folders that may be the package's."""
+    def _folders(self, package: str) -> Iterator[tuple[Path, bool]]:
+        """Iterates over the folders that may be the package's, and whether the user or ROS names them."""
         for folder in self.packages:
-            yield from _as_package(folder, package)
+            yield from ((one, True) for one in _as_package(folder, package))
         here = Path(os.path.realpath(self.urdf)).parent
         for folder in (here, *here.parents):
             if not folder.is_relative_to(self.project.folder):
                 break
-            yield from _as_package(folder, package)
+            yield from ((one, False) for one in _as_package(folder, package))
         for folder in ros_folders(os.environ):
-            yield folder / package
+            yield folder / package, True
 
 
 def _as_package(folder: Path, package: str) -> Iterator[Path]:
