@@ -205,7 +205,7 @@ def import_command(
         print_message(reason)
     uses = f"task files beside it use it: `cell: {main}`"
     if main == "robot.yaml":
-        uses = f"a cell beside the folder {folder} uses it: `robot: {file}`"
+        uses = f"a cell file beside that folder uses it: `robot: {Path(folder).name}/robot.yaml`"
     print_message(f"written: {file}; {uses}")
 
 

@@ -85,8 +85,8 @@ def import_robot(request: ImportRequest) -> Imported:
         structure = replace(structure, reasons=(f"flanges as named: {named}", *structure.reasons))
     urdf, assumed = with_speeds(urdf, structure.joints, limits)
     moving_joints(urdf, structure.joints)  # its errors are at lines of the user's file
-    packages = (*request.packages, *request.urdf.absolute().parents)
-    finder = MeshFinder(Project.of(request.urdf), request.urdf.absolute(), packages)
+    file = request.urdf.absolute()
+    finder = MeshFinder(Project.of(file), file, request.packages, beyond=True)
     meshes = link_meshes(urdf, finder)
     parts = convex_parts(urdf, finder, request.divided)
     description = described(urdf, meshes, parts)

@@ -84,6 +84,10 @@ BAD = {
         with_solid('<mesh filename="package://inner/../../secret.stl"/>'),
         "must be package://name/path",
     ),
+    "mesh of a folder that is no package": (
+        with_solid('<mesh filename="package://aside/secret.stl"/>'),
+        "package 'aside' was looked for",
+    ),
     "mesh that is missing": (with_solid('<mesh filename="none.stl"/>'), "there is no file"),
     "box without end": (with_solid('<box size="inf 1 1"/>'), "'inf', which is not a finite"),
 }
@@ -97,7 +101,8 @@ def test_bad_urdfs_are_refused_in_a_sentence(
     text, message = BAD[name]
     folder = tmp_path / "outer" / "project" / "inner"
     folder.mkdir(parents=True)
-    for place in (tmp_path, tmp_path / "outer", folder):
+    (tmp_path / "aside").mkdir()
+    for place in (tmp_path, tmp_path / "aside", tmp_path / "outer", folder):
         (place / "secret.txt").write_text("PASSPHRASE")
         (place / "secret.stl").write_text("solid PASSPHRASE\nendsolid\n")
     monkeypatch.chdir(folder)

@@ -185,6 +185,26 @@ def test_joint_limits_of_moveit_are_taken(tmp_path: Path) -> None:
     assert (found.acceleration[2], found.jerk[2]) == (3.0, 30.0)
 
 
+def test_packages_beside_the_urdfs_own_are_found_by_their_package_xml(tmp_path: Path) -> None:
+    """A ROS workspace: the description names meshes of its own package and of its neighbour."""
+    (tmp_path / "src/arm_description/urdf/real").mkdir(parents=True)
+    (tmp_path / "src/arm_meshes").mkdir()
+    (tmp_path / "src/arm_description/part.obj").write_text(TETRAHEDRON)
+    (tmp_path / "src/arm_meshes/part.obj").write_text(TETRAHEDRON)
+    path = urdf_of("iiwa7", tmp_path / "src/arm_description/urdf/real")
+    link = re.findall(r'<link name="([^"]*)"', path.read_text())[3]
+    solids = "".join(
+        f'<collision><geometry><mesh filename="package://{name}/part.obj"/></geometry></collision>'
+        for name in ("arm_description", "arm_meshes")
+    )
+    text = path.read_text()
+    path.write_text(text.replace(f'<link name="{link}">', f'<link name="{link}">{solids}', 1))
+    with pytest.raises(InputError, match="package 'arm_meshes' was looked for"):
+        imported(path)
+    (tmp_path / "src/arm_meshes/package.xml").write_text("<package/>")
+    assert len(imported(path).loaded.robot.meshes[link]) == 2
+
+
 def test_meshes_come_along_as_their_hulls(tmp_path: Path) -> None:
     """The folder needs nothing from elsewhere: the package may be gone afterwards."""
     package = tmp_path / "elsewhere" / "arm_meshes"

@@ -23,6 +23,8 @@ class MeshFinder:
     """The URDF."""
     packages: tuple[Path, ...] = ()
     """Folders of packages, or folders that hold packages, that the user names."""
+    beyond: bool = False
+    """Whether packages are looked for above the project as well: the URDF's own, and those with a package.xml."""
 
     def find(self, reference: str) -> Path:
         """Returns a mesh file.
@@ -74,9 +76,12 @@ class MeshFinder:
             yield from ((one, True) for one in _as_package(folder, package))
         here = Path(os.path.realpath(self.urdf)).parent
         for folder in (here, *here.parents):
-            if not folder.is_relative_to(self.project.folder):
-                break
-            yield from ((one, False) for one in _as_package(folder, package))
+            if folder.is_relative_to(self.project.folder):
+                yield from ((one, False) for one in _as_package(folder, package))
+            elif self.beyond:
+                for one in _as_package(folder, package):
+                    if one == folder or (one / "package.xml").is_file():
+                        yield one, False
         for folder in ros_folders(os.environ):
             yield folder / package, True
 
