@@ -175,17 +175,23 @@ _POSTURES = {
     "too_near_shoulder": "{point} is {measured:mm} too near the shoulder for the elbow joint's limits ({where})",
     "beyond_limits": "{point}: no arm angle and branch keeps all joints within their limits",
     "not_from_one_angle": "its target and the ends of its lines are in reach, but not from one platform angle",
+    "not_from_one_place": "its target and the ends of its lines are in reach, but not from one platform position",
     "at_platform_angle": "at best, with the platform at {degrees:.1f} deg",
+    "at_platform_place": "at best, with the platform at {millimetres:.1f} mm",
     "platform_stands": "with the platform where it is",
     "from_base": "from its base",
     "every_posture_touches": "{where} every posture lacks clearance: at best {one} and {other} lack "
     "{measured:mm} of clearance{platform:*}",
     "with_platform": ", with the platform at {degrees:.0f} deg",
+    "with_platform_place": ", with the platform at {millimetres:.0f} mm",
     "no_posture": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_at_any_angle": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_at_angles_tried": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_posture_at_any_place": "task '{task}': {arm} arm cannot {action}: {cause}",
+    "no_posture_at_places_tried": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_from_start": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_common_angle": "reached, but at no platform angle that suits both arms",
+    "no_common_place": "reached, but at no platform position that suits both arms",
     "no_pair_of_postures": "collision-free postures were found for single places, but none for this stop and the "
     "other arm's together",
     "no_postures_together": "collision-free postures were found for single places, but none for this stop along "
@@ -212,7 +218,7 @@ _CLEARANCE = {
     "starts_there": " (in stage 1 it starts there: `start: free`)",
     "asynchronous_not_clear": "mode: free: no collision-free motion of both arms "
     "was found while the platform stands at "
-    "{angles} deg",
+    "{places} {unit}",
 }
 _MOTION = {
     "line_left": "task '{task}': the {line} line is left by {mm:.3f} mm and {angle:.2e} rad, more than {most} mm; "
@@ -335,8 +341,10 @@ HEADS: Mapping[str, str] = {
     "no_posture": "no posture reaches the targets of this stage",
     "no_posture_at_any_angle": "no posture at any platform angle makes this stage",
     "no_posture_at_angles_tried": "no posture at the platform angles that this method tries makes this stage",
-    "no_posture_from_start": "no posture with the platform held where it starts (this version turns one joint only) "
-    "makes this stage",
+    "no_posture_at_any_place": "no posture at any platform position makes this stage",
+    "no_posture_at_places_tried": "no posture at the platform positions that this method tries makes this stage",
+    "no_posture_from_start": "no posture with the platform held where it starts (a platform moves between stages if it "
+    "is one joint: freeze the others) makes this stage",
     "part_reaches_into": _MISFIT,
     "tool_reaches_into": _MISFIT,
     "grip_touches": "no posture avoids that tools and part are too close to each other in a hand-over",

@@ -20,7 +20,7 @@ from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.plan.planner import plan
 from dualarm_cli.plan.redundancy_choice import with_redundancy
 from dualarm_cli.refusals import told
-from dualarm_cli.report.measures import joint_travel, limiting_times, sliding_joints
+from dualarm_cli.report.measures import joint_travel, limiting_times
 from dualarm_cli.report.report import relative_gap, smallest_clearance
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
@@ -89,7 +89,7 @@ def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
     judged = verify(schedule, job, clearance=True)
     schedule = replace(schedule, verification=judged)
     nearest: Mapping[str, Any] = smallest_clearance(schedule) or {}
-    sliding = sliding_joints(schedule.robot.urdf)
+    sliding = schedule.robot.sliding
     turning = tuple(joint for joint in schedule.trajectory.joints if joint not in sliding)
     found = Evaluation(
         case,

@@ -1,4 +1,4 @@
-"""The platform's joints: where the frame that carries both arms stands, for many angles at once."""
+"""The platform's joints: where the frame that carries both arms stands, for many positions at once."""
 
 from __future__ import annotations
 
@@ -9,13 +9,19 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray, readonly
 
+LEVER = 0.5
+"""How far a sliding platform moves where a turning one turns by a radian: about as far as shoulders then do [m]."""
+LEAST_PLACES = 4
+"""Spacings into which the range of a sliding platform is divided at least."""
+
 
 @dataclass(frozen=True)
 class PlatformChain:
     """None, one or two joints between the world and the frame that carries the arms.
 
     Every joint frame is turned so that its axis is z. With one joint the carried frame is the axis frame
-    turned by the platform angle, so that an arm's shoulder has a fixed radius, azimuth and height in it.
+    turned by the platform angle, so that an arm's shoulder has a fixed radius, azimuth and height in it; or, where the
+    joint slides, shifted along its z axis.
     """
 
     joints: tuple[str, ...]
@@ -70,9 +76,63 @@ class PlatformChain:
         )
 
     @property
+    def is_chosen(self) -> bool:
+        """Whether it is one joint, so that its position can be chosen stage by stage."""
+        return len(self.joints) == 1 and not self.held
+
+    @property
     def is_turntable(self) -> bool:
-        """Whether it is one revolute joint, so that a platform angle can be chosen."""
-        return self.revolute == (True,) and not self.held
+        """Whether that joint turns, so that a platform angle can be chosen."""
+        return self.is_chosen and self.revolute[0]
+
+    @property
+    def is_rail(self) -> bool:
+        """Whether that joint slides."""
+        return self.is_chosen and not self.revolute[0]
+
+    def around(self, here: float, lower: float, upper: float) -> tuple[float, float]:
+        """Returns the positions that are looked at [rad or m]: half a turn to either side, or all of a rail's.
+
+        Args:
+            here: where its one joint is [rad or m].
+            lower: its lower limit [rad or m].
+            upper: its upper limit [rad or m].
+        """
+        if self.is_rail:
+            return lower, upper
+        return max(lower, here - np.pi), min(upper, here + np.pi)
+
+    def spacing(self, step: float, lower: float, upper: float) -> float:
+        """Returns the spacing of positions [rad or m] that is as fine as one of platform angles.
+
+        Of a rail it is that times LEVER; finer on a short one, and on a long one so that there are no more positions
+        than angles around a circle.
+
+        Args:
+            step: spacing of the angles [rad].
+            lower: lower limit of its one joint [rad or m].
+            upper: its upper limit [rad or m].
+        """
+        if not self.is_rail or upper <= lower:
+            return step
+        finest = min(LEVER * step, (upper - lower) / LEAST_PLACES)
+        return max(finest, (upper - lower) * step / (2.0 * np.pi))
+
+    def shifted(self, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns where the carried frame is seen from itself as it is after a further move of its one joint.
+
+        Args:
+            moved: how far [rad or m], shape (...).
+
+        Returns:
+            Rotations (..., 3, 3) and translations (..., 3) [m] that take points of the carried frame before the move
+            into that after it.
+        """
+        if not self.is_rail:
+            return rotation_z(-moved), np.zeros((*np.shape(moved), 3))
+        back = np.zeros((*np.shape(moved), 3))
+        back[..., 2] = -moved
+        return np.broadcast_to(np.eye(3), (*np.shape(moved), 3, 3)), back
 
     def pose(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the carried frame in the world: rotations (..., 3, 3), translations (..., 3) [m].

@@ -1,11 +1,17 @@
-"""Robot: arms, a platform that may carry them, joint limits and named postures."""
+"""Robot: arms, a platform that may carry them, joint limits and named postures.
+
+Positions of joints that turn are in rad, of joints that slide in m; rates likewise. Where only rad is named, it is m
+for those that slide.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -14,6 +20,12 @@ from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.shape import Shape
 
 ArmKind = Literal["srs", "spherical_wrist", "general"]
+
+
+def sliding_joints(urdf: str) -> frozenset[str]:
+    """Returns the names of a URDF's joints that slide."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return frozenset(j.get("name", "") for j in joints if j.get("type") == "prismatic")
 
 
 @dataclass(frozen=True)
@@ -138,6 +150,11 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of all moving joints, in the URDF's order."""
         return self.limits.joints
+
+    @cached_property
+    def sliding(self) -> frozenset[str]:
+        """Names of the joints that slide."""
+        return sliding_joints(self.urdf).intersection(self.joints)
 
     @property
     def without_closed_form(self) -> tuple[str, ...]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import pinocchio as pin
 
 from dualarm_cli.model.job import AFTER_DWELL, Dwell, Job
-from dualarm_cli.model.robot import JointLimits
+from dualarm_cli.model.robot import JointLimits, sliding_joints
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.model.verification import Verification
 
@@ -58,6 +59,16 @@ class ScheduleRobot:
     """Joints that carry both arms."""
     tool_speed: float | None = None
     """Cap on the speed of every tool centre point [m/s], or None."""
+
+    @cached_property
+    def sliding(self) -> frozenset[str]:
+        """Names of the joints that slide."""
+        return sliding_joints(self.urdf)
+
+    @property
+    def platform_slides(self) -> bool:
+        """Whether all joints of the platform slide."""
+        return bool(self.platform) and self.sliding.issuperset(self.platform)
 
     @classmethod
     def of_job(cls, job: Job) -> ScheduleRobot:

@@ -142,7 +142,7 @@ class PairedSearch:
         """
         job, model = self.order.job, self.order.model
         # An arm's own clock knows windows of whole tasks only, not those of targets that move.
-        if len(model.arms) == 1 and not model.platform.is_turntable and not job.moves:
+        if len(model.arms) == 1 and not model.platform.is_chosen and not job.moves:
             return _alone(self.order, self.effort, self.seed, watch)
         watch.tell("putting tasks in order")
         tasks = len(self.problem.tasks)

@@ -123,8 +123,8 @@ def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
 
 
 def _turns(model: CellModel) -> bool:
-    """Returns whether the platform can stand at several angles for two asynchronous arms."""
-    return model.platform.is_turntable and len(model.arms) > 1
+    """Returns whether the platform can stand at several positions for two asynchronous arms."""
+    return model.platform.is_chosen and len(model.arms) > 1
 
 
 def _why_together(own: Schedule | None) -> str:

@@ -132,6 +132,12 @@ PATH_BOUND = (
 """What a bound with paths assumes."""
 NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
 """Message where there is no bound."""
+NO_BOUND_ON_RAILS = (
+    "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one"
+)
+"""Message where there is none for the platform's sake."""
+STAGES_AS_ZERO = "lower bound: stages between paths and seams count as zero on this robot"
+"""Message where only paths and seams are bounded."""
 
 
 def job_bound(job: Job, effort: str) -> LowerBound:
@@ -143,10 +149,10 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     """
     if why := next((kind.unbounded for kind in kinds_of(job) if kind.unbounded), ""):
         return LowerBound(None, (why,))
-    general = bool(job.cell.robot.without_closed_form)
+    unbounded = _why_unbounded(job)
     job = with_changes(job)
-    if general and not job.in_sections:
-        return LowerBound(None, (NO_BOUND,))
+    if unbounded and not job.in_sections:
+        return LowerBound(None, (unbounded,))
     if not job.is_decided and not job.in_sections:
         return shared_bound(CellModel.from_cell(job.cell), job, effort)
     if job.mode == "free":
@@ -157,7 +163,9 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     for section in _bounded_sections(job):
         if (kind := kind_of(section)) is not None:
             value = max(value, _opens(section)) + kind.least(job, section)
-        elif not general:
+        elif unbounded:
+            assumptions[STAGES_AS_ZERO] = None
+        else:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
             model = CellModel.from_cell(job.cell)
@@ -166,6 +174,18 @@ def job_bound(job: Job, effort: str) -> LowerBound:
             value += bound.value if bound.value is not None else 0.0
             assumptions |= dict.fromkeys(bound.assumptions)
     return LowerBound(value, (*assumptions, PATH_BOUND))
+
+
+def _why_unbounded(job: Job) -> str:
+    """Returns why there is no bound on a job's stages, empty where there is one."""
+    robot = job.cell.robot
+    if robot.without_closed_form:
+        return NO_BOUND
+    # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths and
+    # seams they move, and stages after these are made from elsewhere.
+    if len(robot.platform) == 1:
+        return NO_BOUND_ON_RAILS if robot.sliding.issuperset(robot.platform) else ""
+    return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
 
 
 def _opens(section: tuple[Task, ...]) -> float:

@@ -345,14 +345,17 @@ def _job_notes(job: Job) -> list[str]:
 def _platform_notes(model: CellModel, stages: list[StagePlan]) -> list[str]:
     """Returns what a reader must know of a platform that did not do what its solver says."""
     notes = []
-    if model.platform.joints and not model.platform.is_turntable:
+    if model.platform.joints and not model.platform.is_chosen:
         notes.append(
-            "platform: held at its start angle; this version turns a platform only if it has one revolute joint"
+            "platform: held where it starts; a platform of one joint is moved between stages: freeze the others"
         )
     reached = [str(k) for k, stage in enumerate(stages, start=1) if stage.solver == "reach"]
     if reached:
+        angles, turns, angle = "angles", "turns", "angle"
+        if model.platform.is_rail:
+            angles, turns, angle = "positions", "moves", "position"
         notes.append(
-            f"platform: in stages {', '.join(reached)} the solver's angles do not let every arm reach; "
-            "the platform turns to the nearest angle that does (platform solver: reach)"
+            f"platform: in stages {', '.join(reached)} the solver's {angles} do not let every arm reach; "
+            f"the platform {turns} to the nearest {angle} that does (platform solver: reach)"
         )
     return notes

@@ -151,7 +151,7 @@ def _joints(posture: StopPosture, place: Place) -> FloatArray:
 
 
 ANGLE_STEP = np.radians(10.0)
-"""Spacing of the platform angles that are looked at [rad]."""
+"""Spacing of the platform angles that are looked at [rad]; of a rail as `PlatformChain.spacing` has it."""
 ARM_ANGLES = 36
 """Arm angles around the circle."""
 YAWS = 8
@@ -175,11 +175,14 @@ class _Best:
 def angles_looked_at(model: CellModel, position: FloatArray) -> FloatArray:
     """Returns platform positions to look at, the present one first, shape (m, k)."""
     here = position[model.platform_columns]
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         return here[None]
     limits = model.cell.robot.limits.select(model.platform.joints)
-    low, high = max(limits.lower[0], here[0] - np.pi), min(limits.upper[0], here[0] + np.pi)
-    return np.concatenate([here, np.arange(low, high + 1e-9, ANGLE_STEP)])[:, None]
+    low, high = model.platform.around(
+        float(here[0]), float(limits.lower[0]), float(limits.upper[0])
+    )
+    step = model.platform.spacing(ANGLE_STEP, low, high)
+    return np.concatenate([here, np.arange(low, high + 1e-9, step)])[:, None]
 
 
 def explain_touching(
@@ -211,16 +214,23 @@ def explain_touching(
         if best is None or best.margin >= SLACK:
             continue
         one, other, margin_there = keep.nearest(arm, best.position, place)
-        turned = Refusal("with_platform", more={"degrees": np.degrees(best.angle) + 0.0})
+        stands = [_with_platform(keep.model, best.angle)] if keep.model.platform.is_chosen else []
         more = {
             "where": NAMES[place],
             "one": one,
             "other": other,
-            "platform": [turned] if keep.model.platform.is_turntable else [],
+            "platform": stands,
         }
         missing = max(0.0, -margin_there)
         return Refusal("every_posture_touches", arm=arm, measured=missing, more=more)
     return None
+
+
+def _with_platform(model: CellModel, position: float) -> Refusal:
+    """Returns where a platform of one joint stands, as a part of a message [rad or m]."""
+    if model.platform.is_rail:
+        return Refusal("with_platform_place", more={"millimetres": 1e3 * position + 0.0})
+    return Refusal("with_platform", more={"degrees": np.degrees(position) + 0.0})
 
 
 def _postures(problem: StopProblem, place: Place) -> FloatArray:

@@ -82,6 +82,28 @@ def reachable_cells(arm: SrsArm, wrist: FloatArray, edges: FloatArray) -> AngleC
     return AngleCells(every[order], np.concatenate(low)[order], np.concatenate(high)[order])
 
 
+def reachable_spans(arm: SrsArm, wrist: FloatArray) -> list[tuple[float, float]]:
+    """Returns the positions of a rail from which a wrist centre is within reach, lowest and highest [m], ascending.
+
+    The distance from shoulder to wrist is that of two points on parallel lines: within the farthest reach in one span,
+    less the span within the nearest one.
+
+    Args:
+        arm: kinematics in the carried frame, which slides along its z axis.
+        wrist: wrist centre in the carried frame with the rail at zero [m], shape (3,).
+    """
+    x, y, nearest = wrist - arm.geometry.shoulder
+    away = float(np.hypot(x, y))
+    least, most = arm.reach
+    if away > most + ROUNDING:
+        return []
+    outer = float(np.sqrt(max(most**2 - away**2, 0.0))) + ROUNDING
+    if away >= least - ROUNDING:
+        return [(nearest - outer, nearest + outer)]
+    inner = float(np.sqrt(least**2 - away**2)) - ROUNDING
+    return [(nearest - outer, nearest - inner), (nearest + inner, nearest + outer)]
+
+
 def turned(wrist: FloatArray, angle: FloatArray) -> FloatArray:
     """Returns a world point in the carried frame [m], shape (c, 3), for platform angles (c,) [rad].
 

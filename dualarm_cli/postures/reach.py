@@ -1,4 +1,4 @@
-"""Where an arm can make a stop at all: over all platform angles, exactly over the arm angle where there is one."""
+"""Where an arm can make a stop at all: over all platform positions, exactly over the arm angle where there is one."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.general_arm import GeneralArm
-from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.platform_chain import PlatformChain, rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
 from dualarm_cli.kinematics.srs.srs_arm import closed_form
 from dualarm_cli.postures import StopProblem, numeric_reach
 from dualarm_cli.refusals import Refusal
 
 SCAN_STEP = np.radians(1.0)
-"""Spacing of the platform angles that are looked at [rad]."""
+"""Spacing of the platform angles that are looked at [rad]; of a rail as `PlatformChain.spacing` has it."""
 SCAN_YAWS = 8
 """Yaws that are looked at where any will do."""
 SCAN_BLOCK = 12
@@ -45,14 +45,14 @@ def reachable_positions(
 ) -> Iterator[FloatArray]:
     """Yields platform positions, nearest first, at which every arm reaches target and line ends.
 
-    Only a platform of one revolute joint is turned.
+    Only a platform of one joint is moved.
 
     Args:
         model: the cell.
         position: all joints before the stage [rad], shape (n,).
         stops: the arms' stops as seen with the platform where it is.
     """
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         return
     angles, here = _angles(model, position)
     turn = angles - here
@@ -61,7 +61,7 @@ def reachable_positions(
         if isinstance(stop.arm, GeneralArm):
             continue  # no test is quicker than the search itself
         near &= np.logical_and.reduce(
-            [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, turn)]
+            [(np.abs(m) <= REACH_SLACK).any(axis=1) for m in _misses(stop, model.platform, turn)]
         )
     order = np.argsort(np.abs(turn), kind="stable")
     order = order[near[order]]
@@ -69,7 +69,7 @@ def reachable_positions(
     while first < len(order):
         block = order[first : first + size]
         usable = np.logical_and.reduce(
-            [_together(_points(stop, turn[block])) for stop in stops.values()]
+            [_together(_points(stop, model.platform, turn[block])) for stop in stops.values()]
         )
         for k in block[usable][: SCAN_TRIES - tried]:
             yield angles[[k]]
@@ -88,7 +88,7 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
         stop: the arm's stop as seen with the platform where it is.
     """
     angles, here = _angles(model, position)
-    points = _points(stop, angles - here)
+    points = _points(stop, model.platform, angles - here)
     if _together(points).any():
         return None
     for point in points:
@@ -96,8 +96,8 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             continue
         a, y = np.unravel_index(int(np.argmin(np.abs(point.miss))), point.miss.shape)
         miss = float(point.miss[a, y])
-        where = Refusal("at_platform_angle", more={"degrees": np.degrees(angles[a])})
-        if not model.platform.is_turntable:
+        where = at_platform(model.platform, angles[a])
+        if not model.platform.is_chosen:
             where = Refusal("platform_stands" if model.platform.joints else "from_base")
         more = {"point": point.name, "where": where}
         if isinstance(stop.arm, GeneralArm):
@@ -106,18 +106,25 @@ def explain_reach(model: CellModel, position: FloatArray, stop: StopProblem) -> 
             return Refusal(what, measured=miss, remedy=remedy, more=more)
         what = "beyond_reach" if miss > 0 else "too_near_shoulder" if miss < 0 else "beyond_limits"
         return Refusal(what, measured=abs(miss), more=more)
-    return Refusal("not_from_one_angle")
+    return Refusal("not_from_one_place" if model.platform.is_rail else "not_from_one_angle")
+
+
+def at_platform(platform: PlatformChain, position: float) -> Refusal:
+    """Returns where a platform of one joint stands, as a part of a message [rad or m]."""
+    if platform.is_rail:
+        return Refusal("at_platform_place", more={"millimetres": 1e3 * position + 0.0})
+    return Refusal("at_platform_angle", more={"degrees": np.degrees(position)})
 
 
 def _angles(model: CellModel, position: FloatArray) -> tuple[FloatArray, float]:
-    """Returns the platform angles to look at, and where the platform is; one where it cannot turn."""
-    if not model.platform.is_turntable:
+    """Returns the platform positions to look at, and where the platform is; one where it cannot move."""
+    if not model.platform.is_chosen:
         return np.zeros(1), 0.0
     limits = model.cell.robot.limits.select(model.platform.joints)
     here = float(position[model.platform_columns][0])
-    low, high = max(limits.lower[0], here - np.pi), min(limits.upper[0], here + np.pi)
+    low, high = model.platform.around(here, float(limits.lower[0]), float(limits.upper[0]))
     numeric = any(isinstance(arm.kinematics, GeneralArm) for arm in model.arms.values())
-    step = numeric_reach.SCAN_STEP if numeric else SCAN_STEP
+    step = model.platform.spacing(numeric_reach.SCAN_STEP if numeric else SCAN_STEP, low, high)
     return np.append(np.arange(low, high, step), high), here
 
 
@@ -127,15 +134,15 @@ def _together(points: list[_PointReach]) -> BoolArray:
     return np.asarray(feasible.any(axis=1))
 
 
-def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
-    """Returns reach of target, approach and retract after further turns of the platform (a,)."""
+def _points(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[_PointReach]:
+    """Returns reach of target, approach and retract after further moves of the platform (a,)."""
     names = ["the target"]
     if stop.approach > 0:
         names.append(f"the start of the {stop.approach * 1000:g} mm approach")
     if stop.retract > 0:
         names.append(f"the end of the {stop.retract * 1000:g} mm retract")
     points = []
-    for name, (R, p) in zip(names, turned_flanges(stop, turn), strict=True):
+    for name, (R, p) in zip(names, moved_flanges(stop, platform, turn), strict=True):
         if isinstance(stop.arm, GeneralArm):
             points.append(_PointReach(name, *numeric_reach.numeric_reach(stop.arm, R, p)))
             continue
@@ -144,9 +151,9 @@ def _points(stop: StopProblem, turn: FloatArray) -> list[_PointReach]:
     return points
 
 
-def _misses(stop: StopProblem, turn: FloatArray) -> list[FloatArray]:
+def _misses(stop: StopProblem, platform: PlatformChain, turn: FloatArray) -> list[FloatArray]:
     """Returns how far the wrist is beyond the reach at target, approach and retract [m], each (a, y)."""
-    return [_miss(stop, R, p) for R, p in turned_flanges(stop, turn)]
+    return [_miss(stop, R, p) for R, p in moved_flanges(stop, platform, turn)]
 
 
 def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -156,15 +163,23 @@ def _miss(stop: StopProblem, R: FloatArray, p: FloatArray) -> FloatArray:
     return np.where(distance > most, distance - most, np.minimum(0.0, distance - least))
 
 
-def turned_flanges(stop: StopProblem, turn: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3)."""
+def moved_flanges(
+    stop: StopProblem, platform: PlatformChain, moved: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Returns flange poses at target, approach and retract, (a, y, 3, 3) and (a, y, 3).
+
+    Args:
+        stop: the stop as seen with the platform where it is.
+        platform: the chain that carries the arm.
+        moved: how far its joint moves further [rad or m], shape (a,).
+    """
     if stop.configurations is not None:
-        # Joint targets turn with the platform: what holds at one angle holds at all.
-        turn = np.zeros(len(turn))
+        # Joint targets move with the platform: what holds at one position holds at all.
+        moved = np.zeros(len(moved))
     yaws = stop.yaw[:: max(1, len(stop.yaw) // SCAN_YAWS)]
-    R_turn = rotation_z(-turn)
-    R_tool = R_turn[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
-    target = (R_turn @ stop.p_base_tool[0])[:, None]
+    R_moved, p_moved = platform.shifted(moved)
+    R_tool = R_moved[:, None] @ (stop.R_base_tool[0] @ rotation_z(yaws))[None]
+    target = (R_moved @ stop.p_base_tool[0] + p_moved)[:, None]
     R = R_tool @ stop.R_tool_flange
     depths = [0.0, *(depth for depth in (stop.approach, stop.retract) if depth > 0)]
     return [

@@ -37,7 +37,8 @@ def stage_table(report: dict[str, Any]) -> Table:
         table.add_column(f"{arm} s", justify="right")
     table.add_column("bottleneck")
     table.add_column("platform solver")
-    table.add_column("angle °", justify="right")
+    slides = report["platform_slides"]
+    table.add_column("place mm" if slides else "angle °", justify="right")
     for number, stage in enumerate(report["stages"], start=1):
         angle = stage["platform_angle"]
         table.add_row(
@@ -49,9 +50,16 @@ def stage_table(report: dict[str, Any]) -> Table:
             *(f"{stage['arm_times'].get(arm, 0.0):.3f}" for arm in arms),
             stage["bottleneck"] or "–",
             stage["platform_solver"],
-            "–" if angle is None else f"{round(math.degrees(angle), 2) + 0.0:.2f}",
+            "–" if angle is None else _place(angle, slides),
         )
     return table
+
+
+def _place(position: float, slides: bool) -> str:
+    """Returns where a platform stands [rad or m], in degrees or millimetres."""
+    shown = 1e3 * position if slides else math.degrees(position)
+    digits = 1 if slides else 2
+    return f"{round(shown, digits) + 0.0:.{digits}f}"
 
 
 def summary_lines(report: dict[str, Any]) -> list[str]:

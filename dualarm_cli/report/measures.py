@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -134,18 +133,19 @@ def _shares(part: StageParts) -> dict[str, float]:
 def elbow_imbalance(schedule: Schedule) -> float | None:
     """Returns the mean over the transfers of ||Δq4 left| − |Δq4 right|| [rad]: what [Bottin2021] makes zero.
 
-    Transfers of both arms count, the return among them. None where there are no two 7-axis arms, or no such transfer,
-    and where stages overlap: no transfer is then of both arms.
+    Transfers of both arms count, the return among them. None where there are no two arms of seven joints that turn, or
+    no such transfer, and where stages overlap: no transfer is then of both arms.
 
     Args:
         schedule: with stages.
     """
     arms = schedule.robot.arms
-    sevens = all(len(arm.joints) == AXES for arm in arms.values())
+    turning = [[j for j in arm.joints if j not in schedule.robot.sliding] for arm in arms.values()]
+    sevens = all(len(joints) == AXES for joints in turning)
     if len(arms) != 2 or not sevens or overlap(schedule.stages):
         return None
     trajectory = schedule.trajectory
-    columns = [trajectory.joints.index(arm.joints[ELBOW]) for arm in arms.values()]
+    columns = [trajectory.joints.index(joints[ELBOW]) for joints in turning]
     parts = [part for part in stage_parts(schedule) if len(part.arms) == 2]
     if not parts:
         return None
@@ -159,14 +159,16 @@ def elbow_imbalance(schedule: Schedule) -> float | None:
 
 
 def platform_travel(schedule: Schedule) -> float | None:
-    """Returns the path length of the platform's joints [rad]; None without a platform."""
-    if not schedule.robot.platform:
+    """Returns the path length of the platform's joints that turn [rad], or of all where all slide [m], or None."""
+    robot = schedule.robot
+    if not robot.platform:
         return None
-    return sum(joint_travel(schedule, schedule.robot.platform).values())
+    joints = tuple(j for j in robot.platform if robot.platform_slides or j not in robot.sliding)
+    return sum(joint_travel(schedule, joints).values())
 
 
 def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float]:
-    """Returns the path length of each joint [rad], measured between knots.
+    """Returns the path length of each joint [rad, or m where it slides], measured between knots.
 
     Args:
         schedule: whose trajectory is measured.
@@ -175,9 +177,3 @@ def joint_travel(schedule: Schedule, joints: tuple[str, ...]) -> dict[str, float
     trajectory = schedule.trajectory
     length = np.abs(np.diff(trajectory.position, axis=0)).sum(axis=0)
     return {joint: float(length[trajectory.joints.index(joint)]) for joint in joints}
-
-
-def sliding_joints(urdf: str) -> set[str]:
-    """Returns the names of a URDF's joints that slide."""
-    joints = ElementTree.fromstring(urdf).iter("joint")
-    return {joint.get("name", "") for joint in joints if joint.get("type") == "prismatic"}

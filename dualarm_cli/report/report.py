@@ -24,7 +24,7 @@ SHORTEST_CYCLE = 1e-3
 
 
 def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
-    """Returns the report as a JSON-ready document; times in s, angles in rad.
+    """Returns the report as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
 
     Args:
         schedule: a planned schedule, with its verification where there is one.
@@ -60,6 +60,8 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "waits": wait_rows(schedule, job),
         **_kind_rows("waits", schedule, job),
         "limits_used": _limits_used(schedule),
+        "sliding_joints": [j for j in schedule.trajectory.joints if j in schedule.robot.sliding],
+        "platform_slides": schedule.robot.platform_slides,
         "platform_travel": platform_travel(schedule) or 0.0,
         "elbow_imbalance": elbow_imbalance(schedule),
         "joint_travel": joint_travel(schedule, schedule.trajectory.joints),

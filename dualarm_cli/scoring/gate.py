@@ -106,7 +106,7 @@ def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> li
         for name, sign in (("lower", 1.0), ("upper", -1.0)):
             old, new = then.get(name, -sign * math.inf), limits.get(name, -sign * math.inf)
             if sign * (new - old) > SAME:
-                unit = "m" if slides else "deg"
+                unit = "mm" if slides else "deg"
                 text = f"{name} limit was {_shown(old, slides)} {unit}, now {_shown(new, slides)} {unit}"
                 found.append(Tightened(joint, text, 1.0))
     return sorted(found, key=lambda limit: (limit.share, limit.joint))
@@ -114,13 +114,13 @@ def _tightened(before: Mapping[str, Mapping[str, float]], now: Evaluation) -> li
 
 def _unit(name: str, slides: bool) -> str:
     power = {"velocity": "s", "acceleration": "s²", "jerk": "s³"}[name]
-    return f"{'m' if slides else 'deg'}/{power}"
+    return f"{'mm' if slides else 'deg'}/{power}"
 
 
 def _shown(value: float, slides: bool) -> str:
     if not math.isfinite(value):
         return "none"
-    return f"{value if slides else math.degrees(value):.6g}"
+    return f"{1e3 * value if slides else math.degrees(value):.6g}"
 
 
 def _listed(limits: list[Tightened]) -> str:

@@ -72,6 +72,11 @@ def _improved(problem: MethodProblem, start: Decided, name: str, improve: Improv
 def _needs_turntable(problem: MethodProblem) -> str | None:
     if problem.turns_for_both:
         return None
+    if problem.model.platform.is_rail:
+        return (
+            "its platform slides, and [Bottin2021] balances the elbows of arms on a turning one; --platform "
+            f"{SEQUENCE}, {MINIMUM_TIME} and {FIXED} plan it"
+        )
     return "it is not two arms on one turning platform"
 
 

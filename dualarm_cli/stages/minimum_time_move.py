@@ -11,7 +11,7 @@ from dualarm_cli.errors import InfeasibleError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.postures import NoPosture, StopPosture, StopProblem
 from dualarm_cli.postures.arm_angle import choose_near
-from dualarm_cli.postures.reach import turned_flanges
+from dualarm_cli.postures.reach import moved_flanges
 from dualarm_cli.postures.stage_plan import StagePlan
 from dualarm_cli.postures.target_grid import least_transfer_times
 from dualarm_cli.stages.stage_choice import (
@@ -70,7 +70,7 @@ def choose_quickest(stage: OpenStage, position: FloatArray) -> StagePlan | Infea
         position: all joints before the stage [rad], shape (n,).
     """
     model = stage.model
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         plan = choose_stage(stage, {"fixed": position})["fixed"]
         return replace(plan, solver=MINIMUM_TIME) if isinstance(plan, StagePlan) else plan
     places = {
@@ -99,6 +99,15 @@ def _angle(stage: OpenStage, plan: StagePlan) -> float:
     return float(plan.arrival[stage.model.platform_columns[0]])
 
 
+def _step(stage: OpenStage) -> float:
+    """Returns GRID_STEP, or what goes with it on a rail [rad or m]."""
+    limits = stage.model.cell.robot.limits
+    column = stage.model.platform_columns[0]
+    return stage.model.platform.spacing(
+        GRID_STEP, float(limits.lower[column]), float(limits.upper[column])
+    )
+
+
 def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
     """Returns the shortest of some stages, of equally short ones that whose platform turns least."""
     column = stage.model.platform_columns[0]
@@ -111,16 +120,17 @@ def _quickest(stage: OpenStage, plans: Sequence[StagePlan]) -> StagePlan:
 
 def _promising(stage: OpenStage, position: FloatArray) -> FloatArray:
     """Returns the platform angles [rad] at the best local minima of a first idea of the stage's time."""
-    column = stage.model.platform_columns[0]
+    model, column = stage.model, stage.model.platform_columns[0]
     here = float(position[column])
     at_start = stage.at_start(position)
-    limits = stage.model.cell.robot.limits
-    low, high = max(limits.lower[column], here - np.pi), min(limits.upper[column], here + np.pi)
-    below, above = int((here - low) / GRID_STEP), int((high - here) / GRID_STEP)
-    grid = here + GRID_STEP * np.arange(-below, above + 1)
-    balanced = [
-        float(a[0]) for _, a in platform_candidates(stage.model, position, at_start, "exact")
-    ]
+    limits = model.cell.robot.limits
+    low, high = model.platform.around(
+        here, float(limits.lower[column]), float(limits.upper[column])
+    )
+    step = _step(stage)
+    below, above = int((here - low) / step), int((high - here) / step)
+    grid = here + step * np.arange(-below, above + 1)
+    balanced = [float(a[0]) for _, a in platform_candidates(model, position, at_start, "exact")]
     angles = np.unique(np.concatenate([grid, balanced, [low, high]]))
     angles = angles[(angles >= low) & (angles <= high)]
     time = _first_idea(stage, at_start, angles - here)
@@ -144,7 +154,7 @@ def _first_idea(
             few = problem.yaw[:: max(1, len(problem.yaw) // FREE_YAWS)]
             problem = replace(problem, yaw=few)
         # Where the transfer ends: at the start of the approach, if there is one.
-        R, p = turned_flanges(problem, turn)[1 if problem.approach > 0 else 0]
+        R, p = moved_flanges(problem, stage.model.platform, turn)[1 if problem.approach > 0 else 0]
         transfer = least_transfer_times(problem, np.broadcast_to(R, (*p.shape[:2], 3, 3)), p)
         there.append(np.maximum(transfer, waiting))
         dwells.append(stage.work[name][1].dwell.total)
@@ -157,7 +167,7 @@ def _zoomed(stage: OpenStage, position: FloatArray, best: StagePlan) -> StagePla
     limits = stage.model.cell.robot.limits
     for k in range(ZOOM_ROUNDS):
         shrink = ZOOM_SHRINK**k
-        angles = _angle(stage, best) + GRID_STEP * shrink * ZOOM
+        angles = _angle(stage, best) + _step(stage) * shrink * ZOOM
         angles = np.clip(angles, limits.lower[column], limits.upper[column])
         made = _stages_near(stage, position, angles, best, POSTURE_WIDTH * shrink)
         best = _quickest(stage, [best, *made])

@@ -38,6 +38,11 @@ def stage_move(job: Job, stage: int) -> tuple[PlatformProblem, FloatArray]:
             "a single move has no time at which a part on a conveyor is met; `dualarm plan` plans the whole of it"
         )
     model = CellModel.from_cell(job.cell)
+    if model.platform.is_rail:
+        raise UnsupportedError(
+            f"{job.cell.robot.name} has a platform that slides: there is no platform angle to choose; `dualarm plan` "
+            "chooses its positions"
+        )
     if not model.platform.is_turntable or len(model.arms) != 2:
         raise UnsupportedError(
             f"{job.cell.robot.name} is not two arms on one turning platform: no angle to choose"

@@ -77,7 +77,7 @@ def _problem(
         for name, arm in model.arms.items()
     )
     law, span = None, (0.0, 0.0)
-    if model.platform.is_turntable:
+    if model.platform.is_chosen:
         platform = limits.select(robot.platform)
         law = _law(platform)
         span = (float(platform.lower[0]), float(platform.upper[0]))
@@ -99,7 +99,7 @@ def _clearance(
         holding.cell,
         tuple(model.platform_columns),
         start,
-        model.platform.is_turntable,
+        model.platform.is_chosen,
         holding.before,
         holding.after,
         holding.handing,

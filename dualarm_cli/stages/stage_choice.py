@@ -340,12 +340,15 @@ def explain(
         faults.update(near)
     if not faults:
         faults = {name: reason.reason for name, reason in reasons.items()}
-        if model.platform.is_turntable and len(stage.work) > 1:
-            faults = dict.fromkeys(stage.work, Refusal("no_common_angle"))
+        if model.platform.is_chosen and len(stage.work) > 1:
+            common = "no_common_place" if model.platform.is_rail else "no_common_angle"
+            faults = dict.fromkeys(stage.work, Refusal(common))
     if not model.platform.joints:
         what = "no_posture"
-    elif not model.platform.is_turntable:
+    elif not model.platform.is_chosen:
         what = "no_posture_from_start"
+    elif model.platform.is_rail:
+        what = "no_posture_at_any_place" if everywhere else "no_posture_at_places_tried"
     else:
         what = "no_posture_at_any_angle" if everywhere else "no_posture_at_angles_tried"
     refusals = []

@@ -108,11 +108,12 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         stops = replace(known, events=tuple(own))
     spans = () if done is None else line_spans(known, done, model)
     evidence = Evidence(schedule, known, stated, job, done, model, spans)
+    sliding = schedule.robot.sliding
     checks: list[Check] = [
         *numbers,
-        *check_agreement(trajectory),
-        *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints)),
-        check_rest(trajectory),
+        *check_agreement(trajectory, sliding),
+        *check_limits(trajectory, schedule.robot.limits.select(trajectory.joints), sliding),
+        check_rest(trajectory, sliding),
         check_arms(schedule),
         *check_events(stops, model),
         *check_lines(known, done, model),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from dualarm_cli.geometry.arrays import FloatArray
@@ -40,8 +42,13 @@ def check_time(trajectory: Trajectory) -> Check:
     return judge("time", abs(float(time[0])), tol.SAME_TIME, "s", f"starts at {time[0]:g} s")
 
 
-def check_agreement(trajectory: Trajectory) -> list[Check]:
-    """Checks that position, velocity and acceleration agree for constant jerk between knots."""
+def check_agreement(trajectory: Trajectory, sliding: Collection[str] = ()) -> list[Check]:
+    """Checks that position, velocity and acceleration agree for constant jerk between knots.
+
+    Args:
+        trajectory: the motion.
+        sliding: names of joints that slide.
+    """
     q, v, a = trajectory.position, trajectory.velocity, trajectory.acceleration
     dt = np.diff(trajectory.time)[:, None]
     by_velocity = v[:-1] + dt * (a[:-1] + a[1:]) / 2.0
@@ -53,6 +60,7 @@ def check_agreement(trajectory: Trajectory) -> list[Check]:
             tol.POSITION_AGREEMENT,
             "rad",
             trajectory,
+            sliding,
         ),
         _judge_knots(
             "velocity_agreement",
@@ -60,6 +68,7 @@ def check_agreement(trajectory: Trajectory) -> list[Check]:
             tol.VELOCITY_AGREEMENT,
             "rad/s",
             trajectory,
+            sliding,
         ),
     ]
 
@@ -73,7 +82,9 @@ def _with_drift(error: FloatArray, allowed: float) -> FloatArray:
     return size if size.max(initial=0.0) > allowed else np.abs(np.cumsum(error, axis=0))
 
 
-def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
+def check_limits(
+    trajectory: Trajectory, limits: JointLimits, sliding: Collection[str] = ()
+) -> list[Check]:
     """Checks position, velocity, acceleration and jerk of the whole motion, not of knots alone.
 
     Position is a cubic and velocity a parabola between knots: their extrema are found in closed form.
@@ -81,6 +92,7 @@ def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
     Args:
         trajectory: the motion.
         limits: of its joints, in its order; infinite where none is stated.
+        sliding: names of joints that slide.
     """
     low, high = position_extrema(trajectory)
     beyond = np.maximum(limits.lower - low, high - limits.upper)
@@ -89,7 +101,7 @@ def check_limits(trajectory: Trajectory, limits: JointLimits) -> list[Check]:
     strength = np.abs(trajectory.acceleration).max(axis=0)
     excess = jerk_share(trajectory, limits)
     return [
-        _judge_joints("position", beyond, tol.POSITION_SLACK, "rad", nearest, limits),
+        _judge_positions(beyond, nearest, limits, sliding),
         _judge_share("velocity", speed / limits.velocity, limits.velocity, limits),
         _judge_share("acceleration", strength / limits.acceleration, limits.acceleration, limits),
         _judge_share("jerk", excess, limits.jerk, limits),
@@ -122,13 +134,15 @@ def jerk_share(trajectory: Trajectory, limits: JointLimits) -> FloatArray:
     return np.where(limited, share, 0.0)
 
 
-def check_rest(trajectory: Trajectory) -> Check:
-    """Checks that the motion starts and ends at rest."""
+def check_rest(trajectory: Trajectory, sliding: Collection[str] = ()) -> Check:
+    """Checks that the motion starts and ends at rest; some joints may slide."""
     ends = [0, -1]
     rates = np.abs(np.stack([trajectory.velocity[ends], trajectory.acceleration[ends]]))
     _, end, joint = np.unravel_index(int(np.argmax(rates)), rates.shape)
-    where = f"{trajectory.joints[joint]} at the {('start', 'end')[end]}"
-    return judge("rest", float(rates.max()), tol.AT_REST, "rad/s, rad/s²", where)
+    name = trajectory.joints[joint]
+    unit = unit_of(name, "rad/s, rad/s²", sliding)
+    where = f"{name} at the {('start', 'end')[end]}"
+    return judge("rest", float(rates.max()), tol.AT_REST, unit, where)
 
 
 def position_extrema(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -162,6 +176,11 @@ def velocity_extrema(trajectory: Trajectory) -> FloatArray:
     return fastest
 
 
+def unit_of(joint: str, unit: str, sliding: Collection[str]) -> str:
+    """Returns the unit of a joint's position or rates: rad is m for one that slides."""
+    return unit.replace("rad", "m") if joint in sliding else unit
+
+
 def judge(name: str, measured: float, allowed: float, unit: str, where: str) -> Check:
     """Returns a check that passes if `measured` is at most `allowed`; a NaN fails."""
     passed = bool(measured <= allowed)
@@ -175,27 +194,30 @@ def not_checked(name: str, why: str) -> Check:
 
 
 def _judge_knots(
-    name: str, error: FloatArray, allowed: float, unit: str, trajectory: Trajectory
+    name: str,
+    error: FloatArray,
+    allowed: float,
+    unit: str,
+    trajectory: Trajectory,
+    sliding: Collection[str],
 ) -> Check:
     if error.size == 0:
         return judge(name, 0.0, allowed, unit, "one knot")
     knot, joint = np.unravel_index(int(np.argmax(error)), error.shape)
+    unit = unit_of(trajectory.joints[joint], unit, sliding)
     where = f"{trajectory.joints[joint]} at {trajectory.time[knot + 1]:.6f} s"
     return judge(name, float(error.max()), allowed, unit, where)
 
 
-def _judge_joints(
-    name: str,
-    excess: FloatArray,
-    allowed: float,
-    unit: str,
-    stated: FloatArray,
-    limits: JointLimits,
+def _judge_positions(
+    excess: FloatArray, stated: FloatArray, limits: JointLimits, sliding: Collection[str]
 ) -> Check:
     if not np.isfinite(stated).any():
-        return not_checked(name, "the schedule states no such limit")
+        return not_checked("position", "the schedule states no such limit")
     joint = int(np.argmax(excess))
-    return judge(name, max(0.0, float(excess[joint])), allowed, unit, _named(joint, limits))
+    name = _named(joint, limits)
+    unit = unit_of(name, "rad", sliding)
+    return judge("position", max(0.0, float(excess[joint])), tol.POSITION_SLACK, unit, name)
 
 
 def _judge_share(name: str, share: FloatArray, stated: FloatArray, limits: JointLimits) -> Check:

@@ -16,7 +16,7 @@ from dualarm_cli.model.verification import Check
 from dualarm_cli.verification import tolerances as tol
 from dualarm_cli.verification.as_done import in_time, is_change
 from dualarm_cli.verification.line_spans import LineSpan
-from dualarm_cli.verification.motion_checks import judge, not_checked
+from dualarm_cli.verification.motion_checks import judge, not_checked, unit_of
 from dualarm_cli.verification.tool_checks import Worst
 
 
@@ -125,7 +125,7 @@ def check_bound(schedule: Schedule) -> Check:
 
 def check_ends(schedule: Schedule, job: Job) -> list[Check]:
     """Checks the start posture and, for a closed cycle, that the motion returns to it."""
-    trajectory = schedule.trajectory
+    trajectory, sliding = schedule.trajectory, job.cell.robot.sliding
     checks = []
     if job.start == "free":
         checks.append(not_checked("start_posture", "start: free leaves it to the planner"))
@@ -133,13 +133,15 @@ def check_ends(schedule: Schedule, job: Job) -> list[Check]:
         posture = job.cell.robot.postures[job.start]
         order = [job.cell.robot.joints.index(name) for name in trajectory.joints]
         off = np.abs(trajectory.position[0] - posture[order])
-        where = f"{trajectory.joints[int(np.argmax(off))]} from posture '{job.start}'"
-        checks.append(judge("start_posture", float(off.max()), tol.SAME_JOINTS, "rad", where))
+        joint = trajectory.joints[int(np.argmax(off))]
+        unit, where = unit_of(joint, "rad", sliding), f"{joint} from posture '{job.start}'"
+        checks.append(judge("start_posture", float(off.max()), tol.SAME_JOINTS, unit, where))
     if not job.returns:
         return [*checks, not_checked("return", "return: false")]
     off = np.abs(trajectory.position[-1] - trajectory.position[0])
-    where = trajectory.joints[int(np.argmax(off))]
-    return [*checks, judge("return", float(off.max()), tol.SAME_JOINTS, "rad", where)]
+    joint = trajectory.joints[int(np.argmax(off))]
+    unit = unit_of(joint, "rad", sliding)
+    return [*checks, judge("return", float(off.max()), tol.SAME_JOINTS, unit, joint)]
 
 
 def check_order(schedule: Schedule, job: Job) -> Check:

@@ -297,4 +297,5 @@ def check_platform_still(schedule: Schedule, lines: Sequence[tuple[float, float,
         moved = max(float(np.abs(v[1:-1]).max(initial=0.0)), float(np.abs(q - q[0]).max()))
         worst.add(moved, f"{what} at {start:.3f} s")
     nothing = "the schedule lists no lines and no dwells"
-    return worst.judge("platform_still", tol.SAME_JOINTS, "rad, rad/s", nothing)
+    unit = "m, m/s" if robot.platform_slides else "rad, rad/s"
+    return worst.judge("platform_still", tol.SAME_JOINTS, unit, nothing)

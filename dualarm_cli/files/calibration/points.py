@@ -229,20 +229,32 @@ class _PointsReader:
         found = []
         for k, (name, value) in enumerate(zip(names, values, strict=True)):
             try:
-                position = parse_quantity(value, quantities.ANGLE)
+                position = parse_quantity(
+                    value, quantities.LENGTH if name in robot.sliding else quantities.ANGLE
+                )
             except QuantityError as error:
                 self._findings.add(self._document, (*loc, k), str(error), "E200")
                 continue
             low, high = float(limits.lower[k]), float(limits.upper[k])
             if not low - POSITION_SLACK <= position <= high + POSITION_SLACK:
-                span = f"{low:.6g} to {high:.6g} rad ({math.degrees(low):.6g} to {math.degrees(high):.6g} deg)"
-                message = (
-                    f"{quote(value)} is outside the limits of {quote(name)}: {span}; a plain number is rad, "
-                    "degrees are written `30 deg`"
-                )
+                span = _span(low, high, name in robot.sliding)
+                message = f"{quote(value)} is outside the limits of {quote(name)}: {span}"
                 self._findings.add(self._document, (*loc, k), message)
             found.append(position)
         return np.array(found) if len(found) == len(names) else None
+
+
+def _span(low: float, high: float, slides: bool) -> str:
+    """Returns a joint's limits [rad or m] and how readings are written."""
+    if slides:
+        return (
+            f"{low:.6g} to {high:.6g} m ({1e3 * low:.6g} to {1e3 * high:.6g} mm); a plain number is m, "
+            "millimetres are written `30 mm`"
+        )
+    return (
+        f"{low:.6g} to {high:.6g} rad ({math.degrees(low):.6g} to {math.degrees(high):.6g} deg); "
+        "a plain number is rad, degrees are written `30 deg`"
+    )
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,9 @@ def joint_position(
         return None
     if not joint.lower - POSITION_SLACK <= position <= joint.upper + POSITION_SLACK:
         span = f"{joint.lower:.6g} to {joint.upper:.6g} {dimension.unit}"
-        if not joint.slides:
+        if joint.slides:
+            span += f" ({1e3 * joint.lower:.6g} to {1e3 * joint.upper:.6g} mm)"
+        else:
             span += f" ({math.degrees(joint.lower):.6g} to {math.degrees(joint.upper):.6g} deg)"
         findings.add(
             document, loc, f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"

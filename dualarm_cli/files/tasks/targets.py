@@ -91,21 +91,10 @@ class TargetReader:
 
 def _arm_joints(robot: Robot, names: tuple[str, ...]) -> list[UrdfJoint]:
     """Returns an arm's joints with their limits."""
-    sliding = _sliding(robot.urdf)
     limits = robot.limits.select(names)
     return [
-        UrdfJoint(name, name in sliding, float(low), float(high), float(velocity))
+        UrdfJoint(name, name in robot.sliding, float(low), float(high), float(velocity))
         for name, low, high, velocity in zip(
             names, limits.lower, limits.upper, limits.velocity, strict=True
         )
     ]
-
-
-def _sliding(urdf: str) -> set[str]:
-    """Returns the joints that slide."""
-    model = pin.buildModelFromXML(urdf)
-    return {
-        name
-        for name, joint in zip(model.names, model.joints, strict=True)
-        if joint.shortname().startswith("JointModelP")
-    }

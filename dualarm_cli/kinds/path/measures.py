@@ -13,7 +13,7 @@ from rich.table import Table
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.path.checks import along_path
 from dualarm_cli.kinds.path.context import PathContext
-from dualarm_cli.kinds.reporting import KindMeasures
+from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words, travel_words
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.kinematics.elbow_circle import least_elbow_distance
 from dualarm_cli.kinematics.manipulability import manipulability
@@ -49,8 +49,8 @@ def path_lines(report: dict[str, Any]) -> list[str]:
             f"tools within {_small(path['tool_error'])} of it; "
             + (f"elbows from their critical points on average {elbows}; " if springs else "")
             + f"mean manipulability {each}, together {path['manipulability_together']:.4g}; "
-            f"joints travel {math.degrees(path['joint_travel']):.0f} deg in all, "
-            f"{path['limit_joint']} comes within {math.degrees(path['limit_room']):.1f} deg of its limit, "
+            f"joints travel {travel_words(path)} in all, "
+            f"{path['limit_joint']} comes within {room_words(path)} of its limit, "
             f"{path['speed_joint']} uses {path['speed_share']:.0%} of its speed"
         )
     return lines
@@ -81,7 +81,7 @@ def paths_table(section: dict[str, Any]) -> Table | None:
     texts = [*(["path"] if len(names) > 1 else []), *(["method"] if methods else []), "follower"]
     for name in texts:
         table.add_column(name, no_wrap=True)
-    columns = ("tool", "elbow mm", "least", "M", "least M", "travel °", "room °")
+    columns = ("tool", "elbow mm", "least", "M", "least M", "travel °", "room")
     for name in (*columns, "speed", "clear mm"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
@@ -99,7 +99,7 @@ def paths_table(section: dict[str, Any]) -> Table | None:
                 f"{path['manipulability_together']:.4g}",
                 f"{path['least_manipulability_together']:.4g}",
                 f"{math.degrees(path['joint_travel']):.0f}",
-                f"{math.degrees(path['limit_room']):.1f}",
+                room_words(path),
                 f"{path['speed_share']:.0%}",
                 "–" if clear is None else f"{clear * 1e3:.1f}",
             )
@@ -359,12 +359,10 @@ def path_measures(schedule: Schedule, job: Job) -> list[dict[str, Any]]:
                 ),
                 "manipulability_together": float(path.together.mean()),
                 "least_manipulability_together": float(path.together.min()),
-                "joint_travel": float(travel.sum()),
-                "platform_travel": float(
-                    sum(travel[limits.joints.index(j)] for j in job.cell.robot.platform)
-                ),
+                **joint_ways(job.cell.robot, travel),
                 "limit_room": float(room[nearest]),
                 "limit_joint": limits.joints[nearest],
+                "limit_slides": limits.joints[nearest] in job.cell.robot.sliding,
                 "speed_share": float(speed[fastest]),
                 "speed_joint": limits.joints[fastest],
                 "clearance": min(clear, default=None),

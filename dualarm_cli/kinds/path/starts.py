@@ -164,8 +164,8 @@ def _platforms(context: PathContext, here: FloatArray) -> FloatArray:
     """Returns platform positions around the present one, which is the first, shape (m, k)."""
     model = context.model
     now = here[model.platform_columns]
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         return now[None]
     limits = context.limits.select(model.platform.joints)
-    low, high = max(limits.lower[0], now[0] - np.pi), min(limits.upper[0], now[0] + np.pi)
+    low, high = model.platform.around(float(now[0]), float(limits.lower[0]), float(limits.upper[0]))
     return np.concatenate([now, np.linspace(low, high, PLATFORMS)])[:, None]

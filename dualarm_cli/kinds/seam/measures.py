@@ -13,7 +13,7 @@ from rich.table import Table
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.rotations import log_rotation
-from dualarm_cli.kinds.reporting import KindMeasures
+from dualarm_cli.kinds.reporting import KindMeasures, joint_ways, room_words
 from dualarm_cli.kinds.seam.checks import OnSeam, on_seam
 from dualarm_cli.kinematics.manipulability import manipulability
 from dualarm_cli.kinematics.whole_body import WholeBody
@@ -46,7 +46,7 @@ def seam_lines(report: dict[str, Any]) -> list[str]:
                 else ""
             )
             + f"least manipulability {least}; {seam['limit_joint']} comes within "
-            f"{math.degrees(seam['limit_room']):.1f} deg of its limit, {seam['speed_joint']} uses "
+            f"{room_words(seam)} of its limit, {seam['speed_joint']} uses "
             f"{seam['speed_share']:.0%} of its speed"
         )
     return lines
@@ -65,8 +65,13 @@ def part_words(seam: dict[str, Any]) -> str:
     roll, pitch, yaw = (math.degrees(angle) for angle in seam["part_rpy"])
     where = f"xyz [{x:.4f}, {y:.4f}, {z:.4f}] m, rpy [{roll:.2f}, {pitch:.2f}, {yaw:.2f}] deg"
     if seam["part_way"] < STANDS_WAY and seam["part_turn"] < STANDS_TURN:
-        platform = math.degrees(seam["platform_travel"])
-        turns = f", the platform turns {platform:.1f} deg" if platform > 0.05 else ""
+        way = seam["platform_travel"]
+        platform = 1e3 * way if seam["platform_slides"] else math.degrees(way)
+        turns = ""
+        if platform > 0.05:
+            turns = f", the platform turns {platform:.1f} deg"
+            if seam["platform_slides"]:
+                turns = f", the platform moves {platform:.1f} mm"
         return f"the part stands at {where}{turns}"
     way, turn = seam["part_way"] * 1e3, math.degrees(seam["part_turn"])
     return f"the part moves {way:.0f} mm and turns {turn:.0f} deg from {where}"
@@ -87,7 +92,7 @@ def seams_table(section: dict[str, Any]) -> Table | None:
     for name in [*(["seam"] if len(names) > 1 else []), "solver"]:
         table.add_column(name, no_wrap=True)
     columns = ("mm/s", "s", "part mm", "part °", "chain um", "M master", "M slave", "travel °")
-    for name in (*columns, "room °", "speed", "clear mm"):
+    for name in (*columns, "room", "speed", "clear mm"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         for seam in row["seams"]:
@@ -104,7 +109,7 @@ def seams_table(section: dict[str, Any]) -> Table | None:
                 "–" if master is None else f"{master:.3g}",
                 f"{least[seam['slave']]:.3g}",
                 f"{math.degrees(seam['joint_travel']):.0f}",
-                f"{math.degrees(seam['limit_room']):.1f}",
+                room_words(seam),
                 f"{seam['speed_share']:.0%}",
                 "–" if clear is None else f"{clear * 1e3:.1f}",
             )
@@ -262,10 +267,11 @@ def _measured(
         "part_rpy": pin.rpy.matrixToRpy(on.R_part[0]).tolist(),
         "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
         "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
-        "joint_travel": float(travel.sum()),
-        "platform_travel": float(travel[robot.columns(robot.platform)].sum()),
+        **joint_ways(robot, travel),
+        "platform_slides": bool(robot.platform) and robot.sliding.issuperset(robot.platform),
         "limit_room": float(room[nearest]),
         "limit_joint": limits.joints[nearest],
+        "limit_slides": limits.joints[nearest] in robot.sliding,
         "speed_share": float(share[fastest]),
         "speed_joint": limits.joints[fastest],
         "clearance": min(clear, default=None),

@@ -147,8 +147,8 @@ class StageModel:
                 made = order.nodes[name, *self.stops[stop]].decisions
                 own = own.put(np.array([k]), made.take(np.array([rows[stop, angle]])))
             arms.append(own)
-        turns = order.model.platform.is_turntable
-        angle = self.angles[found.angles, 0] if turns else np.zeros(len(found.slots))
+        chosen = order.model.platform.is_chosen
+        angle = self.angles[found.angles, 0] if chosen else np.zeros(len(found.slots))
         return Decisions(np.asarray(angle), tuple(arms))
 
 

@@ -20,25 +20,28 @@ MOST_NODES = 6000
 FEW_NODES = 24
 """Of arms without closed forms, for each platform angle."""
 ANGLE_STEP = np.radians(15.0)
-"""Spacing of the platform angles [rad]."""
+"""Spacing of the platform angles [rad]; of a rail as `PlatformChain.spacing` has it."""
 
 
 def platform_angles(model: CellModel, job: Job) -> FloatArray:
     """Returns the platform angles that orders are looked at with, where it starts first [rad], shape (f, k).
 
-    One where it cannot be turned. A platform without limits is turned by half a turn each way at most.
+    One where it cannot be moved. A platform without limits is turned by half a turn each way at most; a rail is looked
+    at in all of its range [m].
     """
     robot = job.cell.robot
     start = job.start_joints
     here: FloatArray = np.array(start[model.platform_columns])[None]
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         return here
     limits = robot.limits.select(robot.platform)
-    low = max(float(limits.lower[0]), here[0, 0] - np.pi)
-    high = min(float(limits.upper[0]), here[0, 0] + np.pi)
-    below, above = int((here[0, 0] - low) / ANGLE_STEP), int((high - here[0, 0]) / ANGLE_STEP)
+    low, high = model.platform.around(
+        float(here[0, 0]), float(limits.lower[0]), float(limits.upper[0])
+    )
+    step = model.platform.spacing(ANGLE_STEP, low, high)
+    below, above = int((here[0, 0] - low) / step), int((high - here[0, 0]) / step)
     others = np.delete(np.arange(-below, above + 1), below)
-    return np.concatenate([here, here + ANGLE_STEP * others[:, None]])
+    return np.concatenate([here, here + step * others[:, None]])
 
 
 def stop_nodes(model: CellModel, job: Job, angles: FloatArray) -> dict[tuple[str, int, int], Nodes]:

@@ -91,7 +91,9 @@ class FreePlanner:
                 motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
                 if cell is None or _is_clear(job, cell, motion):
                     return motion
-        more = {"angles": np.degrees(angle).round(1).tolist()}
+        slides = self.problem.model.platform.is_rail
+        places = (1e3 * angle if slides else np.degrees(angle)).round(1).tolist()
+        more = {"places": places, "unit": "mm" if slides else "deg"}
         raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
 
     def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnClock:

@@ -117,7 +117,7 @@ def _rank(row: dict[str, Any], best: float) -> tuple[int, float]:
 
 
 def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
-    """Returns one case's row; times in s, angles in rad."""
+    """Returns one case's row; times in s, angles in rad, the travel of a platform that slides in m."""
     case, schedule = outcome.case, outcome.schedule
     compared = {key: rows for kind in of_kinds("measures") for key, rows in kind.compared.items()}
     row: dict[str, Any] = {
@@ -133,6 +133,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
             ("clearance", "clearance_cost", "platform_travel", "deciding_stages", "deciding_time"),
             None,
         ),
+        "platform_slides": False,
         **{key: [] for key in compared},
     }
     if schedule is None:
@@ -147,6 +148,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "clearance_cost": schedule.clearance_cost,
         "elbow_imbalance": elbow_imbalance(schedule),
         "platform_travel": platform_travel(schedule),
+        "platform_slides": schedule.robot.platform_slides,
         "deciding_stages": found.stages,
         "deciding_time": found.time,
         **{key: rows(schedule, job) for key, rows in compared.items()},

@@ -32,7 +32,9 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
     table = Table(title=escape(title), title_justify="left")
     for name in ("method", *varied):
         table.add_column(name, no_wrap=True)
-    for name in ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", "platform °"):
+    slides = any(row["platform_slides"] for row in rows)
+    platform = "platform mm" if slides else "platform °"
+    for name in ("cycle s", "parts/h", "gap", "planning s", "clear mm", "elbows °", platform):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("plan", no_wrap=True)
     for row, timed in zip(rows, clock, strict=True):
@@ -45,7 +47,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
             _number(timed["planning_time"], 2),
             "–" if row["clearance"] is None else f"{row['clearance'] * 1e3:.1f}",
             _degrees(row["elbow_imbalance"], 1),
-            _degrees(row["platform_travel"], 0),
+            _millimetres(row["platform_travel"]) if slides else _degrees(row["platform_travel"], 0),
             f"[{colour}]{row['status']}[/]",
         )
     return table
@@ -67,6 +69,8 @@ def reason_lines(section: dict[str, Any]) -> list[str]:
 
 def comparison_csv(document: dict[str, Any]) -> bytes:
     """Returns all rows as CSV; s, rad; wall-clock planning time is the last column and nowhere else.
+
+    The travel of a platform that slides is in m.
 
     Args:
         document: of `dualarm compare solvers`.
@@ -109,6 +113,10 @@ def cell_text(value: Any) -> str:
 
 def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _millimetres(value: float | None) -> str:
+    return _number(None if value is None else 1e3 * value, 0)
 
 
 def _degrees(value: float | None, digits: int) -> str:

@@ -99,9 +99,11 @@ class Blame:
     b_time: float
     """How long it takes in B [s]."""
     a_displacement: float | None
-    """How far the joint moves in A [rad]; None where no joint is to blame."""
+    """How far the joint moves in A [rad or m]; None where no joint is to blame."""
     b_displacement: float | None
-    """How far it moves in B [rad]."""
+    """How far it moves in B [rad or m]."""
+    slides: bool = False
+    """Whether the joint slides."""
 
     @property
     def name(self) -> str:
@@ -133,7 +135,8 @@ def blame(a: Version, b: Version) -> Blame:
         return Blame(part, arm, "", "time", times[0], times[1], None, None)
     moved = [v.displacement(joint, name) for v, name in zip((a, b), arms, strict=True)]
     cause = _cause(a, b, joint, times[1] - times[0], moved)
-    return Blame(part, arm, joint, cause, times[0], times[1], moved[0], moved[1])
+    slides = joint in longer.schedule.robot.sliding
+    return Blame(part, arm, joint, cause, times[0], times[1], moved[0], moved[1], slides)
 
 
 def _slowest_joint(version: Version, arm: str) -> str:
@@ -190,7 +193,7 @@ Pair = tuple[int | None, int | None]
 
 
 def compare_schedules(a: Schedule, b: Schedule, names: tuple[str, str]) -> dict[str, Any]:
-    """Returns the comparison as a JSON-ready document; times in s, angles in rad.
+    """Returns the comparison as a JSON-ready document; times in s, angles in rad, ways of joints that slide in m.
 
     Stages are matched by the tasks and actions that are done in them, whatever their places; the rest by
     the most work in common. What has no partner stands alone, so that all differences add up to the whole.

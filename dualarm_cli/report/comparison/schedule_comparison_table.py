@@ -91,7 +91,7 @@ def _along(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def schedules_csv(document: dict[str, Any]) -> bytes:
-    """Returns the stages as CSV; s, rad.
+    """Returns the stages as CSV; s, rad (m for joints that slide).
 
     Args:
         document: of `dualarm compare schedules`.
@@ -131,6 +131,8 @@ def _change(found: dict[str, Any] | None) -> str:
     ways = found["a_displacement"], found["b_displacement"]
     times = f"{found['a_time']:.3f} s → {found['b_time']:.3f} s"
     if found["cause"] == "displacement" and None not in ways:
+        if found["slides"]:
+            return " → ".join(f"{1e3 * way:.1f} mm" for way in ways)
         return " → ".join(f"{math.degrees(way):.1f}°" for way in ways)
     why = CAUSES[found["cause"]]
     return f"{times} ({why})" if why else times

@@ -16,7 +16,6 @@ from dualarm_cli.model.job import AT_STANDS, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.report.figures.figures import new_figure, rendered
-from dualarm_cli.report.measures import sliding_joints
 from dualarm_cli.report.report import relative_gap
 
 SIZES = {8.0: 0.95, 7.0: 0.95, 6.0: 0.6}
@@ -200,8 +199,7 @@ def platform_words(
     columns = [trajectory.joints.index(name) for name in schedule.robot.platform]
     if not columns:
         return []
-    sliding = sliding_joints(schedule.robot.urdf)
-    slides = [name in sliding for name in schedule.robot.platform]
+    slides = [name in schedule.robot.sliding for name in schedule.robot.platform]
     edges = [float(trajectory.time[0]), *np.ravel(moves).tolist(), float(trajectory.time[-1])]
     words = []
     for stands, leaves in zip(edges[::2], edges[1::2], strict=True):

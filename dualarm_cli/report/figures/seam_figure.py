@@ -54,14 +54,16 @@ def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
 def _draw_joints(
     axes: Any, schedule: Schedule, job: Job, arm: str, rate: str, samples: list[SeamSamples]
 ) -> None:
-    """Draws all joints of one arm in degrees, the seams shaded."""
+    """Draws all joints of one arm in degrees, one that slides in millimetres, the seams shaded."""
     names = next(a.joints for a in job.cell.robot.arms if a.name == arm)
     motion = schedule.trajectory.select(names)
     count = int(min(MOST, max(2.0, motion.duration * PER_SECOND)))
     time = np.linspace(0.0, motion.duration, count)
     values = motion.at(time)[0 if rate == "position" else 1]
     for k, name in enumerate(names):
-        axes.plot(time, np.degrees(values[:, k]), label=name, linewidth=1.0)
+        slides = name in job.cell.robot.sliding
+        shown = 1e3 * values[:, k] if slides else np.degrees(values[:, k])
+        axes.plot(time, shown, label=f"{name} [mm]" if slides else name, linewidth=1.0)
     for seam in samples:
         if arm in seam.work.arms:
             axes.axvspan(*seam.span, color="0.92", zorder=0)

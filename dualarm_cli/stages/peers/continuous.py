@@ -137,7 +137,14 @@ class _AngleProgram(NonlinearProgram):
             if depth > 0.0:
                 # Where there is no line the arm angle has nothing to vary along.
                 arm_angle = psi_end + self.step(a, k, 0) + self.step(a, k, column)
-            R_here, p_here = turned_pose(work, R, p - depth * z, turn, self.step(a, k, 3))
+            R_here, p_here = turned_pose(
+                work,
+                R,
+                p - depth * z,
+                turn,
+                self.step(a, k, 3),
+                slides=self.problem.platform.is_rail,
+            )
             q = inverse(work.closed_form, R_here, p_here, arm_angle, int(row.branch[0]), near)
             joints.append(q)
             self._within_limits(work, q)

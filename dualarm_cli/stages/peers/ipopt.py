@@ -116,7 +116,8 @@ class _JointProgram(NonlinearProgram):
         """Adds the equations of one pose."""
         import casadi as ca
 
-        R_target, p_target = turned_pose(work, R, p, turn, yaw)
+        slides = self.problem.platform.is_rail
+        R_target, p_target = turned_pose(work, R, p, turn, yaw, slides=slides)
         if work.name not in self.chains:
             self.chains[work.name] = chain_function(work.closed_form)
         R_here, p_here = self.chains[work.name](q)

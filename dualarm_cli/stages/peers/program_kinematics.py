@@ -10,15 +10,18 @@ from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.stages.search.problem import ArmWork
 
 
-def turned_pose(work: ArmWork, R: Any, p: Any, turn: Any, yaw: Any) -> tuple[Any, Any]:
-    """Returns a flange pose in the carried frame after the platform and the tool have turned.
+def turned_pose(
+    work: ArmWork, R: Any, p: Any, turn: Any, yaw: Any, *, slides: bool
+) -> tuple[Any, Any]:
+    """Returns a flange pose in the carried frame after the platform has moved and the tool has turned.
 
     Args:
         work: the arm, with its tool.
         R: flange rotation in the carried frame before, shape (3, 3).
         p: flange position likewise [m], shape (3,).
-        turn: how far the platform turns [rad].
+        turn: how far the platform turns [rad], or slides [m].
         yaw: how far the tool turns about its own z axis through its centre point [rad].
+        slides: whether the platform slides.
     """
     import casadi as ca
 
@@ -27,6 +30,8 @@ def turned_pose(work: ArmWork, R: Any, p: Any, turn: Any, yaw: Any) -> tuple[Any
     tcp = -ca.mtimes(tool.T, ca.DM(work.p_tool_flange))
     R_yawed = ca.mtimes(R, spin)
     p_yawed = p + ca.mtimes(R, tcp) - ca.mtimes(R_yawed, tcp)
+    if slides:
+        return R_yawed, p_yawed - ca.vertcat(0, 0, turn)
     back = rotation(-turn)
     return ca.mtimes(back, R_yawed), ca.mtimes(back, p_yawed)
 

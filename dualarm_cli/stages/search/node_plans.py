@@ -245,17 +245,17 @@ def own_node(
 
 
 def grid_angles(problem: SequenceProblem, step: float) -> FloatArray:
-    """Returns platform angles around the start, which is one of them, shape (f,).
+    """Returns platform positions around the start, which is one of them, shape (f,) [rad or m].
 
     Args:
         problem: the sequence.
-        step: their spacing [rad].
+        step: their spacing [rad]; of a rail as `PlatformChain.spacing` has it.
     """
     if not problem.turns:
         return np.zeros(1)
     here = float(problem.platform_start[0])
-    low, high = problem.platform_range
-    low, high = max(low, here - np.pi), min(high, here + np.pi)
+    low, high = problem.platform.around(here, *problem.platform_range)
+    step = problem.platform.spacing(step, low, high)
     below, above = int((here - low) / step + 1e-9), int((high - here) / step + 1e-9)
     return here + step * np.arange(-below, above + 1, dtype=np.float64)
 
@@ -264,7 +264,8 @@ def angles_near(problem: SequenceProblem, plan: Decisions, mesh: Mesh) -> FloatA
     """Returns platform angles around those of a plan, which are among them, shape (n, f)."""
     if not problem.turns:
         return np.zeros((problem.stages, 1))
-    steps = mesh.angle_step * np.arange(-mesh.around, mesh.around + 1)
+    step = problem.platform.spacing(mesh.angle_step, *problem.platform_range)
+    steps = step * np.arange(-mesh.around, mesh.around + 1)
     return np.clip(plan.angle[:, None] + steps, *problem.platform_range)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dualarm_cli.collision.clearance import SLACK
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
 from dualarm_cli.kinematics.srs.arm_angle_intervals import ArmAngleIntervals, feasible_arm_angles
-from dualarm_cli.postures.platform_reach import reachable_cells
+from dualarm_cli.postures.platform_reach import reachable_cells, reachable_spans
 from dualarm_cli.stages.search.candidates import Grid, Nodes, thinned
 from dualarm_cli.stages.search.potentials import ArmLayers, layer_of
 from dualarm_cli.stages.search.problem import ArmDecisions, SequenceProblem
@@ -192,7 +192,8 @@ def _intervals(
         return np.bincount(nodes.angle_index, minlength=len(angles)) > 0
 
     if not has_closed_form(problem.arms[a]):
-        angles = np.append(np.arange(*around, COARSE_STEP), around[1])
+        step = problem.platform.spacing(COARSE_STEP, *around)
+        angles = np.append(np.arange(*around, step), around[1])
         return _runs(angles, has_nodes, FEW_HALVINGS)
     yaws = _yaws(problem, a, stage)
 
@@ -204,7 +205,7 @@ def _intervals(
         branches = np.all(found.count > 0, axis=1)
         return np.asarray(branches.reshape(len(angles), -1).any(axis=1))
 
-    angles = np.arange(around[0], around[1], SCAN_STEP)
+    angles = np.arange(*around, problem.platform.spacing(SCAN_STEP, *around))
     arcs = _arcs(problem, a, table, stage, yaws, around)
     angles = np.unique(np.concatenate([angles, [around[1]], *arcs]))
     return _runs(angles, feasible)
@@ -225,8 +226,11 @@ def _arcs(
     for wrists in arm.wrist_center(R, points):
         arcs = [around]
         for wrist in wrists:
-            cells = reachable_cells(arm, wrist, np.array(around))
-            own = zip(cells.low.tolist(), cells.high.tolist(), strict=True)
+            if problem.platform.is_rail:
+                own = reachable_spans(arm, wrist)
+            else:
+                cells = reachable_cells(arm, wrist, np.array(around))
+                own = list(zip(cells.low.tolist(), cells.high.tolist(), strict=True))
             arcs = [(max(p[0], q[0]), min(p[1], q[1])) for q in own for p in arcs]
         found += [np.linspace(*arc, WITHIN_REACH) for arc in arcs if arc[0] <= arc[1]]
     return found
@@ -383,9 +387,7 @@ def _own_nodes(
     """Returns platform angles (count,) [rad] at which all arms make their stops of a stage, and the nodes there."""
     angles = np.zeros(1)
     if problem.turns:
-        low, high = problem.platform_range
-        here = float(problem.platform_start[0])
-        around = max(low, here - np.pi), min(high, here + np.pi)
+        around = problem.platform.around(float(problem.platform_start[0]), *problem.platform_range)
         angles = spread(shared_intervals(problem, tables, k, around), max(LOOKED_AT, count))
     if not len(angles):
         return None
