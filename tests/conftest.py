@@ -62,6 +62,12 @@ def general_robots() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def sliding_robots() -> ModuleType:
+    """Robots with lifts and rails: write_robot, LIFT, RAIL, LONG."""
+    return _module("sliding_robots")
+
+
+@pytest.fixture(scope="session")
 def wrist_arms() -> ModuleType:
     """Six-axis arms with a spherical wrist, from random axes and from rows of Denavit and Hartenberg."""
     return _module("wrist_arms")

@@ -98,19 +98,20 @@ BENCHES = {
 }
 
 
-def write_random_job(seed: int, folder: Path) -> str:
+def write_random_job(seed: int, folder: Path, bench: Bench | None = None) -> str:
     """Writes cell.yaml and tasks.yaml of one job.
 
     Args:
         seed: of everything that is drawn; 300 seeds in a row have each kind on each robot that it is made for.
         folder: where; it must exist.
+        bench: the robot; one of BENCHES by default.
 
     Returns:
         What the job is, in a few words.
     """
     names = list(BENCHES)
     name, kind = names[seed % len(names)], KINDS[seed // len(names) % len(KINDS)]
-    draw = _Draw(np.random.default_rng([seed, 20]), BENCHES[name])
+    draw = _Draw(np.random.default_rng([seed, 20]), bench or BENCHES[name])
     cell, tasks = kind(draw)
     (folder / "dualarm.toml").touch()
     for file, document in (("cell.yaml", cell), ("tasks.yaml", tasks)):

@@ -234,7 +234,7 @@ def _one_of(names: Sequence[str]) -> Callable[[str], str]:
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:
-    """Returns everything known of a robot as a JSON-ready document; angles in rad.
+    """Returns everything known of a robot as a JSON-ready document; angles in rad, ways of joints that slide in m.
 
     Args:
         robot: of the data model.
@@ -270,6 +270,7 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
                 "acceleration": float(limits.acceleration[k]),
                 "jerk": _finite(limits.jerk[k]),
                 "source": limits.source[k],
+                "slides": name in robot.sliding,
             }
             for k, name in enumerate(robot.joints)
         },
@@ -365,7 +366,7 @@ def _finite(value: float) -> float | None:
 
 
 def _limits_table(robot: Robot) -> Any:
-    """Returns the table of joint limits in degrees, as a robot's data sheet has them."""
+    """Returns the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
     from rich.table import Table
 
     table = Table(title=robot.name, title_justify="left")
@@ -377,14 +378,15 @@ def _limits_table(robot: Robot) -> Any:
     groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
     limits = robot.limits
     for k, joint in enumerate(robot.joints):
-        table.add_row(
-            joint,
-            groups[joint],
-            f"{math.degrees(limits.lower[k]):.1f}",
-            f"{math.degrees(limits.upper[k]):.1f}",
-            f"{math.degrees(limits.velocity[k]):.1f}",
-            f"{limits.acceleration[k]:g}",
-            f"{limits.jerk[k]:g}" if math.isfinite(limits.jerk[k]) else "none",
-            limits.source[k],
-        )
+        slides = joint in robot.sliding
+        shown = (limits.lower[k], limits.upper[k], limits.velocity[k])
+        rates = (limits.acceleration[k], limits.jerk[k])
+        if slides:
+            units = ("mm", "mm", "mm/s", "mm/s²", "mm/s³")
+            cells = [f"{1e3 * v:g} {u}" for v, u in zip((*shown, *rates), units, strict=True)]
+        else:
+            cells = [*(f"{math.degrees(v):.1f}" for v in shown), *(f"{v:g}" for v in rates)]
+        if not math.isfinite(limits.jerk[k]):
+            cells[-1] = "none"
+        table.add_row(joint, groups[joint], *cells, limits.source[k])
     return table

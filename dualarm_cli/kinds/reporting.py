@@ -36,10 +36,10 @@ class KindMeasures:
     """By a wait's reason the event that ends it; None where that is not known."""
 
 
-def joint_ways(robot: Robot, travel: FloatArray) -> dict[str, float]:
+def joint_ways(robot: Robot, travel: FloatArray) -> dict[str, float | bool]:
     """Returns the ways of all joints that turn [rad], of those that slide [m], and of the platform [rad or m].
 
-    The platform's is that of its joints that turn, or of all where all of them slide.
+    The platform's is that of its joints that turn, or of all where all of them slide, which is told.
 
     Args:
         robot: whose joints they are.
@@ -51,6 +51,7 @@ def joint_ways(robot: Robot, travel: FloatArray) -> dict[str, float]:
         "joint_travel": sum(way for joint, way in ways.items() if joint not in robot.sliding),
         "slide_travel": sum(way for joint, way in ways.items() if joint in robot.sliding),
         "platform_travel": sum(ways[joint] for joint in turning or robot.platform),
+        "platform_slides": bool(robot.platform) and not turning,
     }
 
 

@@ -236,7 +236,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("jerk: 50", "jerk: top speed in 0.1 s", "9:33: E200 'top speed in 0.1 s' is no rule for jerk; write `acceleration in 0.2 s`"),
         ("acceleration: 5", "acceleration: top speed in 3 m", "9:24: E200 unit 'm' in '3 m' is not one of time; allowed: s, ms, min"),
         ("acceleration: 5", "acceleration: top speed in 0 s", "9:24: E200 'top speed in 0 s': the time must be at least 1 ms"),
-        ("platform: [turn]", "platform: [turn]\nfrozen: {turn: 1}", "5:10: E300 'turn' belongs to the platform or an arm; it cannot be frozen"),
+        ("platform: [turn]", "platform: [turn]\nfrozen: {turn: 1}", "5:10: E300 'turn' belongs to the platform or an arm; to freeze it, take its name out there"),
         ("platform: [turn]", "platform: [turn]\nfrozen: {tur: 1}", "5:10: E300 the URDF moves no joint 'tur'; others that move: none"),
         ("l1: 90 deg", "l1: 190 deg", "14:23: E300 '190 deg' is outside the limits of 'l1': -3 to 3 rad (-171.887 to 171.887 deg)"),
         ("l1: 90 deg", "l_1: 90 deg", "14:19: E300 'l_1' is no joint of platform or arms, did you mean 'l1'?"),

@@ -56,7 +56,7 @@ def test_the_program_s_poses_are_those_of_a_stop(random_problem: Problems) -> No
             flange_poses(problem.platform, work, table, row, yaw, angle[:, None])[:2]
             for yaw, angle in ((np.zeros(1), np.array([0.2])), (np.array([0.7]), np.array([-0.3])))
         ]
-        moved = turned_pose(work, poses[0][0][0], poses[0][1][0], -0.5, 0.7)
+        moved = turned_pose(work, poses[0][0][0], poses[0][1][0], -0.5, 0.7, slides=False)
         for found, expected in zip(moved, poses[1], strict=True):
             value = np.array(casadi.DM(found)).reshape(expected[0].shape)
             assert value == pytest.approx(expected[0], abs=1e-12)

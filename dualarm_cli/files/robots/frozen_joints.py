@@ -47,7 +47,7 @@ def frozen_positions(
             position = _position(document, loc, value, joints[name], findings)
             found[name] = found[name] if position is None else position
         elif name in moving:
-            message = f"{quote(name)} belongs to the platform or an arm; it cannot be frozen"
+            message = f"{quote(name)} belongs to the platform or an arm; to freeze it, take its name out there"
             findings.add(document, loc, message, key=True)
         else:
             hint = suggest(name, list(joints), "others that move")

@@ -268,7 +268,6 @@ def _measured(
         "least_manipulability": {arm: float(m.min()) for arm, m in seam.alone.items()},
         "manipulability": {arm: float(m.mean()) for arm, m in seam.alone.items()},
         **joint_ways(robot, travel),
-        "platform_slides": bool(robot.platform) and robot.sliding.issuperset(robot.platform),
         "limit_room": float(room[nearest]),
         "limit_joint": limits.joints[nearest],
         "limit_slides": limits.joints[nearest] in robot.sliding,
