@@ -39,7 +39,7 @@ class KindMeasures:
 def joint_ways(robot: Robot, travel: FloatArray) -> dict[str, float | bool]:
     """Returns the ways of all joints that turn [rad], of those that slide [m], and of the platform [rad or m].
 
-    The platform's is that of its joints that turn, or of all where all of them slide, which is told.
+    The platform's is that of its joints that turn, or of all where all of them slide (`platform_slides`).
 
     Args:
         robot: whose joints they are.
