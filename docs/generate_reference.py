@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
-from pydantic import BaseModel, BeforeValidator
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from result_fields import REPORT, SCHEDULE
@@ -27,27 +27,19 @@ from dualarm_cli.cli.solvers import families
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.calibration.points import BaseFile, PointsFile
 from dualarm_cli.files.cells.cells import cell_schema
-from dualarm_cli.files.cells.schema_cell import MeshSection, PairSection, SphereSection
+from dualarm_cli.files.cells.schema_cell import PairSection
 from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
+from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
 from dualarm_cli.files.studies.schema_study import StudyFile
-from dualarm_cli.files.tasks.schema_tasks import DwellSection
 from dualarm_cli.files.tasks.task_reader import schemas_of
 from dualarm_cli.kinds import of_kinds
-from dualarm_cli.kinds.seam.schema import HoldSection
 
 FOLDER = Path(__file__).parent / "reference"
 ALSO = {"robot": PairSection, "base": Pose}
 """Mappings that a key takes besides text, where its type tells neither."""
-SHORT = {
-    DwellSection: "[time](index.md#quantities)",
-    HoldSection: "text",
-    MeshSection: "text",
-    SphereSection: "[length](index.md#quantities), above 0,",
-}
-"""What a key takes in place of a mapping: the value of the mapping's first key."""
 METHODS = ("--platform", "--redundancy", "--timing", "--method")
 """Options that take the name of a method."""
 NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this page. -->\n"
@@ -202,7 +194,8 @@ def _default(field: FieldInfo) -> str:
         return ""
     if isinstance(value, BaseModel):
         given = value.model_dump(exclude_unset=True)
-        if type(value) in SHORT and len(given) == 1:
+        short = [note.key for note in field.metadata if isinstance(note, ShortForm)]
+        if given and short == list(given):
             return f"`{next(iter(given.values()))}`"
         return f"`{given}`" if given else ""
     if isinstance(value, bool):
@@ -239,8 +232,12 @@ def _annotated(annotation: Any, notes: Iterable[Any], sections: dict[type[BaseMo
         if isinstance(note, Quantity):
             return _quantity(note.dimension) + _range(note.low, note.high)
     takes = _takes(annotation, sections)
-    if any(isinstance(note, BeforeValidator) for note in flat) and annotation in SHORT:
-        return f"{SHORT[annotation]} or {takes}"
+    for note in flat:
+        if isinstance(note, ShortForm):
+            short = _takes(_whole(annotation.model_fields[note.key]), sections)
+            return f"{short}{',' * (', ' in short)} or {takes}"
+        if isinstance(note, OneOrMore):
+            return f"text or {takes}"
     bounds = {
         name: getattr(note, name)
         for note in flat

@@ -180,7 +180,7 @@ class _Draw:
             middle = (low[0] + high[0]) / 2 if self.bench.mirror[0] > 0 else 0.0
             size = [round(min(2 * reach[0], 0.6), 3), round(2 * reach[1], 3), 0.02]
             place = [round(middle, 3), 0, self.bench.table - 0.01]
-            cell["obstacles"] = [{"name": "table", "box": size, "xyz": place}]
+            cell["obstacles"] = {"table": {"box": size, "xyz": place}}
         if self.chance(0.5):
             cell["clearance"] = self.one_of(0.0, 0.003, 0.008)
         return cell

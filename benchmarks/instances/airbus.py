@@ -41,7 +41,7 @@ tools:
   left:  {tool}
   right: {tool}
 obstacles:
-  - {{name: panel, box: [20 mm, 600 mm, 700 mm], xyz: {panel}}}
+  panel: {{box: [20 mm, 600 mm, 700 mm], xyz: {panel}}}
 clearance: 10 mm
 """
 

@@ -95,7 +95,7 @@ def test_json_is_one_document(folder: Path) -> None:
             "code": "E201",
             "message": "unknown key 'claerance', did you mean 'clearance'? Allowed: dualarm, "
             "robot, base, tools, frames, obstacles, clearance, clearances, allowed_contacts, parts, limits, "
-            "conveyors and 1 more",
+            "conveyors, tool_changes",
         }
     ]
     assert document["files"][1] == {

@@ -109,13 +109,13 @@ def test_defaults_and_choices_that_help_prints_are_in_the_page(
 @pytest.mark.parametrize(
     ("page", "section", "key", "takes", "good", "bad"),
     [
-        ("tasks.md", "defaults", "dwell", "time or mapping", "0.2 s", "0.2 mm"),
+        ("tasks.md", "defaults", "dwell", "time, at least 0, or mapping", "0.2 s", "0.2 mm"),
         ("tasks.md", "defaults", "approach", "length, at least 0", "0 mm", "-1 mm"),
         ("tasks.md", "The file", "speed", "fraction, at least 0.001, at most 1", "100%", "101%"),
         ("tasks.md", "tasks[].pick", "symmetry", "whole number, at least 1, at most 360", 360, 361),
-        ("cell.md", "obstacles[]", "sphere", "length, above 0, or mapping", "1 mm", "0 mm"),
-        ("cell.md", "obstacles[]", "box", "list of 3 × length, above 0", [1, 1, 1], [1, 1]),
-        ("cell.md", "obstacles[]", "half_space", "true", True, False),
+        ("cell.md", "obstacles.<name>", "sphere", "length, above 0, or mapping", "1 mm", "0 mm"),
+        ("cell.md", "obstacles.<name>", "box", "list of 3 × length, above 0", [1, 1, 1], [1, 1]),
+        ("cell.md", "obstacles.<name>", "half_space", "true", True, False),
     ],
 )
 def test_what_a_page_says_of_a_value_is_what_is_read(
@@ -126,12 +126,11 @@ def test_what_a_page_says_of_a_value_is_what_is_read(
         "defaults": DefaultsSection,
         "The file": TasksFile,
         "tasks[].pick": TargetSection,
-        "obstacles[]": ObstacleSection,
+        "obstacles.<name>": ObstacleSection,
     }
     rest = {
         "The file": {"dualarm": "tasks/1", "cell": "c", "tasks": [{"id": "a"}]},
         "tasks[].pick": {"xyz": [0, 0, 0]},
-        "obstacles[]": {"name": "a"},
     }
     text = re.split(rf"\n## `?{re.escape(section)}`?\n", pages[page])[1]
     row = next(line for line in text.splitlines() if line.startswith(f"| `{key}` |"))

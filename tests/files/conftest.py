@@ -34,7 +34,7 @@ frames:
   bin: {xyz: [0.4, 0.1, 0.7], rpy: [0, 0, 90 deg]}
   bin.slot: {in: bin, xyz: [0.1, 0, 0]}
 obstacles:
-  - {name: table, box: [1, 2, 40 mm], xyz: [0.5, 0, 0.6]}
+  table: {box: [1, 2, 40 mm], xyz: [0.5, 0, 0.6]}
 clearance: 10 mm
 """
 TASKS = """\

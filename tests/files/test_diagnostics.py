@@ -61,11 +61,9 @@ def test_nothing_that_is_printed_can_steer_a_terminal(project: Path) -> None:
 
 def test_a_value_of_the_wrong_kind_is_told_with_its_key(project: Path) -> None:
     """A mapping begins below its key: the line that is shown has the first key inside it, not its own."""
-    text = (
-        "dualarm: cell/1\nrobot: robot.yaml\nobstacles:\n  post: {box: [1, 1, 1]}\nclearance: [1]\n"
-    )
+    text = "dualarm: cell/1\nrobot: robot.yaml\nclearances:\n  post: {box: [1, 1, 1]}\nclearance: [1]\n"
     (project / "c.yaml").write_text(text)
     found = [str(one) for one in check_file("c.yaml") if one.code == "E200"]
     assert found[0].startswith(
-        "c.yaml:4:3: E200 'obstacles' must be a list, such as [a, b], not a mapping"
+        "c.yaml:4:3: E200 'clearances' must be a list, such as [a, b], not a mapping"
     )

@@ -171,7 +171,7 @@ def test_a_mesh_that_cannot_be_used_is_named_where_the_cell_names_it(
     (project / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     change("cell.yaml", "box: [1, 2, 40 mm]", "mesh: flat.obj")
     assert messages(lambda: load_cell("cell.yaml")) == [
-        "cell.yaml:9:25: E500 'flat.obj' has no volume: its corners lie in a plane or closer together than rounding"
+        "cell.yaml:9:17: E500 'flat.obj' has no volume: its corners lie in a plane or closer together than rounding"
     ]
 
 

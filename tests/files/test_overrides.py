@@ -19,7 +19,7 @@ from dualarm_cli.model.place import Place
 EDITS = {
     "tool length": ("cell:/tools/left/tcp/xyz/2", "150 mm", "cell.yaml", "120 mm", "150 mm"),
     "frame": ("cell:/frames/bin/xyz/0", 0.45, "cell.yaml", "[0.4,", "[0.45,"),
-    "obstacle": ("cell:/obstacles/0/xyz/2", 0.55, "cell.yaml", "0.6]}", "0.55]}"),
+    "obstacle": ("cell:/obstacles/table/xyz/2", 0.55, "cell.yaml", "0.6]}", "0.55]}"),
     "clearance": ("cell:/clearance", "5 mm", "cell.yaml", "10 mm", "5 mm"),
     "robot limit": ("robot:/limits/turn/acceleration", 3, "robot.yaml", "acceleration: 5", "acceleration: 3"),
     "posture": ("robot:/postures/bent/l1", "80 deg", "robot.yaml", "90 deg", "80 deg"),
@@ -62,11 +62,15 @@ def test_an_override_is_checked_like_the_file(project: Path) -> None:
     with pytest.raises(InputError) as error:
         load_job(
             "tasks.yaml",
-            overrides={"cell:/obstacles/0/box/1": "-5 mm", "robot:/limits/turn/jerk": 0, "cell:/clearance": "3 deg"},
-        )  # fmt: skip
+            overrides={
+                "cell:/obstacles/table/box/1": "-5 mm",
+                "robot:/limits/turn/jerk": 0,
+                "cell:/clearance": "3 deg",
+            },
+        )
     texts = [str(d) for d in error.value.diagnostics]
     assert texts == [
-        "cell.yaml:9:28: E200 obstacles.table.box[1] is replaced by '-5 mm': '-5 mm': length must be positive",
+        "cell.yaml:9:20: E200 obstacles.table.box[1] is replaced by '-5 mm': '-5 mm': length must be positive",
         "cell.yaml:10:12: E200 clearance is replaced by '3 deg': unit 'deg' in '3 deg' is not one of length; allowed: "
         "m, mm, cm, um, in",
         "robot.yaml:9:33: E200 limits.turn.jerk is replaced by 0: 0: angular jerk must be positive",

@@ -82,7 +82,7 @@ def test_targets_move_together_and_are_resolved_to_pointers(study) -> None:
         "      - {cell: 'frames.bin.slot.xyz[2]', apply: set}\n    apply: shift\n    values: [10 mm, 20 mm]\n"
     ).parameters
     assert [t.keys for t in parameter.targets] == [
-        ("cell:/obstacles/0/xyz/2",),
+        ("cell:/obstacles/table/xyz/2",),
         ("cell:/frames/bin.slot/xyz/2",),
     ]
     assert [t.apply for t in parameter.targets] == ["shift", "set"]

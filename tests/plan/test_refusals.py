@@ -86,7 +86,7 @@ def made(tmp_path):
     cell = {"dualarm": "cell/1", "robot": "sda10f", "tools": {"left": tool, "right": tool}}
 
     def job(tasks, box=None, **changes):
-        obstacles = [] if box is None else [{"name": "box", "box": [0.1, 0.1, 0.1], "xyz": box}]
+        obstacles = {} if box is None else {"box": {"box": [0.1, 0.1, 0.1], "xyz": box}}
         (tmp_path / "cell.yaml").write_text(json.dumps(cell | {"obstacles": obstacles}))
         document = {"dualarm": "tasks/1", "cell": "cell.yaml", "tasks": tasks}
         (tmp_path / "tasks.yaml").write_text(json.dumps(document | changes))
@@ -213,7 +213,7 @@ robot: yumi
 tools:
   left:  {tcp: {xyz: [0, 0, 130 mm]}, shapes: [{box: [60 mm, 60 mm, 110 mm], xyz: [0, 0, 55 mm]}]}
   right: {tcp: {xyz: [0, 0, 130 mm]}, shapes: [{box: [60 mm, 60 mm, 110 mm], xyz: [0, 0, 55 mm]}]}
-obstacles: [{name: table, box: [0.8, 1.4, 0.04], xyz: [0.5, 0, -0.02]}]
+obstacles: {table: {box: [0.8, 1.4, 0.04], xyz: [0.5, 0, -0.02]}}
 clearance: 5 mm
 """
 NEAR_THE_BODY = """\

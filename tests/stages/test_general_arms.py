@@ -59,7 +59,7 @@ def test_free_starts_symmetry_free_yaw_joint_targets_and_idle_arms(general_robot
 def test_clearance_is_kept_by_any_arms(general_robots, tmp_path):
     """A post between pick and place of the left arm: proven clear, and it costs."""
     shapes = "{capsule: {radius: 30 mm, length: 60 mm}, xyz: [0, 0, 40 mm]}"
-    post = "obstacles: [{name: post, box: [0.04, 0.04, 0.3], xyz: [0.33, 0.26, 0.2]}]\nclearance: 10 mm\n"
+    post = "obstacles: {post: {box: [0.04, 0.04, 0.3], xyz: [0.33, 0.26, 0.2]}}\nclearance: 10 mm\n"
     job = load_job(general_robots.write_cell(tmp_path, "yumi", 1, shapes, post))
     schedule = plan_without_bound(job, QUICK)
     unchecked = plan_without_bound(job, QUICK, clear=False)

@@ -296,31 +296,22 @@ class CellReader:
         """Returns the names of all bodies, some added by kinds of work, after noting those that two of them share."""
         known = [*link_names(robot), *(f"{arm.name}_tool" for arm in robot.arms)]
         named: list[tuple[Loc, str]] = [(("parts", name), name) for name in model.parts]
-        named += [(("obstacles", k, "name"), o.name) for k, o in enumerate(model.obstacles)]
+        named += [(("obstacles", name), name) for name in model.obstacles]
         names = {name for _, name in added}
         for loc, name in (*added, *named):
             taken = loc[0] in ("parts", "obstacles") and name in names
             if name in known or taken or (loc[0] == "obstacles" and name in model.parts):
                 message = f"{quote(name)} is already the name of a link, tool or part"
-                self.findings.add(self.document, loc, message, key=loc[0] != "obstacles")
+                self.findings.add(self.document, loc, message, key=True)
         return list(dict.fromkeys([*known, *(name for _, name in (*added, *named))]))
 
     def obstacles(self, model: CellFile, frames: dict[str, pin.SE3]) -> tuple[Obstacle, ...]:
-        """Returns the obstacles, posed in the world; their names must differ."""
-        found, first = [], dict[str, int]()
-        for k, section in enumerate(model.obstacles):
-            loc: Loc = ("obstacles", k)
-            line = self.document.place((*loc, "name"))[0]
-            if section.name in first:
-                message = (
-                    f"duplicate obstacle {quote(section.name)}, first at line {first[section.name]}"
-                )
-                self.findings.add(self.document, (*loc, "name"), message, "E102")
-            first.setdefault(section.name, line)
-            shape = self.shape(section, loc, frames)
-            if shape is not None:
-                found.append(Obstacle(section.name, shape))
-        return tuple(found)
+        """Returns the obstacles, posed in the world."""
+        shapes = {
+            name: self.shape(section, ("obstacles", name), frames)
+            for name, section in model.obstacles.items()
+        }
+        return tuple(Obstacle(name, shape) for name, shape in shapes.items() if shape is not None)
 
     def shape(self, section: ShapeSection, loc: Loc, frames: dict[str, pin.SE3]) -> Shape | None:
         """Returns a solid in the frame that holds it, or None after noting what is wrong.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
+from pydantic.config import JsonDict
 from pydantic_core import core_schema
 
 from dualarm_cli.files.source.fields import (
@@ -20,6 +21,7 @@ from dualarm_cli.files.source.fields import (
     ToolSpeed,
     refuse,
 )
+from dualarm_cli.files.source.short_forms import ByName, ShortForm
 
 SHAPE_KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
 """Solids that a file can describe."""
@@ -45,14 +47,6 @@ class MeshSection(Section):
     scale: Scale = Field(default=1.0, description="Factor from the file's unit to m.")
 
 
-def _radius(value: object) -> object:
-    return {"radius": value} if isinstance(value, int | float | str) else value
-
-
-def _mesh(value: object) -> object:
-    return {"file": value} if isinstance(value, str) else value
-
-
 def _half_space(value: object) -> object:
     if value == {}:
         return True
@@ -64,21 +58,27 @@ def _half_space(value: object) -> object:
     return value
 
 
+HALF_SPACE: JsonDict = {"anyOf": [{"const": True}, {"type": "object", "maxProperties": 0}]}
+"""JSON Schema of what `_half_space` takes."""
+
+
 class ShapeSection(FramedPose):
     """A solid and where it sits; exactly one kind of solid."""
 
     box: Annotated[list[Size], Field(min_length=3, max_length=3)] | None = Field(
         default=None, description="Full sides along x, y, z [m]."
     )
-    sphere: Annotated[SphereSection, BeforeValidator(_radius)] | None = Field(
+    sphere: Annotated[SphereSection, ShortForm("radius")] | None = Field(
         default=None, description="Radius [m], alone or as {radius: …}."
     )
     cylinder: RoundSection | None = Field(default=None, description="Cylinder about z.")
     capsule: RoundSection | None = Field(default=None, description="Capsule about z.")
     half_space: Annotated[Literal[True], BeforeValidator(_half_space)] | None = Field(
-        default=None, description="true: everything below the plane z = 0 of its pose."
+        default=None,
+        description="true: everything below the plane z = 0 of its pose.",
+        json_schema_extra=HALF_SPACE,
     )
-    mesh: Annotated[MeshSection, BeforeValidator(_mesh)] | None = Field(
+    mesh: Annotated[MeshSection, ShortForm("file")] | None = Field(
         default=None, description="Mesh file, alone or as {file: …, scale: …}."
     )
 
@@ -109,8 +109,6 @@ class ToolShapeSection(ShapeSection):
 
 class ObstacleSection(ShapeSection):
     """A fixed solid of the cell."""
-
-    name: Name = Field(description="Unique name.")
 
 
 class PartSection(Section):
@@ -201,11 +199,15 @@ class CellFile(Section):
         description="Bundled robot's name, path of a robot file, or {left: …, right: …} for two.",
     )
     base: Pose = Field(default=Pose(), description="The robot's root link in the world.")
-    tools: ToolsSection = Field(default=ToolsSection(), description="Tools by arm.")
-    frames: dict[Name, FramedPose] = Field(
+    tools: Annotated[ToolsSection, ByName("tool")] = Field(
+        default=ToolsSection(), description="Tools by arm."
+    )
+    frames: Annotated[dict[Name, FramedPose], ByName("frame")] = Field(
         default_factory=dict, description="Named frames, in the world or in each other."
     )
-    obstacles: list[ObstacleSection] = Field(default_factory=list, description="Fixed obstacles.")
+    obstacles: Annotated[dict[Name, ObstacleSection], ByName("obstacle")] = Field(
+        default_factory=dict, description="Fixed obstacles, by name."
+    )
     clearance: Distance = Field(
         default=0.0, description="Least distance between bodies that may not touch [m]."
     )

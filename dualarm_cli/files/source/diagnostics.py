@@ -138,7 +138,7 @@ def _unknown_key(model: type[BaseModel], loc: Loc) -> str:
     """Returns the message for a key that a mapping does not have."""
     holder = _model_at(model, loc[:-1])
     known = [field.alias or name for name, field in holder.model_fields.items()] if holder else []
-    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known)}"
+    return f"unknown key {quote(loc[-1])}{suggest(str(loc[-1]), known, most=None)}"
 
 
 def _model_at(model: type[BaseModel], loc: Loc) -> type[BaseModel] | None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from dualarm_cli.errors import InputError, did_you_mean
 from dualarm_cli.files.source.diagnostics import Findings, schema_diagnostics
 from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.source.short_forms import name_entries
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
 
@@ -81,6 +82,8 @@ def validate(
         data: the part that is validated; None for the whole.
         prefix: where that part stands.
     """
+    if data is None:
+        name_entries(document, model, findings)
     try:
         return model.model_validate(document.data if data is None else data)
     except ValidationError as error:

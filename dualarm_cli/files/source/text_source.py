@@ -38,10 +38,19 @@ def recorded_reads() -> Iterator[dict[str, str]]:
         _READ.reset(token)
 
 
-def suggest(word: str, known: list[str], label: str = "allowed") -> str:
-    """Returns the end of a message about an unknown word: the closest known one, then all."""
-    shown = ", ".join(known[:MAX_LISTED]) or "none"
-    more = f" and {len(known) - MAX_LISTED} more" if len(known) > MAX_LISTED else ""
+def suggest(
+    word: str, known: list[str], label: str = "allowed", most: int | None = MAX_LISTED
+) -> str:
+    """Returns the end of a message about an unknown word: the closest known one, then the known ones.
+
+    Args:
+        word: the unknown word.
+        known: the words that there are.
+        label: what they are.
+        most: how many of them are listed; None for all.
+    """
+    shown = ", ".join(known[:most]) or "none"
+    more = f" and {len(known) - most} more" if most is not None and len(known) > most else ""
     hint = did_you_mean(word, known)
     joint = f"{hint} {label.capitalize()}" if hint else f"; {label}"
     return f"{joint}: {shown}{more}"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
 from dualarm_cli.files.source.fields import Name, Section, refuse
+from dualarm_cli.files.source.short_forms import OneOrMore
 
 ROLE_KEYS = {
     "tasks": "tasks",
@@ -166,17 +167,11 @@ class SettingsSection(Section):
     )
 
 
-def _one_file(value: object) -> object:
-    return [value] if isinstance(value, str) else value
-
-
 class StudyFile(Section):
     """A layout study: what is varied over which values, and what is to become good."""
 
     dualarm: Literal["study/1"] = Field(description="Kind and version of the file.")
-    tasks: Annotated[
-        list[Name], Field(min_length=1, max_length=100), BeforeValidator(_one_file)
-    ] = Field(
+    tasks: Annotated[list[Name], Field(min_length=1, max_length=100), OneOrMore()] = Field(
         description="Path of a task file, relative to this file, or a list of them: every layout is planned for all."
     )
     parameters: Annotated[dict[Name, ParameterSection], Field(min_length=1, max_length=50)] = Field(

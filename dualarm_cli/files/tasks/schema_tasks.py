@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
 from dualarm_cli.files.cells.schema_cell import LimitsSection
@@ -20,6 +20,7 @@ from dualarm_cli.files.source.fields import (
     SpeedFraction,
     refuse,
 )
+from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget
 from dualarm_cli.model.place import Place
@@ -70,11 +71,7 @@ class DwellSection(Section):
     )
 
 
-def _one_number(value: object) -> object:
-    return {"gripper": value} if isinstance(value, int | float | str) else value
-
-
-Dwell = Annotated[DwellSection, BeforeValidator(_one_number)]
+Dwell = Annotated[DwellSection, ShortForm("gripper")]
 
 
 class TargetSection(FramedPose):
@@ -94,17 +91,26 @@ class TargetSection(FramedPose):
         description="Joint positions [rad] of one configuration, or a list of alternatives, instead of a pose.",
         json_schema_extra=CONFIGURATIONS,
     )
+    posture: Name | None = Field(
+        default=None,
+        description="Posture of the robot whose joint positions the arm takes, instead of a pose; the platform is "
+        "not part of the target. `move: home` is short for `move: {posture: home}`.",
+    )
+
+    @property
+    def by_joints(self) -> Literal["joints", "posture"] | None:
+        """The key that gives joint positions instead of a pose; None for a pose."""
+        return "joints" if self.joints is not None else "posture" if self.posture else None
 
     @model_validator(mode="after")
     def _pose_or_joints(self) -> TargetSection:
-        if self.joints is not None:
-            for key in ("xyz", "rpy", "quat", "in", "at", "free", "symmetry"):
+        if self.by_joints is not None:
+            others = ("xyz", "rpy", "quat", "in", "at", "free", "symmetry", "posture")
+            for key in others if self.by_joints == "joints" else others[:-1]:
                 if getattr(self, "in_" if key == "in" else key) is not None:
-                    raise refuse(
-                        f"'{key}' does not go with 'joints', which define the whole target", key
-                    )
+                    raise refuse(f"'{key}' does not go with '{self.by_joints}'; keep one", key)
         elif self.xyz is None:
-            raise refuse("no target; give xyz, with rpy or quat, or joints")
+            raise refuse("no target; give xyz, with rpy or quat, joints or posture")
         if self.in_ is not None and self.at is not None:
             raise refuse("'in' and 'at' both name the frame; keep one", "in")
         return self
@@ -131,8 +137,9 @@ class TaskHead(Section):
     )
     pick: TargetSection | None = Field(default=None, description="Where the part is taken.")
     place: TargetSection | None = Field(default=None, description="Where the part is put.")
-    move: TargetSection | None = Field(
-        default=None, description="Where the tool moves, without gripping."
+    move: Annotated[TargetSection, ShortForm("posture")] | None = Field(
+        default=None,
+        description="Where the tool moves, without gripping; or the name of a posture of the robot.",
     )
 
 

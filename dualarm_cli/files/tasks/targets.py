@@ -13,6 +13,7 @@ from dualarm_cli.files.source.fields import FramedPose, to_se3
 from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TargetSection
+from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.job import JointTarget, PoseTarget, Target
 from dualarm_cli.model.robot import Robot
@@ -31,22 +32,30 @@ class TargetReader:
         """
         self._document, self._findings = document, findings
         self._frames = dict(cell.frames)
+        self._robot = cell.robot
         self._joints = {arm.name: _arm_joints(cell.robot, arm.joints) for arm in cell.robot.arms}
 
     def target(self, section: TargetSection, loc: Loc, arm: str) -> Target | None:
         """Returns a target, or None after noting what is wrong.
 
         Args:
-            section: the target as the file has it.
+            section: the target as the file has it; a posture is one that the robot has.
             loc: where it stands.
             arm: the arm that goes there.
         """
+        if section.posture is not None:
+            return JointTarget(self._of_posture(section.posture, arm))
         if section.joints is not None:
             return self._configurations(section.joints, (*loc, "joints"), self._joints[arm])
         pose = self.pose(section, section.at, loc)
         if pose is None:
             return None
         return PoseTarget(pose, section.free == "yaw", section.symmetry or 1)
+
+    def _of_posture(self, name: str, arm: str) -> FloatArray:
+        """Returns an arm's joint positions in a posture of the robot, shape (1, n)."""
+        columns = [self._robot.joints.index(joint.name) for joint in self._joints[arm]]
+        return self._robot.postures[name][None, columns]
 
     def pose(self, section: FramedPose, at: str | None, loc: Loc) -> pin.SE3 | None:
         """Returns a pose in the world, or None after noting a frame that there is not.

@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import create_model, model_validator
 
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import refuse
+from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.curves import CurveReader
@@ -95,7 +96,9 @@ def schemas_of(kinds: tuple[KindReading, ...]) -> Schemas:
         [kind.task_keys for kind in kinds],
         TaskSection,
         {"one_kind": one_kind},
-        **{action: target | None for action in ACTIONS},
+        pick=target | None,
+        place=target | None,
+        move=Annotated[target, ShortForm("posture")] | None,
     )
     defaults = _with(DefaultsSection, [kind.defaults_keys for kind in kinds])
     file = _with(
@@ -297,9 +300,11 @@ class TaskReader:
             target_section, place = getattr(section, action), (*loc, action)
             if target_section is None:
                 continue
-            if target_section.joints is not None and arm == ANY:
+            if target_section.by_joints is not None and arm == ANY:
                 continue  # the rules across tasks have said so
             by = taker if action == "place" and taker is not None else arm
+            if not self.check_posture(target_section.posture, (*place, "posture")):
+                continue
             target = self.targets.target(target_section, place, by)
             if target is None:
                 continue

@@ -110,11 +110,11 @@ def _check_any(document: Document, index: int, task: TaskSection, findings: Find
         return
     for action in ("pick", "place", "move"):
         target = getattr(task, action)
-        if target is not None and target.joints is not None:
+        if target is not None and target.by_joints is not None:
             message = (
                 "joint configurations belong to one arm; use arm: left or right, or give a pose"
             )
-            findings.add(document, ("tasks", index, action, "joints"), message)
+            findings.add(document, ("tasks", index, action, target.by_joints), message)
     for kind in of_kinds("reading", "any"):
         if getattr(task, kind.key) is not None:
             message = f"arm: any does not go with '{kind.key}'; it names its arms itself"

@@ -40,9 +40,9 @@ class ConveyorTarget(TargetSection):
             if given:
                 raise refuse(f"'{given[0]}' is of a target on a conveyor; add 'conveyor'", given[0])
             return self
-        if self.joints is not None:
+        if self.by_joints is not None:
             raise refuse(
-                "'conveyor' does not go with 'joints', which stand still; give xyz, with rpy or quat",
+                f"'conveyor' does not go with '{self.by_joints}', which stands still; give xyz, with rpy or quat",
                 "conveyor",
             )
         missing = [key for key in ("passes", "within") if key not in given]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
@@ -23,6 +23,7 @@ from dualarm_cli.files.source.fields import (
     Vector3,
     refuse,
 )
+from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.tasks.schema_curves import Component, CurveSection, PathAcceleration
 from dualarm_cli.files.tasks.schema_tasks import TaskHead
 
@@ -182,11 +183,7 @@ class HoldSection(FramedPose):
         return self
 
 
-def _word(value: object) -> object:
-    return {"mode": value} if isinstance(value, str) else value
-
-
-Hold = Annotated[HoldSection, BeforeValidator(_word)]
+Hold = Annotated[HoldSection, ShortForm("mode")]
 
 
 class EntrySection(Section):
