@@ -57,7 +57,7 @@ def _module(name: str) -> ModuleType:
 
 @pytest.fixture(scope="session")
 def general_robots() -> ModuleType:
-    """Robots whose arms are not spherical-revolute-spherical: YUMI, NEXTAGE, SPHERICAL."""
+    """Robots whose arms are not spherical-revolute-spherical: YUMI, NEXTAGE, SPHERICAL, UR5."""
     return _module("general_robots")
 
 
@@ -69,7 +69,7 @@ def sliding_robots() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def wrist_arms() -> ModuleType:
-    """Six-axis arms with a spherical wrist, from random axes and from rows of Denavit and Hartenberg."""
+    """Six-axis arms with closed forms, from random axes and from rows of Denavit and Hartenberg."""
     return _module("wrist_arms")
 
 

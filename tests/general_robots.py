@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 QUARTER = "1.5707963267948966"
+TURN = 6.283185307179586
 Row = tuple[str, str, str, float, float, float]
 """Place in the parent, its rotation, the axis; lower, upper [rad] and speed [rad/s]."""
 
@@ -61,6 +62,18 @@ def spherical_wrist_arm(side: int) -> list[Row]:
         ("0.2 0 0", "0 0 0", "1 0 0", -3.1, 3.1, 4.0),
         ("0.2 0 0", "0 0 0", "0 1 0", -2.1, 2.1, 4.0),
         ("0 0 0", "0 0 0", "1 0 0", -6.2, 6.2, 4.0),
+    ]
+
+
+def ur5_arm(side: int) -> list[Row]:
+    """Universal Robots UR5 as in ROS-Industrial's ur_description, 0.4 m beside the middle."""
+    return [
+        (f"0 {side * 0.4} 0.089159", "0 0 0", "0 0 1", -TURN, TURN, 3.15),
+        ("0 0.13585 0", f"0 {QUARTER} 0", "0 1 0", -TURN, TURN, 3.15),
+        ("0 -0.1197 0.425", "0 0 0", "0 1 0", -0.5 * TURN, 0.5 * TURN, 3.15),
+        ("0 0 0.39225", f"0 {QUARTER} 0", "0 1 0", -TURN, TURN, 3.2),
+        ("0 0.093 0", "0 0 0", "0 0 1", -TURN, TURN, 3.2),
+        ("0 0 0.09465", "0 0 0", "0 1 0", -TURN, TURN, 3.2),
     ]
 
 
@@ -160,6 +173,16 @@ SPHERICAL = GeneralRobot(
     False,
     {"left": [0, -0.9, 1.8, 0, 0.67, 0], "right": [0, -0.9, 1.8, 0, 0.67, 0]},
 )
+UR5 = GeneralRobot(
+    "Two UR5",
+    _robot(
+        chain("left", ur5_arm(1), "base", f'xyz="0 0.0823 0" rpy="-{QUARTER} 0 0"'),
+        chain("right", ur5_arm(-1), "base", f'xyz="0 0.0823 0" rpy="-{QUARTER} 0 0"'),
+    ),
+    "parallel_axes",
+    False,
+    {"left": [0, -1.9, 1.9, -1.57, -1.57, 0], "right": [0, -1.9, 1.9, -1.57, -1.57, 0]},
+)
 MIXED = GeneralRobot(
     "Six and seven axes on a waist",
     _robot(
@@ -171,11 +194,12 @@ MIXED = GeneralRobot(
     True,
     {"left": NEXTAGE.home["left"], "right": YUMI.home["right"]},
 )
-ROBOTS = {"yumi": YUMI, "nextage": NEXTAGE, "spherical": SPHERICAL, "mixed": MIXED}
+ROBOTS = {"yumi": YUMI, "nextage": NEXTAGE, "spherical": SPHERICAL, "ur5": UR5, "mixed": MIXED}
 TARGETS = {
     "yumi": (0.1, [(0.35, 0.15, 0.3, 0.35), (0.4, 0.2, 0.25, 0.3), (0.3, 0.12, 0.2, 0.4)]),
     "nextage": (0.8, [(0.25, 0.15, 0.2, 0.25), (0.28, 0.1, 0.15, 0.28), (0.27, 0.18, 0.2, 0.26)]),
     "spherical": (0.1, [(0.45, 0.2, 0.4, 0.45), (0.5, 0.25, 0.35, 0.5), (0.4, 0.22, 0.3, 0.45)]),
+    "ur5": (0.1, [(0.5, 0.25, 0.3, 0.6), (0.45, 0.35, 0.35, 0.5), (0.4, 0.3, 0.2, 0.7)]),
 }
 """Height, and x and |y| of pick and place of some tasks that both arms can do [m]."""
 

@@ -1,4 +1,4 @@
-"""Six-axis arms with a spherical wrist for tests: of random axes in space, and of rows of Denavit and Hartenberg."""
+"""Six-axis arms with closed forms for tests: of random axes in space, and of rows of Denavit and Hartenberg."""
 
 from __future__ import annotations
 
@@ -62,6 +62,28 @@ def random_arm(kind: str, rng: np.random.Generator, orthogonal: bool = False) ->
     return build(axes, points, _pose(rng), rng)
 
 
+def random_parallel_arm(rng: np.random.Generator, meeting: bool, orthogonal: bool) -> Built:
+    """Axes 2, 3 and 4 parallel, pointing either way, all else anywhere in space.
+
+    Args:
+        rng: where it comes from.
+        meeting: whether axes 5 and 6 meet.
+        orthogonal: whether axes 1 and 2, 4 and 5, 5 and 6 are at right angles.
+    """
+    axes = np.array([unit(rng) for _ in range(6)])
+    points = rng.uniform(-0.6, 0.6, (6, 3))
+    for k in (2, 3):
+        axes[k] = axes[1] * rng.choice([-1.0, 1.0])
+    if orthogonal:
+        for k, other in ((0, 1), (4, 3), (5, 4)):
+            axes[k] -= axes[k] @ axes[other] * axes[other]
+            axes[k] /= np.linalg.norm(axes[k])
+    if meeting:
+        points[5] = points[4]
+    points = points + rng.uniform(-0.3, 0.3, (6, 1)) * axes
+    return build(axes, points, _pose(rng), rng)
+
+
 def _pose(rng: np.random.Generator) -> pin.SE3:
     return pin.SE3(pin.exp3(rng.uniform(0, 3) * unit(rng)), rng.uniform(-0.3, 0.3, 3))
 
@@ -107,3 +129,11 @@ HEAVY = np.column_stack(
     ]
 )
 """Rows of an industrial arm: links of 1.2 and 1.05 m, the shoulder 0.35 m in front of axis 1 and 0.335 m high."""
+UR5 = np.column_stack(
+    [
+        [0.0, -0.425, -0.39225, 0.0, 0.0, 0.0],
+        np.radians([90.0, 0.0, 0.0, 90.0, -90.0, 0.0]),
+        [0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823],
+    ]
+)
+"""Rows of the UR5 as its maker publishes them."""

@@ -24,7 +24,6 @@ from functools import cached_property
 import numpy as np
 
 from dualarm_cli.bound.layers import (
-    LAST_JOINT,
     PostureBoxes,
     StopBoxes,
     StopWork,
@@ -340,20 +339,19 @@ def _return_times(problem: SequenceProblem, a: int, arm: _Arm) -> Times:
     if not problem.returns or problem.free_start:
         return np.zeros(len(stop.retract.index), dtype=np.float32)
     last = int(arm.chain.active[-1]) == problem.stages - 1
-    without = _untold(problem, stop.free_last, last)
+    without = _untold(problem, a, stop.untold, last)
     start = _start(problem, a, arm.table)
     return arm.table.gap_times(stop.retract.low, stop.retract.high, start.low, start.high, without)[
         :, 0
     ]
 
 
-def _untold(problem: SequenceProblem, free_last: bool, adjacent: bool) -> tuple[int, ...]:
-    """Returns the coordinates that do not count: joint 7 where yaw is free, the platform where it may turn between."""
+def _untold(
+    problem: SequenceProblem, a: int, free: tuple[int, ...], adjacent: bool
+) -> tuple[int, ...]:
+    """Returns the coordinates that do not count: those that are free, and the platform where it may turn between."""
     told = adjacent and _turns_tell(problem)
-    return (
-        *((LAST_JOINT,) if free_last else ()),
-        *(() if told else platform_columns(problem, 0)),
-    )
+    return (*free, *(() if told else platform_columns(problem, a)))
 
 
 def _start(problem: SequenceProblem, a: int, table: TransferTable) -> PostureBoxes:
@@ -387,8 +385,8 @@ def _stage(
     origin = _start(problem, a, arm.table) if before is None else before.retract
     if not known:
         origin = replace(origin, index=np.zeros_like(origin.index))
-    free_last = stop.free_last or (before is not None and before.free_last)
-    without = _untold(problem, free_last, known)
+    free = stop.untold or (() if before is None else before.untold)
+    without = _untold(problem, a, free, known)
     pairs = Pairs(arm.table, origin, stop.approach, without)
     by_cells = pairs.by_cells(work.least, cells)
     return _Stage(pairs, known, work, by_cells if known else np.tile(by_cells[0], (cells, 1)))

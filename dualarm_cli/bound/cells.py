@@ -9,6 +9,7 @@ import numpy as np
 
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.general_arm import GeneralArm
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs.arm_angle_curves import flips
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm
@@ -221,9 +222,9 @@ class Cells:
     kind: IntArray
     """Branch or the like, ascending within a platform cell: joints of neighbours of one kind are near, shape (n,)."""
     low: FloatArray
-    """Lowest joints and, last, platform angle in the cell [rad], shape (n, 8)."""
+    """Lowest joints and, last, platform angle in the cell [rad], shape (n, joints + 1)."""
     high: FloatArray
-    """Highest ones [rad], shape (n, 8)."""
+    """Highest ones [rad], shape (n, joints + 1)."""
     line: FloatArray
     """Least time of the line that begins or ends there [s], shape (n,)."""
 
@@ -395,7 +396,7 @@ def _merged(cells: Cells, psi: IntArray) -> Cells:
     )
 
 
-def free_cells(arm: SrsArm, edges: FloatArray) -> Cells:
+def free_cells(arm: SrsArm | GeneralArm, edges: FloatArray) -> Cells:
     """Returns one cell per platform cell in which every joint is free."""
     n = len(edges) - 1
     return Cells(
@@ -408,7 +409,7 @@ def free_cells(arm: SrsArm, edges: FloatArray) -> Cells:
 
 
 def point_cells(configurations: FloatArray, edges: FloatArray) -> Cells:
-    """Returns given configurations (m, 7) in every platform cell: they turn with the platform."""
+    """Returns given configurations (m, joints) in every platform cell: they turn with the platform."""
     n, m = len(edges) - 1, len(configurations)
     q = np.tile(configurations, (n, 1))
     return Cells(

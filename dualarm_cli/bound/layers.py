@@ -7,21 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dualarm_cli.bound.cells import (
-    Cells,
-    free_cells,
-    point_cells,
-    pose_cells,
-)
+from dualarm_cli.bound.branches import branch_cells
+from dualarm_cli.bound.cells import Cells, free_cells, point_cells, pose_cells
 from dualarm_cli.effort import Resolution
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.postures.platform_reach import AngleCells, ShapeRates, shape_rates, turned
 from dualarm_cli.stages.search.problem import ArmWork, SequenceProblem, StopTarget
 from dualarm_cli.stages.search.stops import StopTable, flange_poses, platform_positions
 from dualarm_cli.stages.search.transfer_table import Coordinates, TransferTable
 
-LAST_JOINT = 6
-"""Column of the joint that free yaw turns; only arms of seven joints have bounds."""
 BISECTIONS = 16
 """Halvings of the time; the lower end is taken."""
 WIDEST = 0.004
@@ -219,8 +214,13 @@ class StopBoxes:
     """Whether both are one posture, there being no lines."""
     dwell: float
     """Time at the target [s]."""
-    free_last: bool
-    """Whether joint 7 tells nothing, because turning the tool turns it alone."""
+    free: int | None
+    """The last joint where it tells nothing, because turning the tool turns it alone; None where it does."""
+
+    @property
+    def untold(self) -> tuple[int, ...]:
+        """The coordinates that do not count."""
+        return () if self.free is None else (self.free,)
 
     @property
     def possible(self) -> bool:
@@ -240,7 +240,8 @@ def stop_boxes(
     """Returns the cells of one arm's stop.
 
     Given configurations are points where there is no line, and free otherwise; a pose whose yaw is free is free too
-    where yaw moves more than joint 7.
+    where yaw moves more than the last joint. An arm without an arm angle has other closed
+    forms, and its platform stands still.
 
     Args:
         problem: the sequence.
@@ -254,24 +255,27 @@ def stop_boxes(
     work = problem.arms[arm]
     stop = work.stops[stage]
     assert stop is not None  # callers ask for active stages only
-    columns = 8 if problem.turns else 7
+    columns = work.joints + (1 if problem.turns else 0)
     still = stop.approach == 0.0 and stop.retract == 0.0
-    straight = work.yaw_turns_last_joint
+    straight = work.last_axis_is_tools
     free_last = straight and (stop.free_yaw or len(stop.yaw) > 1) and stop.configurations is None
     if stop.configurations is not None and still:
         ends = [point_cells(stop.configurations, edges)] * 2
     elif stop.configurations is not None or (stop.free_yaw and not straight):
-        ends = [free_cells(work.closed_form, edges)] * 2
+        ends = [free_cells(work.kinematics, edges)] * 2
     else:
         yaws = np.zeros(1) if free_last else stop.yaw
         row, zero = stops.first[[stage]], platform_positions(problem, np.zeros(1))
         poses = [
             flange_poses(problem.platform, work, stops, row, np.array([yaw]), zero) for yaw in yaws
         ]
-        parts = [_pose_cells(work, stop, pose, edges, resolution, free_last) for pose in poses]
+        if isinstance(work.kinematics, SrsArm):
+            parts = [_pose_cells(work, stop, pose, edges, resolution, free_last) for pose in poses]
+        else:
+            parts = [branch_cells(work, stop, pose, free_last) for pose in poses]
         ends = [Cells.joined([part[end] for part in parts]) for end in (0, 1)]
     approach, retract = (PostureBoxes.of(table, cells, columns) for cells in ends)
-    return StopBoxes(approach, retract, still, stop.dwell, free_last)
+    return StopBoxes(approach, retract, still, stop.dwell, work.joints - 1 if free_last else None)
 
 
 def _pose_cells(
@@ -352,7 +356,7 @@ def stop_work(table: TransferTable, stop: StopBoxes) -> StopWork:
                 approach.high[:, a],
                 retract.low[:, r],
                 retract.high[:, r],
-                (LAST_JOINT,) if stop.free_last else (),
+                stop.untold,
             )
             lines = approach.line[a][:, None] + retract.line[r][None, :]
             least = np.maximum(moved, lines) + dwell

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dualarm_cli.geometry.joint_axes import SrsGeometry
     from dualarm_cli.kinematics.general_arm import GeneralArm
     from dualarm_cli.kinematics.platform_chain import PlatformChain
-    from dualarm_cli.model.robot import Arm, Robot
+    from dualarm_cli.model.robot import Arm, ArmKind, Robot
 
 robot_app = typer.Typer(
     name="robot",
@@ -311,6 +311,7 @@ def _describe_general(
     from dualarm_cli.errors import UnsupportedError
     from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
     from dualarm_cli.kinematics.cell_model import measure_arm, measure_general
+    from dualarm_cli.kinematics.general_arm import LEAST_JOINTS
 
     base, n = pin.SE3.Identity(), len(arm.joints)
     try:
@@ -328,37 +329,46 @@ def _describe_general(
             what = "spherical-revolute-spherical by measurement: kind srs has closed forms for it"
     elif general.wrist_gap <= SRS_TOLERANCE:
         what = "its last three axes meet in a point"
-        return found | _describe_wrist(general, arm.kind, what)
+        return found | _describe_closed(general, arm.kind, "spherical_wrist", what)
+    elif n == LEAST_JOINTS and general.parallel_deviation <= SRS_TOLERANCE:
+        found["parallel_deviation"] = general.parallel_deviation
+        what = "its axes 2, 3 and 4 are parallel"
+        return found | _describe_closed(general, arm.kind, "parallel_axes", what)
     else:
         what = f"its last three axes miss a common point by {general.wrist_gap * 1000:.3g} mm"
+        if n == LEAST_JOINTS:
+            found["parallel_deviation"] = general.parallel_deviation
+            what += (
+                f", its axes 2, 3 and 4 are not parallel by {general.parallel_deviation:.3g} rad"
+            )
     summary = f"kind {arm.kind}, {n} axes; {what}; inverse kinematics: numeric (many starts)"
     return found | {"summary": summary}
 
 
-def _describe_wrist(general: GeneralArm, kind: str, what: str) -> dict[str, Any]:
-    """Returns what serves an arm of six axes whose last three meet in a point."""
-    from dualarm_cli.kinematics.wrist_arm import WristArm, with_closed_forms
+def _describe_closed(
+    general: GeneralArm, kind: str, measured: ArmKind, what: str
+) -> dict[str, Any]:
+    """Returns what serves an arm of six axes that closed forms may serve, by the kind that it is measured to be."""
+    from dualarm_cli.kinematics.cell_model import CLOSED_ARMS
+    from dualarm_cli.kinematics.closed_arm import ClosedArm, with_closed_forms
+    from dualarm_cli.kinematics.wrist_arm import WristArm
 
-    found = with_closed_forms(general)
+    found = with_closed_forms(CLOSED_ARMS[measured], general)
     numeric = "inverse kinematics: numeric (many starts)"
-    if not isinstance(found, WristArm):
+    if not isinstance(found, ClosedArm):
         summary = (
             f"kind {kind}, 6 axes; {what}, but no closed form is known for its axes; {numeric}"
         )
         return {"summary": summary}
-    shoulder = FAMILIES[found.shoulder.family or ""]
-    if kind != "spherical_wrist":
-        advice = "kind spherical_wrist has closed forms for it"
+    if kind != measured:
+        advice = f"kind {measured} has closed forms for it"
         return {"summary": f"kind {kind}, 6 axes; {what}: {advice}; {numeric}"}
-    summary = (
-        f"kind {kind}, 6 axes; {what}, {shoulder}; inverse kinematics: closed form (eight branches)"
-    )
-    return {
-        "inverse_kinematics": "closed_form",
-        "branches": 8,
-        "shoulder": found.shoulder.family,
-        "summary": summary,
-    }
+    more: dict[str, Any] = {}
+    if isinstance(found, WristArm):
+        more["shoulder"] = found.shoulder.family
+        what += f", {FAMILIES[found.shoulder.family or '']}"
+    summary = f"kind {kind}, 6 axes; {what}; inverse kinematics: closed form (eight branches)"
+    return {"inverse_kinematics": "closed_form", "branches": 8, **more, "summary": summary}
 
 
 def _finite(value: float) -> float | None:

@@ -162,10 +162,20 @@ def joint_axes(model: pin.Model, joints: Sequence[str]) -> tuple[FloatArray, Flo
     return axes, points
 
 
+def parallel_deviation(axes: FloatArray) -> float:
+    """Returns the largest sine of the angles of axes 2, 3 and 4: 0 where the three are parallel.
+
+    Args:
+        axes: unit joint axes, shape (n, 3).
+    """
+    pairs = ((1, 2), (1, 3), (2, 3))
+    return float(max(np.linalg.norm(np.cross(axes[i], axes[j])) for i, j in pairs))
+
+
 def measured_kind(
     axes: FloatArray, points: FloatArray
-) -> Literal["srs", "spherical_wrist", "general"]:
-    """Returns the kind of an arm: srs, spherical_wrist or general.
+) -> Literal["srs", "spherical_wrist", "parallel_axes", "general"]:
+    """Returns the kind of an arm.
 
     Args:
         axes: unit joint axes, shape (n, 3); zero for a joint that slides.
@@ -178,4 +188,6 @@ def measured_kind(
         return "srs" if geometry.is_srs(SRS_TOLERANCE) else "general"
     if len(axes) == 6 and meeting_point(axes[3:], points[3:])[1] <= SRS_TOLERANCE:
         return "spherical_wrist"
+    if len(axes) == 6 and parallel_deviation(axes) <= SRS_TOLERANCE:
+        return "parallel_axes"
     return "general"

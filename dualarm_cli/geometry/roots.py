@@ -260,6 +260,14 @@ def _value_and_slope(columns: FloatArray, angle: FloatArray) -> tuple[FloatArray
     return value, slope
 
 
+def first_order_square(rows: FloatArray) -> FloatArray:
+    """Returns the squares of first-order polynomials (n, 3): of second order, shape (n, 5)."""
+    k, a, b = rows.T
+    return np.stack(
+        [k * k + 0.5 * (a * a + b * b), 2 * k * a, 2 * k * b, 0.5 * (a * a - b * b), a * b], axis=1
+    )
+
+
 def derivative(coefficients: FloatArray) -> FloatArray:
     """Returns the coefficients of the derivative by the angle, of the same shape."""
     slope = np.zeros_like(coefficients)

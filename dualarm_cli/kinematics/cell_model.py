@@ -11,15 +11,22 @@ import pinocchio as pin
 from dualarm_cli.errors import Diagnostic, InputError, UnsupportedError
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE, SrsGeometry, joint_axes
+from dualarm_cli.kinematics.closed_arm import ClosedArm, with_closed_forms
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.srs.srs_arm import SrsArm, closed_form
-from dualarm_cli.kinematics.wrist_arm import with_closed_forms
+from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.model.robot import Arm, Robot
 
 ROUNDED_ANGLE = 1e-4
 """Deviations below this are what rounded angles in a URDF leave [m and rad]."""
+CLOSED_ARMS: Mapping[str, type[ClosedArm]] = {
+    "spherical_wrist": WristArm,
+    "parallel_axes": ParallelArm,
+}
+"""Closed forms of six axes by the kind of arm that they serve."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +36,8 @@ class ArmModel:
     arm: Arm
     """In the data model."""
     kinematics: SrsArm | GeneralArm
-    """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, a WristArm if
-    it is of kind spherical_wrist and has closed forms."""
+    """Forward and inverse kinematics in the frame that carries the arms: a SrsArm if it is of kind srs, one of
+    CLOSED_ARMS if it is of such a kind and has closed forms."""
     columns: list[int]
     """Columns of its joints within the robot's joints."""
     T_flange_tcp: pin.SE3
@@ -134,11 +141,12 @@ def _kinematics(
     base: pin.SE3,
     numeric: bool,
 ) -> SrsArm | GeneralArm:
-    """Returns an arm's kinematics: closed forms if it is called srs (and is) or spherical_wrist, else numbers."""
+    """Returns an arm's kinematics: closed forms if it is called srs (and is) or of CLOSED_ARMS, else numbers."""
     limits = robot.limits.select(arm.joints)
     if numeric or arm.kind != "srs":
         general = measure_general(model, robot, arm, platform, base)
-        return with_closed_forms(general) if arm.kind == "spherical_wrist" else general
+        family = CLOSED_ARMS.get(arm.kind)
+        return general if family is None else with_closed_forms(family, general)
     geometry = measure_arm(model, robot, arm, platform, base)
     if not geometry.is_srs(SRS_TOLERANCE):
         raise InputError([_false_kind(arm, _false_srs(robot, arm, geometry))])
@@ -208,6 +216,14 @@ def _why_false(
             return (
                 f"arm {arm.name} of {robot.name} has kind: spherical_wrist, but its last three axes "
                 f"miss a common point by {gap * 1000:.3g} mm (allowed: {SRS_TOLERANCE:g} m); correct the URDF, "
+                "or use kind: general"
+            )
+    if arm.kind == "parallel_axes":
+        deviation = measure_general(model, robot, arm, platform, base).parallel_deviation
+        if deviation > SRS_TOLERANCE:
+            return (
+                f"arm {arm.name} of {robot.name} has kind: parallel_axes, but its axes 2, 3 and 4 "
+                f"are not parallel by {deviation:.3g} rad (allowed: {SRS_TOLERANCE:g} rad); correct the URDF, "
                 "or use kind: general"
             )
     return ""

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.joint_axes import parallel_deviation
 from dualarm_cli.kinematics.platform_chain import align_z
 from dualarm_cli.kinematics.srs import srs_limits
 
@@ -234,6 +235,11 @@ class GeneralArm:
         _, points, across = self._last_axes
         away = (across @ (points - self.meeting_point)[:, :, None])[..., 0]
         return float(np.linalg.norm(away, axis=1).max())
+
+    @cached_property
+    def parallel_deviation(self) -> float:
+        """Largest sine of the angles of axes 2, 3 and 4: 0 where the three are parallel."""
+        return parallel_deviation(self._chain(np.zeros((1, self.axes)))[2][:, :, 0].T)
 
     @cached_property
     def _last_axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:

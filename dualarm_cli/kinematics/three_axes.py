@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.geometry.roots import derivative, polynomial_value, real_zeros
+from dualarm_cli.geometry.roots import (
+    derivative,
+    first_order_square,
+    polynomial_value,
+    real_zeros,
+)
 from dualarm_cli.kinematics.srs.srs_limits import wrap
 
 Family = Literal["elbow", "two_steps", "quartic"]
@@ -301,8 +306,8 @@ def _quartic(axes: ThreeAxes, r: FloatArray, z: FloatArray) -> Turns:
     second[:, 0] += z
     # The normal is across axis 1: v is known by its parts along either.
     along, across = first / abs(u), second / abs(e)
-    polynomial = _square(along) + _square(across)
-    polynomial -= _square(f[:1]) + _square(f[1:2])
+    polynomial = first_order_square(along) + first_order_square(across)
+    polynomial -= first_order_square(f[:1]) + first_order_square(f[1:2])
     zeros = real_zeros(polynomial)
     rises = polynomial_value(derivative(polynomial), zeros.angle) >= 0.0
     q3, ok = np.zeros((b, 4)), np.zeros((b, 4), dtype=np.bool_)
@@ -325,14 +330,6 @@ def _first_order(rows: FloatArray, q3: FloatArray) -> FloatArray:
     """Returns first-order polynomials (b, 3) at angles (b, 4)."""
     found: FloatArray = rows[:, :1] + rows[:, 1:2] * np.cos(q3) + rows[:, 2:] * np.sin(q3)
     return found
-
-
-def _square(rows: FloatArray) -> FloatArray:
-    """Returns the squares of first-order polynomials (b, 3): of second order, shape (b, 5)."""
-    k, a, b = rows.T
-    return np.stack(
-        [k * k + 0.5 * (a * a + b * b), 2 * k * a, 2 * k * b, 0.5 * (a * a - b * b), a * b], axis=1
-    )
 
 
 COARSE = 32

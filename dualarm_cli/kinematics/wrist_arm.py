@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from dualarm_cli.errors import UnsupportedError
-from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
-from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
-from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, readonly
+from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
 from dualarm_cli.kinematics.platform_chain import rotation_z
 from dualarm_cli.kinematics.srs import srs_limits
 from dualarm_cli.kinematics.three_axes import ThreeAxes, point_miss, point_postures
@@ -78,28 +76,11 @@ WRIST_TOLERANCE = 1e-6
 """Largest distance of the last three axes from a common point that closed forms start from [m]."""
 LEAST_ANGLE = 1e-6
 """Least sine of the angle of neighbouring wrist axes."""
-EXACT = 1e-12
-"""A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
-SPREAD = 8
-"""Postures that stand for all where axes 4 and 6 are aligned."""
 
 
 @dataclass(frozen=True)
-class WristSolutions:
-    """All postures of many flange poses."""
-
-    q: FloatArray
-    """Joints [rad] in (-pi, pi], shape (..., 8, 6); zeros where there is none."""
-    reachable: BoolArray
-    """Which branches reach the pose, joint limits apart, shape (..., 8)."""
-    singular: BoolArray
-    """Where a joint is free and took its reference: the wrist centre on axis 1 (joint 1) or, in an arm of equal links,
-    on axis 2 (joint 2), axes 4 and 6 aligned (joint 4), shape (..., 8)."""
-
-
-@dataclass(frozen=True)
-class WristArm(GeneralArm):
-    """A GeneralArm of six axes, the last three of which meet in a point: every pose has up to eight postures.
+class WristArm(ClosedArm):
+    """A ClosedArm the last three axes of which meet in a point.
 
     Branch = 4 * shoulder + 2 * elbow + wrist, each 0 or 1. Wrist is 1 where joint 5 is on the negative side of where
     axes 4 and 6 are nearest to each other. Where axes 2 and 3 are parallel, shoulder is 0 where the wrist centre is in
@@ -107,39 +88,13 @@ class WristArm(GeneralArm):
     is turned clockwise about axis 2 against the upper arm. All that is continuous away from singularities. What
     shoulder and elbow are of other arms is in `point_postures`.
 
-    Where a joint is free (see `WristSolutions.singular`) it takes its reference; where the elbow is stretched, both of
-    its postures are the same.
+    A joint is free, and takes its reference, where the wrist centre is on axis 1 (joint 1) or, in an arm of equal
+    links, on axis 2 (joint 2), and where axes 4 and 6 are aligned (joint 4). Where the elbow is stretched, both of its
+    postures are the same.
     """
-
-    def __post_init__(self) -> None:
-        """Freezes the arrays.
-
-        Raises:
-            UnsupportedError: the arm does not have six axes, or not these.
-        """
-        super().__post_init__()
-        problem = self._problem()
-        if problem:
-            raise UnsupportedError(
-                f"there are no closed forms for this arm: {problem}; use numeric inverse kinematics"
-            )
-
-    @classmethod
-    def of(cls, arm: GeneralArm) -> WristArm:
-        """Returns an arm with closed forms.
-
-        Args:
-            arm: of six axes with a spherical wrist.
-
-        Raises:
-            UnsupportedError: it is another one.
-        """
-        return cls(*(getattr(arm, field.name) for field in fields(GeneralArm)))
 
     def _problem(self) -> str:
         """Returns why there are no closed forms, or nothing."""
-        if self.axes != 6:
-            return f"it has {self.axes} axes instead of 6"
         if self.wrist_gap > WRIST_TOLERANCE:
             return (
                 f"its last three axes miss a common point by {self.wrist_gap * 1000:.3g} mm "
@@ -180,71 +135,22 @@ class WristArm(GeneralArm):
         center: FloatArray = p + R @ self._wrist[1]
         return center
 
-    def solve(
-        self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None
-    ) -> WristSolutions:
-        """Returns all eight branches.
-
-        Args:
-            R: flange rotations in the frame that carries the arm, shape (..., 3, 3).
-            p: flange positions [m], shape (..., 3), broadcast against R.
-            reference: joints where one is free [rad], shape (..., 6), broadcast with the poses; the middle of the
-                limits without.
-        """
-        R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
-        free = self.middle if reference is None else np.asarray(reference, dtype=np.float64)
-        shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1], free.shape[:-1])
-        R = np.broadcast_to(R, (*shape, 3, 3)).reshape(-1, 3, 3)
-        p = np.broadcast_to(p, (*shape, 3)).reshape(-1, 3)
-        free = np.broadcast_to(free, (*shape, 6)).reshape(-1, 6)
-        first = point_postures(self.shoulder, self.wrist_center(R, p), free[:, :3])
+    def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
+        """Returns all branches before they are polished; those that do not reach their poses have any joints."""
+        first = point_postures(self.shoulder, self.wrist_center(R, p), reference[:, :3])
         frame = self.R_parent_joint[0] @ rotation_z(first.q[..., 0])
         for k in (1, 2):
             frame = frame @ self.R_parent_joint[k] @ rotation_z(first.q[..., k])
         left = np.swapaxes(frame @ self.R_parent_joint[3], -1, -2)
         M = left @ (R @ self.R_last_flange.T)[:, None]
-        last = three_turns(self.R_parent_joint[4], self.R_parent_joint[5], M, free[:, 3:4])
+        last = three_turns(self.R_parent_joint[4], self.R_parent_joint[5], M, reference[:, 3:4])
         q = np.empty((len(p), 4, 2, 6))
         q[..., :3], q[..., 3:] = first.q[:, :, None], srs_limits.wrap(last.q)
-        reachable = np.repeat(first.reachable & last.possible, 2, axis=1)
-        singular = np.repeat(first.singular | last.aligned, 2, axis=1)
-        q = np.where(reachable[..., None], q.reshape(-1, 8, 6), 0.0)
-        if not self.exact:
-            q, reachable = self._polish(q, reachable, R, p)
-        return WristSolutions(
-            q.reshape(*shape, 8, 6),
-            reachable.reshape(*shape, 8),
-            (singular & reachable).reshape(*shape, 8),
+        return PoseSolutions(
+            q.reshape(-1, BRANCHES, 6),
+            np.repeat(first.reachable & last.possible, 2, axis=1),
+            np.repeat(first.singular | last.aligned, 2, axis=1),
         )
-
-    def _polish(
-        self, q: FloatArray, reachable: BoolArray, R: FloatArray, p: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Returns postures (b, 8, 6) after Newton steps where rounding or the geometry left something over.
-
-        What then does not meet its pose is none: right at a singularity rounding decides whether there is one.
-        """
-        row, branch = np.nonzero(reachable)
-        some = q[row, branch]
-        R_now, p_now = self.forward(some)
-        error = np.abs(pose_error(R_now, p_now, R[row], p[row])).max(axis=1)
-        off = np.flatnonzero(error > EXACT)
-        if not len(off):
-            return q, reachable
-        row, branch = row[off], branch[off]
-        better, left = polished(self.without_limits, R[row], p[row], some[off])
-        met = np.asarray((left <= RESIDUAL).all(axis=1))
-        found, reached = q.copy(), reachable.copy()
-        found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
-        reached[row, branch] = met
-        return found, reached
-
-    def branch(self, q: FloatArray) -> IntArray:
-        """Returns the branch of postures (..., 6), shape (...): the solution of their poses that they are."""
-        q = np.asarray(q, dtype=np.float64)
-        found = self.solve(*self.forward(q), reference=q)
-        away = np.abs(srs_limits.wrap(found.q - q[..., None, :])).max(axis=-1)
-        return np.asarray(np.where(found.reachable, away, np.inf).argmin(axis=-1), dtype=np.int64)
 
     def reach_miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns how far the wrist centre is beyond reach [m], joints 2 and 3 within limits, shape (...); 0 within.
@@ -269,67 +175,12 @@ class WristArm(GeneralArm):
             miss[out] = point_miss(self.shoulder, flat[out], self.lower[1:3], self.upper[1:3])
         return miss.reshape(center.shape[:-1])
 
-    def closed_postures(self, R: FloatArray, p: FloatArray) -> ReachedPostures:
-        """Returns all postures within limits that reach poses; where axes 4 and 6 are aligned, samples of them.
-
-        Args:
-            R: flange rotations in the frame that carries the arm, shape (m, 3, 3).
-            p: flange positions [m], shape (m, 3).
-        """
-        found = self.solve(R, p)
-        q = self.nearest_turns(found.q, self.middle)
-        good = found.reachable & self.within_limits(q)
-        pose, branch = np.nonzero(good)
-        parts = [(pose, branch, q[pose, branch])]
-        free = np.flatnonzero(found.singular.any(axis=1))
-        if len(free):
-            parts.append(self._spread(R[free], p[free], free))
-        pose, branch, joints = (np.concatenate(part) for part in zip(*parts, strict=True))
-        order = np.lexsort((branch, pose))
-        miss = np.zeros((len(p), 2))
-        none = np.flatnonzero(np.bincount(pose, minlength=len(p)) == 0)
-        if len(none):
-            miss[none] = self._miss(R[none], p[none], q[none], found.reachable[none])
-        return ReachedPostures(pose[order], joints[order], branch[order], miss)
-
-    def _spread(
-        self, R: FloatArray, p: FloatArray, pose: IntArray
-    ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Returns poses, branches and postures with free joints all over their limits."""
-        low = np.maximum(self.lower, self.middle - np.pi)
-        high = np.minimum(self.upper, self.middle + np.pi)
-        share = ((np.arange(SPREAD) + 0.5) / SPREAD)[:, None, None]
-        found = self.solve(R, p, low + share * (high - low))
-        q = self.nearest_turns(found.q, self.middle)
-        good: BoolArray = np.logical_and(found.singular, self.within_limits(q))
-        _, row, branch = np.nonzero(good)
-        return pose[row], branch, q[good]
-
-    def _miss(
-        self, R: FloatArray, p: FloatArray, q: FloatArray, reachable: BoolArray
-    ) -> FloatArray:
+    def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
         """Returns what poses without a posture are missed by, distance [m] and angle [rad], shape (m, 2).
 
         Out of reach: by how much. Within it: what the best branch misses with its joints set back to their limits.
         """
-        R_now, p_now = self.forward(np.clip(q, self.lower, self.upper))
-        e = pose_error(R_now, p_now, R[:, None], p[:, None])
-        error = np.stack(
-            [np.linalg.norm(e[..., :3], axis=-1), np.linalg.norm(e[..., 3:], axis=-1)], axis=-1
-        )
-        best = np.where(reachable, error.sum(axis=-1), np.inf).argmin(axis=1)
-        miss = error[np.arange(len(p)), best]
+        found = self.solve(R, p)
+        miss = self._clipped_miss(self.nearest_turns(found.q, self.middle), found.reachable, R, p)
         out = self.reach_miss(R, p)
         return np.where(out[:, None] > 0.0, np.stack([out, np.zeros_like(out)], axis=1), miss)
-
-
-def with_closed_forms(arm: GeneralArm) -> GeneralArm:
-    """Returns an arm with its closed forms if there are any, and as it is otherwise.
-
-    Args:
-        arm: any arm.
-    """
-    try:
-        return WristArm.of(arm)
-    except UnsupportedError:
-        return arm

@@ -19,7 +19,7 @@ from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.place import NOWHERE, Place
 from dualarm_cli.model.shape import Shape
 
-ArmKind = Literal["srs", "spherical_wrist", "general"]
+ArmKind = Literal["srs", "spherical_wrist", "parallel_axes", "general"]
 
 
 def sliding_joints(urdf: str) -> frozenset[str]:

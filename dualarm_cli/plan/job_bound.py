@@ -10,6 +10,8 @@ from dualarm_cli.bound.bound import LowerBound, lower_bound
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.closed_arm import ClosedArm
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
 from dualarm_cli.model.job import Job, Task
 from dualarm_cli.orders.model.tool_changes import stand_tasks, with_changes
 from dualarm_cli.stages.search.problem import SequenceProblem
@@ -130,12 +132,13 @@ PATH_BOUND = (
     "at full speed; transfers to and from paths and seams count as zero"
 )
 """What a bound with paths assumes."""
-NO_BOUND = "lower bound: none for arms that are not spherical-revolute-spherical"
+NO_BOUND = "lower bound: none for arms without closed forms"
 """Message where there is no bound."""
 NO_BOUND_ON_RAILS = (
     "lower bound: none for a platform that slides; frozen at a position (`frozen`) there is one"
 )
-"""Message where there is none for the platform's sake."""
+NO_TURNING_BOUND = "lower bound: none for arms of six axes on a platform that turns"
+"""Messages where there is none for the platform's sake."""
 STAGES_AS_ZERO = "lower bound: stages between paths and seams count as zero on this robot"
 """Message where only paths and seams are bounded."""
 
@@ -149,16 +152,17 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     """
     if why := next((kind.unbounded for kind in kinds_of(job) if kind.unbounded), ""):
         return LowerBound(None, (why,))
-    unbounded = _why_unbounded(job)
+    model = CellModel.from_cell(job.cell)
+    unbounded = _why_unbounded(job, model)
     job = with_changes(job)
     if unbounded and not job.in_sections:
         return LowerBound(None, (unbounded,))
     if not job.is_decided and not job.in_sections:
-        return shared_bound(CellModel.from_cell(job.cell), job, effort)
+        return shared_bound(model, job, effort)
     if job.mode == "free":
-        return own_clocks_bound(CellModel.from_cell(job.cell), job, effort)
+        return own_clocks_bound(model, job, effort)
     if not job.in_sections:
-        return _bound(CellModel.from_cell(job.cell), job, effort)
+        return _bound(model, job, effort)
     value, assumptions = 0.0, dict[str, None]()
     for section in _bounded_sections(job):
         if (kind := kind_of(section)) is not None:
@@ -168,7 +172,6 @@ def job_bound(job: Job, effort: str) -> LowerBound:
         else:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
-            model = CellModel.from_cell(job.cell)
             bounded = _bound if alone.is_decided else shared_bound
             bound = bounded(model, alone, effort)
             value += bound.value if bound.value is not None else 0.0
@@ -176,15 +179,18 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     return LowerBound(value, (*assumptions, PATH_BOUND))
 
 
-def _why_unbounded(job: Job) -> str:
+def _why_unbounded(job: Job, model: CellModel) -> str:
     """Returns why there is no bound on a job's stages, empty where there is one."""
     robot = job.cell.robot
-    if robot.without_closed_form:
+    others = [a.kinematics for a in model.arms.values() if not isinstance(a.kinematics, SrsArm)]
+    if not all(isinstance(arm, ClosedArm) for arm in others):
         return NO_BOUND
     # The cells of the bound are of platform angles; several joints stand where the start has them, but along paths and
     # seams they move, and stages after these are made from elsewhere.
     if len(robot.platform) == 1:
-        return NO_BOUND_ON_RAILS if robot.sliding.issuperset(robot.platform) else ""
+        if robot.sliding.issuperset(robot.platform):
+            return NO_BOUND_ON_RAILS
+        return NO_TURNING_BOUND if others else ""
     return STAGES_AS_ZERO if robot.platform and job.in_sections else ""
 
 

@@ -127,6 +127,42 @@ def test_show_tells_of_the_closed_forms_of_a_spherical_wrist(general_robots, tmp
     assert "kind spherical_wrist has closed forms for it" in left["summary"]
 
 
+def test_show_tells_of_parallel_axes_that_are_measured(general_robots, tmp_path, capsys):
+    """A UR5 whose file says nothing of its kind; called general it is told; calibrated (1e-3 rad) it is general."""
+    general_robots.UR5.write(tmp_path)
+    file, urdf = tmp_path / "robot.yaml", tmp_path / "robot.urdf"
+    text = file.read_text()
+    for kind, words, served in (
+        (
+            "",
+            "kind parallel_axes, 6 axes; its axes 2, 3 and 4 are parallel; inverse",
+            "closed_form",
+        ),
+        (", kind: general", "kind parallel_axes has closed forms for it", "numeric"),
+    ):
+        file.write_text(text.replace(", kind: parallel_axes", kind))
+        assert run(["robot", "show", str(file), "--json"]) == 0
+        left = json.loads(capsys.readouterr().out)["arms"]["left"]
+        assert left["inverse_kinematics"] == served
+        assert words in left["summary"]
+    bent = urdf.read_text().replace(
+        'xyz="0 -0.1197 0.425" rpy="0 0 0"', 'xyz="0 -0.1197 0.425" rpy="0.001 0 0"'
+    )
+    urdf.write_text(bent)
+    file.write_text(text.replace(", kind: parallel_axes", ""))
+    assert run(["robot", "show", str(file), "--json"]) == 0
+    left = json.loads(capsys.readouterr().out)["arms"]["left"]
+    assert (left["kind"], left["inverse_kinematics"]) == ("general", "numeric")
+    assert "not parallel by 0.001 rad" in left["summary"]
+    file.write_text(text)
+    assert run(["check", str(file)]) == 2
+    words = capsys.readouterr()
+    assert (
+        "has kind: parallel_axes, but its axes 2, 3 and 4 are not parallel by 0.001 rad"
+        in words.out + words.err
+    )
+
+
 def test_check_measures_a_spherical_wrist(general_robots, tmp_path, capsys):
     """Good where there is one; the Nextage's 45 mm are told where it is called one."""
     general_robots.SPHERICAL.write(tmp_path)

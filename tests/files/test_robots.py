@@ -226,7 +226,7 @@ def test_an_arm_with_a_joint_that_follows_another_one_is_refused(
         ("[l1, l2]", "[l1, r1]", "7:20: E300 joint 'r1' is named twice, first at line 6"),
         ("flange: l_tool", "flange: l_tol", "6:37: E300 the URDF has no link 'l_tol', did you mean 'l_tool'?"),
         ("kind: general", "kind: srs", "6:19: E300 kind srs needs 7 joints, found 2"),
-        ("kind: general", "kind: srss", "6:51: E200 'srss' is not allowed, did you mean 'srs'? Allowed: srs, spherical_wrist, general"),
+        ("kind: general", "kind: srss", "6:51: E200 'srss' is not allowed, did you mean 'srs'? Allowed: srs, spherical_wrist, parallel_axes, general"),
         ("  l2: {acceleration: 10, jerk: 100, source: measured}\n", "", "8:1: E202 no acceleration limit for l2; give one with its source, or one rule for all: `default: {acceleration: top speed in 0.3 s}`"),
         ("acceleration: 5", "acceleration: 0", "9:24: E200 0: angular acceleration must be positive"),
         ("acceleration: 5", "acceleration: -5 deg/s^2", "9:24: E200 '-5 deg/s^2': angular acceleration must be positive"),

@@ -12,6 +12,7 @@ from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robots import load_robot
 from dualarm_cli.kinematics.cell_model import CellModel, find_false_kinds
 from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.parallel_arm import ParallelArm
 from dualarm_cli.kinematics.platform_chain import PlatformChain
 from dualarm_cli.kinematics.wrist_arm import WristArm
 from dualarm_cli.model.cell import Cell, Tool
@@ -96,17 +97,21 @@ def test_an_arm_called_srs_that_is_not_is_found_out():
 
 
 @pytest.mark.parametrize("numeric", [False, True])
-def test_a_spherical_wrist_has_closed_forms_if_it_is_called_by_its_kind(
-    general_robots, tmp_path, numeric
+@pytest.mark.parametrize(
+    ("name", "kind", "family"),
+    [("spherical", "spherical_wrist", WristArm), ("ur5", "parallel_axes", ParallelArm)],
+)
+def test_six_axes_have_closed_forms_if_they_are_called_by_their_kind(
+    general_robots, tmp_path, numeric, name, kind, family
 ):
     """Also where numeric inverse kinematics is asked for: it has the postures at once. Called general it has none."""
-    general_robots.SPHERICAL.write(tmp_path)
+    general_robots.ROBOTS[name].write(tmp_path)
     file = tmp_path / "robot.yaml"
     tools = {side: Tool(pin.SE3.Identity()) for side in ("left", "right")}
     cell = Cell(load_robot(str(file)).robot, pin.SE3.Identity(), tools)
     model = CellModel.from_cell(cell, numeric=numeric)
-    assert all(isinstance(arm.kinematics, WristArm) for arm in model.arms.values())
-    file.write_text(file.read_text().replace("kind: spherical_wrist", "kind: general"))
+    assert all(isinstance(arm.kinematics, family) for arm in model.arms.values())
+    file.write_text(file.read_text().replace(f"kind: {kind}", "kind: general"))
     cell = Cell(load_robot(str(file)).robot, pin.SE3.Identity(), tools)
     model = CellModel.from_cell(cell, numeric=numeric)
     assert all(type(arm.kinematics) is GeneralArm for arm in model.arms.values())

@@ -9,10 +9,11 @@ import pinocchio as pin
 import pytest
 
 from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.kinematics.closed_arm import with_closed_forms
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import solve_poses
 from dualarm_cli.kinematics.srs.srs_limits import wrap
-from dualarm_cli.kinematics.wrist_arm import WristArm, with_closed_forms
+from dualarm_cli.kinematics.wrist_arm import WristArm
 
 KINDS = ("elbow", "elbow_meeting", "meeting", "parallel", "any")
 
@@ -44,7 +45,7 @@ def test_every_posture_is_among_the_solutions_of_its_pose(wrist_arms, kind, orth
     several, served = 0, 0
     for _ in range(12):
         built = wrist_arms.random_arm(kind, rng, orthogonal)
-        arm = with_closed_forms(built.arm)
+        arm = with_closed_forms(WristArm, built.arm)
         if not isinstance(arm, WristArm):
             # Axes 1 and 2 of a random arm may nearly meet.
             assert kind == "any"
@@ -337,7 +338,7 @@ def test_arms_without_closed_forms_say_why(wrist_arms):
     gap = with_gap(built, 1e-3)
     with pytest.raises(UnsupportedError, match=r"miss a common point by 0\.\d+ mm"):
         WristArm.of(gap)
-    assert with_closed_forms(gap) is gap
+    assert with_closed_forms(WristArm, gap) is gap
     rows = wrist_arms.HEAVY.copy()
     rows[4, 1] = 0.0
     with pytest.raises(UnsupportedError, match="axes 5 and 6 are parallel"):

@@ -186,24 +186,24 @@ def test_cells_of_a_stop_are_points_poses_or_anything(random_problem: Problems) 
     assert points.approach.index.tolist() == [0, 0, 0, 1, 1, 1]
     assert (points.approach.high[:7] - points.approach.low[:7]).max() <= 1  # steps of the table
     assert points.same
-    assert not points.free_last
+    assert not points.untold
     for line in ({"approach": 0.0}, {"retract": 0.0}, {}):
         for tilt in (0.0, 0.3):
             boxes = _boxes(problem, tilt, **given, **line)
             assert is_anything(boxes)
-            assert (boxes.same, boxes.free_last) == (False, False)
+            assert (boxes.same, boxes.untold) == (False, ())
             assert not is_anything(_boxes(problem, tilt, **line))
     assert is_anything(_boxes(problem, 0.3, **free))
-    assert not _boxes(problem, 0.3, **free).free_last
+    assert not _boxes(problem, 0.3, **free).untold
     one = _boxes(problem, 0.0)
     for yaws in (free, three):
         boxes = _boxes(problem, 0.0, **yaws)
-        assert boxes.free_last
+        assert boxes.untold == (6,)
         assert len(boxes.approach.index) <= len(one.approach.index)
         assert (boxes.approach.low[6] == everything[0][6]).all()
         assert (boxes.approach.high[6] == everything[1][6]).all()
     tilted, turned = _boxes(problem, 0.3), _boxes(problem, 0.3, **three)
-    assert not turned.free_last
+    assert not turned.untold
     assert set(turned.approach.kind.tolist()) > set(tilted.approach.kind.tolist())
 
 

@@ -14,19 +14,21 @@ from dualarm_cli.verification import verify
 QUICK = PlanSettings(effort="quick")
 
 
-@pytest.mark.parametrize("name", ["yumi", "nextage", "spherical"])
+@pytest.mark.parametrize("name", ["yumi", "nextage", "spherical", "ur5"])
 def test_any_arms_are_planned_and_verified_and_not_slower_than_greedily(
     general_robots, tmp_path, name
 ):
-    """Seven axes with offsets; six without a spherical wrist on a waist; six with one. Nothing is named."""
+    """Seven axes with offsets; six without closed forms on a waist; six with them. Nothing is named."""
     job = load_job(general_robots.write_cell(tmp_path, name))
     schedule = plan(job, QUICK)
     assert verify(schedule, job).passed
-    assert schedule.lower_bound is None
+    closed = name in ("spherical", "ur5")
+    assert (schedule.lower_bound is not None) == closed
+    assert any(note.startswith("lower bound: none") for note in schedule.notes) != closed
+    assert not closed or 0.5 * schedule.duration < schedule.lower_bound <= schedule.duration
     assert schedule.provenance.settings["platform"] == "sequence"
     assert schedule.provenance.settings["redundancy"] == "numeric"
     assert any("planned with --redundancy numeric" in note for note in schedule.notes)
-    assert any(note.startswith("lower bound: none") for note in schedule.notes)
     greedy = plan_without_bound(job, PlanSettings("fixed", effort="quick"))
     assert verify(greedy, job).passed
     assert schedule.duration <= greedy.duration + 1e-9

@@ -20,7 +20,7 @@ from dualarm_cli.geometry.joint_axes import joint_axes, measured_kind
 from dualarm_cli.model.place import Place
 from dualarm_cli.model.robot import Arm
 
-AXES_OF_KIND = {"srs": 7, "spherical_wrist": 6}
+AXES_OF_KIND = {"srs": 7, "spherical_wrist": 6, "parallel_axes": 6}
 """How many joints an arm of a kind has."""
 POSITION_SLACK = 1e-9
 """How far a posture may lie outside its limits, for rounding [rad or m]."""

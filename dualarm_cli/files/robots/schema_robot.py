@@ -102,7 +102,7 @@ class ArmSection(Section):
         description="Link to which the tool is bolted; with dh: what it is called, by default `flange` "
         "of one arm, `left_flange` and `right_flange` of two."
     )
-    kind: Literal["srs", "spherical_wrist", "general"] | None = Field(
+    kind: Literal["srs", "spherical_wrist", "parallel_axes", "general"] | None = Field(
         default=None,
         description="How its inverse kinematics is solved; measured on the URDF where it is not given.",
     )

@@ -84,21 +84,28 @@ class ArmWork:
 
     @property
     def yaw_turns_last_joint(self) -> bool:
-        """Whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not.
+        """Whether the search takes the last joint as free where yaw is.
 
-        Arms without closed forms are not asked: their nodes have several yaws.
+        Of arms without an arm angle it does not: their nodes have several yaws.
         """
-        if isinstance(self.kinematics, GeneralArm):
-            return False
-        geometry = self.kinematics.geometry
-        axis = geometry.R_flange.T @ geometry.axes[6]
+        return isinstance(self.kinematics, SrsArm) and self.last_axis_is_tools
+
+    @property
+    def last_axis_is_tools(self) -> bool:
+        """Whether turning the tool about its z axis is turning the last joint: one axis, pointing alike or not."""
+        arm = self.kinematics
+        if isinstance(arm, GeneralArm):
+            axis = arm.R_last_flange.T[:, 2]
+            point = -arm.R_last_flange.T @ arm.p_last_flange
+        else:
+            axis = arm.geometry.R_flange.T @ arm.geometry.axes[6]
+            point = arm.geometry.p_flange_wrist
         z_tool = self.R_tool_flange.T[:, 2]
         if np.linalg.norm(np.cross(axis, z_tool)) > 1e-9:
             return False
-        # The wrist centre and the tool centre point, seen from the flange, on one line along the axis.
+        # A point of the axis and the tool centre point, seen from the flange, on one line along the axis.
         tcp = -self.R_tool_flange.T @ self.p_tool_flange
-        between = tcp - geometry.p_flange_wrist
-        return bool(np.linalg.norm(np.cross(between, axis)) < 1e-9)
+        return bool(np.linalg.norm(np.cross(tcp - point, axis)) < 1e-9)
 
     @property
     def middle_of_ranges(self) -> FloatArray:

@@ -1,0 +1,204 @@
+"""Six-axis arms whose inverse kinematics is closed: all branches of a pose, and the turns that limits allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+
+from dualarm_cli.errors import UnsupportedError
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
+from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
+from dualarm_cli.kinematics.srs import srs_limits
+
+EXACT = 1e-12
+"""A geometry within this of its family needs no polish [m and rad]; what is polished comes nearer than this."""
+BRANCHES = 8
+"""Postures of a pose at most, whole turns apart."""
+SPREAD = 8
+"""Postures that stand for all where a joint is free."""
+
+
+@dataclass(frozen=True)
+class PoseSolutions:
+    """All postures of many flange poses."""
+
+    q: FloatArray
+    """Joints [rad] in (-pi, pi], shape (..., 8, 6); zeros where there is none."""
+    reachable: BoolArray
+    """Which branches reach the pose, joint limits apart, shape (..., 8)."""
+    singular: BoolArray
+    """Where a joint is free and took its reference, shape (..., 8)."""
+
+
+@dataclass(frozen=True)
+class ClosedArm(GeneralArm):
+    """A GeneralArm of six axes of which every pose has up to eight postures, known in closed form."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays.
+
+        Raises:
+            UnsupportedError: the arm does not have six axes, or not these.
+        """
+        super().__post_init__()
+        problem = f"it has {self.axes} axes instead of 6" if self.axes != 6 else self._problem()
+        if problem:
+            raise UnsupportedError(
+                f"there are no closed forms for this arm: {problem}; use numeric inverse kinematics"
+            )
+
+    @classmethod
+    def of(cls, arm: GeneralArm) -> Self:
+        """Returns an arm with closed forms.
+
+        Args:
+            arm: of six axes that lie as these closed forms need it.
+
+        Raises:
+            UnsupportedError: it is another one.
+        """
+        return cls(*(getattr(arm, field.name) for field in fields(GeneralArm)))
+
+    def _problem(self) -> str:
+        """Returns why the six axes have no such closed forms, or nothing."""
+        raise NotImplementedError
+
+    @property
+    def exact(self) -> bool:
+        """Whether the closed forms need no polish."""
+        raise NotImplementedError
+
+    def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
+        """Returns all branches before they are polished; those that do not reach their poses have any joints.
+
+        Args:
+            R: flange rotations in the frame that carries the arm, shape (b, 3, 3).
+            p: flange positions [m], shape (b, 3).
+            reference: joints where one is free [rad], shape (b, 6).
+        """
+        raise NotImplementedError
+
+    def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Returns what poses without a posture within limits are missed by, distance [m] and angle [rad], (b, 2)."""
+        raise NotImplementedError
+
+    def solve(
+        self, R: FloatArray, p: FloatArray, reference: FloatArray | None = None
+    ) -> PoseSolutions:
+        """Returns all eight branches.
+
+        Args:
+            R: flange rotations in the frame that carries the arm, shape (..., 3, 3).
+            p: flange positions [m], shape (..., 3), broadcast against R.
+            reference: joints where one is free [rad], shape (..., 6), broadcast with the poses; the middle of the
+                limits without.
+        """
+        R, p = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+        free = self.middle if reference is None else np.asarray(reference, dtype=np.float64)
+        shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1], free.shape[:-1])
+        R = np.broadcast_to(R, (*shape, 3, 3)).reshape(-1, 3, 3)
+        p = np.broadcast_to(p, (*shape, 3)).reshape(-1, 3)
+        free = np.broadcast_to(free, (*shape, 6)).reshape(-1, 6)
+        found = self._postures(R, p, free)
+        reachable = found.reachable
+        q = np.where(reachable[..., None], found.q, 0.0)
+        if not self.exact:
+            q, reachable = self._polish(q, reachable, R, p)
+        return PoseSolutions(
+            q.reshape(*shape, BRANCHES, 6),
+            reachable.reshape(*shape, BRANCHES),
+            (found.singular & reachable).reshape(*shape, BRANCHES),
+        )
+
+    def _polish(
+        self, q: FloatArray, reachable: BoolArray, R: FloatArray, p: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Returns postures (b, 8, 6) after Newton steps where rounding or the geometry left something over.
+
+        What then does not meet its pose is none: right at a singularity rounding decides whether there is one.
+        """
+        row, branch = np.nonzero(reachable)
+        some = q[row, branch]
+        R_now, p_now = self.forward(some)
+        error = np.abs(pose_error(R_now, p_now, R[row], p[row])).max(axis=1)
+        off = np.flatnonzero(error > EXACT)
+        if not len(off):
+            return q, reachable
+        row, branch = row[off], branch[off]
+        better, left = polished(self.without_limits, R[row], p[row], some[off])
+        met = np.asarray((left <= RESIDUAL).all(axis=1))
+        found, reached = q.copy(), reachable.copy()
+        found[row, branch] = np.where(met[:, None], srs_limits.wrap(better), 0.0)
+        reached[row, branch] = met
+        return found, reached
+
+    def branch(self, q: FloatArray) -> IntArray:
+        """Returns the branch of postures (..., 6), shape (...): the solution of their poses that they are."""
+        q = np.asarray(q, dtype=np.float64)
+        found = self.solve(*self.forward(q), reference=q)
+        away = np.abs(srs_limits.wrap(found.q - q[..., None, :])).max(axis=-1)
+        return np.asarray(np.where(found.reachable, away, np.inf).argmin(axis=-1), dtype=np.int64)
+
+    def closed_postures(self, R: FloatArray, p: FloatArray) -> ReachedPostures:
+        """Returns all postures within limits that reach poses; where a joint is free, samples of them.
+
+        Args:
+            R: flange rotations in the frame that carries the arm, shape (m, 3, 3).
+            p: flange positions [m], shape (m, 3).
+        """
+        found = self.solve(R, p)
+        q = self.nearest_turns(found.q, self.middle)
+        good = found.reachable & self.within_limits(q)
+        pose, branch = np.nonzero(good)
+        parts = [(pose, branch, q[pose, branch])]
+        free = np.flatnonzero(found.singular.any(axis=1))
+        if len(free):
+            parts.append(self._spread(R[free], p[free], free))
+        pose, branch, joints = (np.concatenate(part) for part in zip(*parts, strict=True))
+        order = np.lexsort((branch, pose))
+        miss = np.zeros((len(p), 2))
+        none = np.flatnonzero(np.bincount(pose, minlength=len(p)) == 0)
+        if len(none):
+            miss[none] = self._miss(R[none], p[none])
+        return ReachedPostures(pose[order], joints[order], branch[order], miss)
+
+    def _spread(
+        self, R: FloatArray, p: FloatArray, pose: IntArray
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Returns poses, branches and postures with free joints all over their limits."""
+        low = np.maximum(self.lower, self.middle - np.pi)
+        high = np.minimum(self.upper, self.middle + np.pi)
+        share = ((np.arange(SPREAD) + 0.5) / SPREAD)[:, None, None]
+        found = self.solve(R, p, low + share * (high - low))
+        q = self.nearest_turns(found.q, self.middle)
+        good: BoolArray = np.logical_and(found.singular, self.within_limits(q))
+        _, row, branch = np.nonzero(good)
+        return pose[row], branch, q[good]
+
+    def _clipped_miss(
+        self, q: FloatArray, tried: BoolArray, R: FloatArray, p: FloatArray
+    ) -> FloatArray:
+        """Returns what the best of tried branches (b, 8, 6), set back to their limits, miss poses by, shape (b, 2)."""
+        R_now, p_now = self.forward(np.clip(q, self.lower, self.upper))
+        e = pose_error(R_now, p_now, R[:, None], p[:, None])
+        error = np.stack(
+            [np.linalg.norm(e[..., :3], axis=-1), np.linalg.norm(e[..., 3:], axis=-1)], axis=-1
+        )
+        best = np.where(tried, error.sum(axis=-1), np.inf).argmin(axis=1)
+        return np.asarray(error[np.arange(len(p)), best])
+
+
+def with_closed_forms(family: type[ClosedArm], arm: GeneralArm) -> GeneralArm:
+    """Returns an arm with closed forms of a family if it has them, and as it is otherwise.
+
+    Args:
+        family: of closed forms.
+        arm: any arm.
+    """
+    try:
+        return family.of(arm)
+    except UnsupportedError:
+        return arm

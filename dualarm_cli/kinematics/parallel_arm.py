@@ -1,0 +1,308 @@
+"""Closed-form inverse kinematics of six-axis arms whose axes 2, 3 and 4 are parallel, as those of Universal Robots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.geometry.joint_axes import SRS_TOLERANCE
+from dualarm_cli.geometry.roots import (
+    derivative,
+    first_order_square,
+    polynomial_value,
+    real_zeros,
+)
+from dualarm_cli.kinematics.closed_arm import BRANCHES, EXACT, ClosedArm, PoseSolutions
+from dualarm_cli.kinematics.platform_chain import rotation_z
+from dualarm_cli.kinematics.srs.srs_limits import wrap
+from dualarm_cli.kinematics.wrist_arm import Turns, three_turns
+
+LEAST_ANGLE = 1e-6
+"""Least sine of the angle of axes 1 and 2, 4 and 5, 5 and 6."""
+LEAST_LINK = 1e-6
+"""Shortest distance of axes 2 and 3, 3 and 4 [m]."""
+MEETING = 1e-6
+"""Distance of axes 5 and 6 below which they meet [m]."""
+LEAST_NORMAL = 1e-3
+"""Distance of axes 5 and 6 above which the polynomial for joint 1 keeps its digits [m]."""
+REACH_SLACK = 1e-11
+"""How far a pose may be out of reach by rounding [m]."""
+TINY = 1e-12
+"""A point nearer to an axis than this does not tell the angle about it [m]."""
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class _FirstTurns:
+    """Four values of joint 1 for each of b poses, each with one of the two values of joint 5."""
+
+    q1: FloatArray
+    """Joint 1 [rad], finite everywhere, shape (b, 4)."""
+    way: IntArray
+    """Which of the turns of `three_turns`, shape (b, 4)."""
+    reachable: BoolArray
+    """Which of them exist, shape (b, 4)."""
+    free: BoolArray
+    """Where joint 1 took its reference, shape (b, 4)."""
+
+
+@dataclass(frozen=True)
+class ParallelArm(ClosedArm):
+    """A ClosedArm whose axes 2, 3 and 4 are parallel.
+
+    The direction n of these axes turns with joint 1 alone, seen from the base, and with joints 5 and 6 alone, seen from
+    the tool; and joints 2, 3, 4 do not move anything along it. So with a point P of axis 6 and that axis' direction w,
+    both given by the pose, n·w and n·P are linear in cos and sin of joint 1 on one side and of joint 5 on the other.
+    Where axes 5 and 6 meet, P is that point and n·P does not depend on joint 5: joint 1 has two values and joint 5 two
+    for each, as in [Hawkins2013]. Elsewhere P is the foot of the axes' common normal; then n·w gives the cosine of
+    joint 5 and n·P its sine, and the sum of their squares is a polynomial of second order in joint 1. The rest is three
+    turns about n and axes 5 and 6, and two links in a plane. Axes 1, 5 and 6 may otherwise lie anyhow. Our own
+    derivation.
+
+    Branch = 2 * slot + elbow. Elbow is 1 where the second link is turned clockwise about axis 2 against the first one.
+    Where axes 5 and 6 meet, slot is 2 * (joint 1 beyond its middle) + (joint 5 on the negative side of where axes 4 and
+    6 are nearest to each other); elsewhere joint 1 tells, as joint 3 does in `point_postures`.
+
+    A joint is free, and takes its reference, where P is on axis 1 (joint 1) and, with equal links, where axes 2 and 4
+    coincide (joint 2). Where axes 4 and 6 are aligned the sum of joints 2 to 4, with signs, is that of the reference,
+    or the nearest one at which the links reach.
+    """
+
+    def _problem(self) -> str:
+        """Returns why there are no closed forms, or nothing."""
+        if self.parallel_deviation > SRS_TOLERANCE:
+            return (
+                f"its axes 2, 3 and 4 are not parallel by {self.parallel_deviation:.3g} rad "
+                f"({SRS_TOLERANCE:g} rad are allowed)"
+            )
+        for k in (1, 4, 5):
+            if np.hypot(*self.R_parent_joint[k][:2, 2]) < LEAST_ANGLE:
+                return f"axes {k} and {k + 1} are parallel"
+        if min(np.abs(self._links)) < LEAST_LINK:
+            return "two of its axes 2, 3 and 4 are the same"
+        if MEETING < self._normal_length < LEAST_NORMAL:
+            return (
+                f"its axes 5 and 6 nearly meet ({self._normal_length * 1000:.3g} mm; "
+                f"{LEAST_NORMAL * 1000:g} mm or more, or none, are needed)"
+            )
+        return ""
+
+    @cached_property
+    def signs(self) -> tuple[float, float]:
+        """Whether axes 3 and 4 point as axis 2 does (1) or against it (-1)."""
+        third = 1.0 if self.R_parent_joint[2][2, 2] > 0.0 else -1.0
+        return third, third * (1.0 if self.R_parent_joint[3][2, 2] > 0.0 else -1.0)
+
+    @cached_property
+    def _feet(self) -> tuple[float, FloatArray]:
+        """Foot of the common normal of axes 5 and 6 along axis 5 [m], and the normal in frame 5 [m], shape (3,)."""
+        across, p = self.R_parent_joint[5][:, 2], self.p_parent_joint[5]
+        shift = -float(p[:2] @ across[:2]) / float(across[:2] @ across[:2])
+        # Along axis 6 by `shift`: what is left across axis 5 is the normal.
+        foot = p + shift * across
+        return shift, readonly(foot)
+
+    @cached_property
+    def _normal(self) -> FloatArray:
+        """Common normal from axis 5 to axis 6 in frame 5, joint 6 at zero [m], shape (3,)."""
+        foot = self._feet[1]
+        return readonly(np.array([foot[0], foot[1], 0.0]))
+
+    @property
+    def _normal_length(self) -> float:
+        return float(np.linalg.norm(self._normal))
+
+    @cached_property
+    def _chain_of_links(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Steps from axis 2 to 3, 3 to 4, and 4 to the foot on axis 5, in frame 2, joints at zero [m], (3,) each."""
+        R23, R34, R45 = self.R_parent_joint[2:5]
+        foot = self.p_parent_joint[4] + R45[:, 2] * self._feet[1][2]
+        return self.p_parent_joint[2], R23 @ self.p_parent_joint[3], R23 @ R34 @ foot
+
+    @cached_property
+    def _links(self) -> tuple[complex, complex, complex]:
+        """The same across axis 2, as complex numbers [m]."""
+        a, b, c = (complex(step[0], step[1]) for step in self._chain_of_links)
+        return a, b, c
+
+    @cached_property
+    def _height(self) -> float:
+        """The same along axis 2, together [m]."""
+        return float(sum(step[2] for step in self._chain_of_links))
+
+    @cached_property
+    def _R25(self) -> FloatArray:
+        """Frame 5 in frame 2, all joints at zero, shape (3, 3)."""
+        return readonly(self.R_parent_joint[2] @ self.R_parent_joint[3] @ self.R_parent_joint[4])
+
+    @cached_property
+    def _tool(self) -> tuple[FloatArray, FloatArray]:
+        """The foot on axis 6 [m], and this axis, in the flange frame, shape (3,) each."""
+        R = self.R_last_flange.T
+        foot = R @ (np.array([0.0, 0.0, self._feet[0]]) - self.p_last_flange)
+        return readonly(foot), readonly(R[:, 2])
+
+    @cached_property
+    def exact(self) -> bool:
+        """Whether the closed forms need no polish."""
+        return max(self.parallel_deviation, self._normal_length) < EXACT
+
+    def _postures(self, R: FloatArray, p: FloatArray, reference: FloatArray) -> PoseSolutions:
+        """Returns all branches before they are polished; where a pose is out of reach, those that come near it."""
+        foot, axis = self._tool
+        place = (p + R @ foot - self.p_parent_joint[0]) @ self.R_parent_joint[0]
+        first = self._first_turns(place, (R @ axis) @ self.R_parent_joint[0], reference[:, :1])
+        R12, p12 = self.R_parent_joint[1], self.p_parent_joint[1]
+        back = R12.T @ rotation_z(-first.q1)
+        third, fourth = self.signs
+        total = reference[:, 1:2] + third * reference[:, 2:3] + fourth * reference[:, 3:4]
+        M = back @ (self.R_parent_joint[0].T @ R @ self.R_last_flange.T)[:, None]
+        u = (back @ place[:, None, :, None])[..., 0] - R12.T @ p12
+        w = u[..., 0] + 1j * u[..., 1]
+        turns, last = self._last_turns(M, np.broadcast_to(total, w.shape), first.way)
+        if turns.aligned.any():
+            total = self._reaching(total, w, last)
+            turns, last = self._last_turns(M, total, first.way)
+        theta, q5, q6 = last
+        # Where axis 4 is to be, in frame 2 across axis 2.
+        v = w - np.exp(1j * theta) * self._last_link(q5)
+        l2, l3, _ = self._links
+        bend, reachable = _bends(v, l2, l3)
+        q3 = bend + np.angle(l2) - np.angle(l3)
+        arm = l2 + np.exp(1j * q3) * l3
+        free2 = (np.abs(v) < TINY)[..., None]
+        q2 = np.where(free2, reference[:, 1, None, None], np.angle(v[..., None] * np.conj(arm)))
+        q4 = theta[..., None] - q2 - q3
+        single = (np.broadcast_to(x[..., None], q2.shape) for x in (first.q1, q5, q6))
+        q1, q5, q6 = single
+        q = wrap(np.stack([q1, q2, third * q3, fourth * q4, q5, q6], axis=-1))
+        reachable &= (first.reachable & turns.possible)[..., None]
+        singular = (first.free | turns.aligned)[..., None] | free2
+        shape = (-1, BRANCHES)
+        return PoseSolutions(
+            q.reshape(-1, BRANCHES, 6),
+            reachable.reshape(shape),
+            np.broadcast_to(singular, q2.shape).reshape(shape),
+        )
+
+    def _last_turns(
+        self, M: FloatArray, total: FloatArray, way: IntArray
+    ) -> tuple[Turns, FloatArray]:
+        """Returns the turns about n and axes 5 and 6, and those of the ways that are taken, shape (3, b, 4)."""
+        turns = three_turns(self._R25, self.R_parent_joint[5], M, total)
+        last = np.take_along_axis(turns.q, way[..., None, None], axis=2)[:, :, 0]
+        return turns, np.moveaxis(last, -1, 0)
+
+    def _last_link(self, q5: FloatArray) -> ComplexArray:
+        """Returns the step from axis 4 to the foot on axis 6 across axis 2 [m], joints 2 to 4 at zero, shape (...)."""
+        normal = rotation_z(q5) @ self._normal @ self._R25.T
+        found: ComplexArray = self._links[2] + normal[..., 0] + 1j * normal[..., 1]
+        return found
+
+    def _reaching(self, total: FloatArray, w: ComplexArray, last: FloatArray) -> FloatArray:
+        """Returns sums of joints 2 to 4 [rad], (b, 4), nearest to given ones at which the two links reach.
+
+        Args:
+            total: given sums [rad], broadcast against (b, 4).
+            w: the foot on axis 6 in frame 2, across axis 2 [m], shape (b, 4).
+            last: turns about n and axes 5 and 6 [rad], shape (3, b, 4).
+        """
+        l2, l3, _ = self._links
+        link = self._last_link(last[1])
+        size = np.maximum(2.0 * np.abs(w) * np.abs(link), TINY**2)
+        # The squared distance that the links span falls with the cosine of the angle between.
+        both = np.abs(w) ** 2 + np.abs(link) ** 2
+        ends = ((abs(l2) - abs(l3)) ** 2, (abs(l2) + abs(l3)) ** 2)
+        least, most = (np.arccos(np.clip((both - end) / size, -1.0, 1.0)) for end in ends)
+        middle = np.angle(w) - np.angle(link)
+        between = wrap(total - middle)
+        found: FloatArray = middle + np.copysign(np.clip(np.abs(between), least, most), between)
+        return found
+
+    def _first_turns(
+        self, place: FloatArray, axis: FloatArray, reference: FloatArray
+    ) -> _FirstTurns:
+        """Returns joint 1.
+
+        Args:
+            place: the foot on axis 6 in frame 1 [m], shape (b, 3).
+            axis: axis 6 there, shape (b, 3).
+            reference: joint 1 where it is free [rad], shape (b, 1).
+        """
+        n = self.R_parent_joint[1][:, 2]
+        across = complex(n[0], n[1])
+        w = place[:, 0] + 1j * place[:, 1]
+        # n·P less what it is of axis 2's origin and of the links: n_z P_z + |n||w| cos(arg w - arg n - q1) - height.
+        rest = float(n @ self.p_parent_joint[1]) + self._height - n[2] * place[:, 2]
+        if self._normal_length > MEETING:
+            return self._first_turns_apart(w, rest, axis)
+        size = np.abs(w) * abs(across)
+        over, under = size + rest, size - rest
+        half = 2.0 * np.arctan2(np.sqrt(np.maximum(under, 0.0)), np.sqrt(np.maximum(over, 0.0)))
+        side = np.array([1.0, 1.0, -1.0, -1.0])
+        free = np.broadcast_to((np.abs(w) < TINY)[:, None], (len(w), 4))
+        q1 = np.where(
+            free, reference, (np.angle(w) - np.angle(across))[:, None] + half[:, None] * side
+        )
+        reachable = (np.minimum(over, under) >= -REACH_SLACK)[:, None]
+        way = np.broadcast_to(np.array([0, 1, 0, 1]), free.shape)
+        return _FirstTurns(q1, way, np.broadcast_to(reachable, free.shape), free)
+
+    def _first_turns_apart(
+        self, w: ComplexArray, rest: FloatArray, axis: FloatArray
+    ) -> _FirstTurns:
+        """Returns joint 1 where axes 5 and 6 are apart: the squares of joint 5's cosine and sine add up to 1."""
+        n, R25, R56 = self.R_parent_joint[1][:, 2], self._R25, self.R_parent_joint[5]
+        # n·w over joint 5 is level + wide cos(phi), n·normal is deep sin(phi), phi from where axes 4 and 6 are nearest.
+        level = R25[2, 2] * R56[2, 2]
+        rho, tip = complex(R25[2, 0], R25[2, 1]), complex(R56[0, 2], R56[1, 2])
+        wide = abs(rho) * abs(tip)
+        normal = complex(self._normal[0], self._normal[1])
+        deep = -abs(rho) * (normal * tip.conjugate()).imag / abs(tip)
+        spin = axis[:, 0] + 1j * axis[:, 1]
+
+        def linear(constant: FloatArray, z: ComplexArray, scale: float) -> FloatArray:
+            # Re(conj(n) e^{-i q1} z) over (1, cos, sin) of joint 1.
+            turning = z * complex(n[0], -n[1])
+            return np.stack([constant, turning.real, turning.imag], axis=1) / scale
+
+        cosine = linear(n[2] * axis[:, 2] - level, spin, wide)
+        sine = linear(-rest, w, deep)
+        polynomial = first_order_square(cosine) + first_order_square(sine)
+        polynomial[:, 0] -= 1.0
+        zeros = real_zeros(polynomial)
+        rises = polynomial_value(derivative(polynomial), zeros.angle) >= 0.0
+        q1, found = np.zeros((len(w), 4)), np.zeros((len(w), 4), dtype=np.bool_)
+        for some, first, step in ((rises & zeros.exists, 0, 1), (~rises & zeros.exists, 3, -1)):
+            row, column = np.nonzero(some)
+            slot = first + step * (np.cumsum(some, axis=1)[row, column] - 1)
+            q1[row, slot], found[row, slot] = zeros.angle[row, column], True
+        c, s = np.cos(q1), np.sin(q1)
+        clockwise = sine[:, :1] + sine[:, 1:2] * c + sine[:, 2:] * s < 0.0
+        return _FirstTurns(q1, clockwise.astype(np.int64), found, np.zeros_like(found))
+
+    def _miss(self, R: FloatArray, p: FloatArray) -> FloatArray:
+        """Returns what the branches that come nearest miss poses by, set back to their limits, shape (b, 2)."""
+        found = self._postures(R, p, np.broadcast_to(self.middle, (len(p), 6)))
+        q = self.nearest_turns(found.q, self.middle)
+        return self._clipped_miss(q, np.ones_like(found.reachable), R, p)
+
+
+def _bends(v: ComplexArray, l2: complex, l3: complex) -> tuple[FloatArray, BoolArray]:
+    """Returns the angles from the first of two links to the second that reach points (...), and whether they do.
+
+    Both of shape (..., 2); both factors vanish exactly where the arm is stretched or folded.
+    """
+    d, a, b = np.abs(v), abs(l2), abs(l3)
+    out, in_ = a + b - d, d - abs(a - b)
+    half = np.arctan2(
+        np.sqrt(np.maximum(out * (a + b + d), 0.0)),
+        np.sqrt(np.maximum(in_ * (d + abs(a - b)), 0.0)),
+    )
+    reachable = (out >= -REACH_SLACK) & (in_ >= -REACH_SLACK)
+    return np.stack([2.0 * half, -2.0 * half], axis=-1), np.stack([reachable] * 2, axis=-1)
