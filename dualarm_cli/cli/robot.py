@@ -320,7 +320,9 @@ def _describe_general(
         summary = f"kind {arm.kind}, {n} axes; not planned: {error}"
         return {"inverse_kinematics": None, "summary": summary}
     found: dict[str, Any] = {"inverse_kinematics": "numeric", "wrist_gap": general.wrist_gap}
-    if n == 7:
+    if general.slides:
+        what = f"joint {arm.joints[general.slides[0]]} slides"
+    elif n == 7:
         geometry = measure_arm(model, robot, arm, platform, base)
         found["is_srs"] = geometry.is_srs(SRS_TOLERANCE)
         found["deviation"] = str(geometry.deviation)

@@ -72,7 +72,7 @@ class CellModel:
 
         Raises:
             InputError: an arm is called srs and is not.
-            UnsupportedError: an arm has fewer than six joints, or one that slides.
+            UnsupportedError: an arm has fewer than six joints.
         """
         robot = cell.robot
         model = pin.buildModelFromXML(robot.urdf)
@@ -156,7 +156,7 @@ def _kinematics(
 def measure_general(
     model: pin.Model, robot: Robot, arm: Arm, platform: PlatformChain, base: pin.SE3
 ) -> GeneralArm:
-    """Returns any arm of six revolute joints or more, measured on the URDF.
+    """Returns any arm of six joints or more, measured on the URDF.
 
     Args:
         model: the whole robot.
@@ -166,7 +166,7 @@ def measure_general(
         base: pose of the model's root in the world.
 
     Raises:
-        UnsupportedError: fewer than six joints, or one that slides.
+        UnsupportedError: fewer than six joints.
     """
     limits = robot.limits.select(arm.joints)
     T_carried_root = platform.T_world_carried.inverse() * base

@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of any serial arm of revolute joints, for many postures at once."""
+"""Forward kinematics and Jacobians of any serial arm, for many postures at once."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dualarm_cli.geometry.joint_axes import parallel_deviation
 from dualarm_cli.kinematics.platform_chain import align_z
 from dualarm_cli.kinematics.srs import srs_limits
 
+TURN = 2.0 * np.pi
 LEAST_JOINTS = 6
 """Joints that an arm needs to hold a tool in any pose."""
 FEW = 64
@@ -38,10 +39,11 @@ class ReachedPostures:
 
 @dataclass(frozen=True)
 class GeneralArm:
-    """An arm of n >= 6 revolute joints without closed forms, in the frame that carries it.
+    """An arm of n >= 6 joints without closed forms, in the frame that carries it.
 
     Every joint frame is turned so that its axis is z: frame k is R_parent_joint[k], p_parent_joint[k] in frame k - 1,
-    then turned about z by joint k.
+    then turned about z by joint k, or shifted along it where the joint slides. Positions of joints that slide are in m,
+    also where only rad is named; a metre counts like a radian.
     """
 
     R_parent_joint: FloatArray
@@ -56,6 +58,8 @@ class GeneralArm:
     """Lowest joint positions [rad], shape (n,), -inf allowed."""
     upper: FloatArray
     """Highest joint positions [rad], shape (n,), inf allowed."""
+    slides: tuple[int, ...] = ()
+    """Numbers of the joints that slide, from 0."""
 
     def __post_init__(self) -> None:
         """Freezes the arrays.
@@ -63,7 +67,7 @@ class GeneralArm:
         Raises:
             UnsupportedError: fewer than six joints.
         """
-        for name in self.__dataclass_fields__:
+        for name in self.__dataclass_fields__.keys() - {"slides"}:
             object.__setattr__(self, name, readonly(getattr(self, name)))
         if self.axes < LEAST_JOINTS:
             raise UnsupportedError(
@@ -89,22 +93,21 @@ class GeneralArm:
             limits: lowest and highest joint positions [rad], each of shape (n,).
 
         Raises:
-            UnsupportedError: a joint slides, or there are fewer than six.
+            UnsupportedError: fewer than six joints.
         """
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         pin.updateFramePlacements(model, data)
-        frames = [pin.SE3.Identity()]
-        for name in joints:
+        frames, slides = [pin.SE3.Identity()], []
+        for k, name in enumerate(joints):
             index = model.getJointId(name)
             twist = pin.getJointJacobian(model, data, index, pin.LOCAL)
             # Of a robot with one joint the Jacobian comes without its second axis.
             twist = twist.reshape(6, model.nv)[:, model.idx_vs[index]]
-            if abs(np.linalg.norm(twist[3:]) - 1.0) > 1e-9:
-                raise UnsupportedError(
-                    f"joint {name} slides; only arms with revolute joints can be planned"
-                )
-            turned = pin.SE3(align_z(twist[3:]), np.zeros(3))
+            if np.linalg.norm(twist[3:]) < 0.5:
+                slides.append(k)
+            axis = twist[:3] if k in slides else twist[3:]
+            turned = pin.SE3(align_z(axis), np.zeros(3))
             frames.append(T_carried_root * data.oMi[index] * turned)
         steps = [parent.inverse() * frame for parent, frame in pairwise(frames)]
         last = frames[-1].inverse() * T_carried_root * data.oMf[model.getFrameId(flange)]
@@ -114,6 +117,7 @@ class GeneralArm:
             last.rotation,
             last.translation,
             *limits,
+            tuple(slides),
         )
 
     @property
@@ -141,9 +145,16 @@ class GeneralArm:
 
     @cached_property
     def length(self) -> float:
-        """Greatest distance that the flange can be away from the first axis' origin [m]."""
+        """Greatest distance that the flange can be away from the first axis' origin, joints that slide at 0 [m]."""
         links = np.linalg.norm([*self.p_parent_joint[1:], self.p_last_flange], axis=1)
         return float(links.sum())
+
+    @cached_property
+    def farthest(self) -> float:
+        """The same wherever the joints that slide are [m]."""
+        slides = list(self.slides)
+        ways = np.maximum(np.abs(self.lower[slides]), np.abs(self.upper[slides]))
+        return self.length + float(ways.sum())
 
     def forward(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns flange rotations (..., 3, 3) and positions (..., 3) [m] for joints (..., n)."""
@@ -166,6 +177,8 @@ class GeneralArm:
         J[:, 1] = (z[2] * arm[0] - z[0] * arm[2]).T
         J[:, 2] = (z[0] * arm[1] - z[1] * arm[0]).T
         J[:, 3:] = z.transpose(2, 0, 1)
+        for k in self.slides:
+            J[:, :3, k], J[:, 3:, k] = z[:, k].T, 0.0
         return R, p, J
 
     def _chain(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -186,11 +199,14 @@ class GeneralArm:
 
     def _chain_of_few(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         n, steps = self.axes, self._steps
-        c, s = np.cos(q)[..., None], np.sin(q)[..., None]
+        c, s = self._turned(q)
+        c, s = c[..., None], s[..., None]
         turned = np.empty((len(q), n, 4, 4))
         turned[..., 0] = c * steps[:n, :, 0] + s * steps[:n, :, 1]
         turned[..., 1] = c * steps[:n, :, 1] - s * steps[:n, :, 0]
         turned[..., 2:] = steps[:n, :, 2:]
+        for k in self.slides:
+            turned[:, k, :, 3] += q[:, k, None] * steps[k, :, 2]
         T = np.empty((n + 1, len(q), 4, 4))
         T[0] = turned[:, 0]
         for k in range(1, n):
@@ -199,11 +215,17 @@ class GeneralArm:
         z, origin = (T[:n, :, :3, i].transpose(2, 0, 1) for i in (2, 3))
         return T[n, :, :3, :3], T[n, :, :3, 3], z, origin
 
+    def _turned(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns cosines and sines of joints (b, n); those that slide do not turn."""
+        c, s = np.cos(q), np.sin(q)
+        c[:, list(self.slides)], s[:, list(self.slides)] = 1.0, 0.0
+        return c, s
+
     def _chain_of_many(
         self, q: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         n, b = q.shape[1], len(q)
-        c, s = np.cos(q.T), np.sin(q.T)
+        c, s = (x.T for x in self._turned(q))
         # Columns of the frame so far, each (3, b), and where it is.
         frame = np.repeat(np.eye(3)[:, :, None], b, axis=2)
         p = np.zeros((3, b))
@@ -214,6 +236,8 @@ class GeneralArm:
             p = p + way
             if k == n:
                 break
+            if k in self.slides:
+                p = p + q[:, k] * z_next
             frame = np.empty((3, 3, b))
             frame[0], frame[1], frame[2] = c[k] * x + s[k] * y, c[k] * y - s[k] * x, z_next
             z[:, k], origin[:, k] = z_next, p
@@ -264,13 +288,24 @@ class GeneralArm:
     def nearest_turns(self, q: FloatArray, reference: FloatArray) -> FloatArray:
         """Returns q with whole turns added: nearest to the reference among those within limits.
 
-        A joint that no turn brings within its limits keeps its value.
+        A joint that no turn brings within its limits keeps its value, and so does one that slides.
 
         Args:
             q: joints [rad], shape (..., n).
             reference: joints to be near to [rad], broadcast against q.
         """
-        return srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+        found = srs_limits.nearest_turns(q, reference, self.lower, self.upper)
+        for k in self.slides:
+            found[..., k] = q[..., k]
+        return found
+
+    def less_turns(self, moved: FloatArray) -> FloatArray:
+        """Returns differences of joints (..., n) [rad] less whole turns of those that turn."""
+        turns = TURN * np.rint(moved / TURN)
+        for k in self.slides:
+            turns[..., k] = 0.0
+        less: FloatArray = moved - turns
+        return less
 
 
 def pose_error(

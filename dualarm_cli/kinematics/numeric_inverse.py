@@ -20,7 +20,7 @@ ITERATIONS = 40
 STALLED, PATIENCE = 0.7, 6
 """A start is given up when in so many steps its error does not fall below this share of what it was."""
 LARGEST_STEP = 1.0
-"""Longest step of a joint in an iteration [rad]."""
+"""Longest step of a joint in an iteration [rad, or m where it slides]."""
 CLOSE = 1e-12
 """Weighted error at which a start has arrived, before it is polished."""
 RESIDUAL = 1e-10
@@ -66,7 +66,7 @@ def solve_poses(
     found_pose, found_q = np.empty(0, dtype=np.int64), np.empty((0, arm.axes))
     miss = np.full((m, 2), np.inf)
     # Farther away than all links together there is nothing to be looked for.
-    far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.length
+    far = np.linalg.norm(p - arm.p_parent_joint[0], axis=1) > arm.farthest
     open_, quiet = np.flatnonzero(~far), np.zeros(m, dtype=np.int64)
     count, calm = (STARTS, QUIET_ROUNDS) if thorough else (FEW_STARTS, FEW_ROUNDS)
     for k in range(MOST_ROUNDS):
@@ -84,7 +84,7 @@ def solve_poses(
         q = q[good]
         before = np.bincount(found_pose, minlength=m)
         found_pose, found_q = _distinct(
-            np.concatenate([found_pose, pose[good]]), np.concatenate([found_q, q])
+            arm, np.concatenate([found_pose, pose[good]]), np.concatenate([found_q, q])
         )
         now = np.bincount(found_pose, minlength=m)
         quiet = np.where(now > before, 0, quiet + 1)
@@ -191,7 +191,7 @@ def polished(
 
 
 def _halton(arm: GeneralArm, first: int, count: int) -> FloatArray:
-    """Returns starts (count, n) that fill the limits evenly, at most a turn of each joint."""
+    """Returns starts (count, n) that fill the limits evenly, at most a turn of each joint that turns."""
     index = np.arange(first + 20, first + 20 + count)
     share = np.zeros((count, arm.axes))
     for k in range(arm.axes):
@@ -200,8 +200,12 @@ def _halton(arm: GeneralArm, first: int, count: int) -> FloatArray:
             digit /= base
             share[:, k] += digit * (left % base)
             left //= base
-    low = np.maximum(arm.lower, arm.middle - np.pi)
-    high = np.minimum(arm.upper, arm.middle + np.pi)
+    half = np.full(arm.axes, np.pi)
+    for k in arm.slides:
+        if np.isfinite(arm.upper[k] - arm.lower[k]):
+            half[k] = 0.5 * (arm.upper[k] - arm.lower[k])
+    low = np.maximum(arm.lower, arm.middle - half)
+    high = np.minimum(arm.upper, arm.middle + half)
     return low + share * (high - low)
 
 
@@ -215,7 +219,7 @@ def _least_miss(miss: FloatArray, pose: IntArray, error: FloatArray) -> FloatArr
     return found
 
 
-def _distinct(pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
+def _distinct(arm: GeneralArm, pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
     """Returns solutions by pose without those that are there already, the order of the rest kept."""
     order = np.argsort(pose, kind="stable")
     pose, q = pose[order], q[order]
@@ -225,7 +229,6 @@ def _distinct(pose: IntArray, q: FloatArray) -> tuple[IntArray, FloatArray]:
         alike = pose[d:] == pose[:-d]
         if not alike.any():
             break
-        turned = q[d:] - q[:-d]
-        turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
+        turned = arm.less_turns(q[d:] - q[:-d])
         kept[d:] &= ~(alike & (np.abs(turned).max(axis=1) < SAME))
     return pose[kept], q[kept]

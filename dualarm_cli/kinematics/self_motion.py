@@ -15,7 +15,6 @@ CURVE_SAMPLES = 40
 SAME_CURVE = 0.02
 """A posture nearer than this to the chord of two samples of a self-motion lies on it [rad]: at CURVE_STEP a curve
 that bends by 2 rad per rad leaves its chord by 0.016."""
-TURN = 2.0 * np.pi
 
 
 def self_motions(arm: GeneralArm, q: FloatArray, R: FloatArray, p: FloatArray) -> FloatArray:
@@ -52,7 +51,7 @@ def self_motions(arm: GeneralArm, q: FloatArray, R: FloatArray, p: FloatArray) -
     return np.concatenate([found[:0:-1, n:], found[:, :n]])
 
 
-def branches(pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
+def branches(arm: GeneralArm, pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
     """Returns the branch of each of k seven-axis postures, shape (k,): numbers from 0 within each pose.
 
     Postures are of one branch if self-motion within limits leads from one to the other: if one lies on the traced
@@ -60,6 +59,7 @@ def branches(pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
     only close to a singularity where branches meet.
 
     Args:
+        arm: the arm.
         pose: which pose each of them reaches, ascending, shape (k,).
         q: the postures [rad], shape (k, n).
         curves: samples of their self-motions, shape (s, k, n), nan where there is none.
@@ -72,17 +72,16 @@ def branches(pose: IntArray, q: FloatArray, curves: FloatArray) -> IntArray:
         if not alike.any():
             break
         one, other = one[alike], other[alike]
-        met = _on_curve(q[other], curves[:, one]) | _on_curve(q[one], curves[:, other])
+        met = _on_curve(arm, q[other], curves[:, one]) | _on_curve(arm, q[one], curves[:, other])
         for i, j in zip(one[met].tolist(), other[met].tolist(), strict=True):
             branch[branch == branch[j]] = branch[i]
     return branch - first
 
 
-def _on_curve(q: FloatArray, curves: FloatArray) -> BoolArray:
+def _on_curve(arm: GeneralArm, q: FloatArray, curves: FloatArray) -> BoolArray:
     """Returns which postures (k, n) are nearer than SAME_CURVE to chords of samples (s, k, n)."""
     a, chord = curves[:-1], np.diff(curves, axis=0)
-    away = q - a
-    away = away - TURN * np.rint(away / TURN)
+    away = arm.less_turns(q - a)
     squared = np.maximum((chord * chord).sum(axis=2), 1e-300)
     share = np.clip((away * chord).sum(axis=2) / squared, 0.0, 1.0)
     distance = np.abs(away - share[..., None] * chord).max(axis=2)

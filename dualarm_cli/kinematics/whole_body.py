@@ -52,8 +52,10 @@ class WholeBody:
             tcp = flange.placement * cell.tools[arm.name].tcp
             self._tools.append((flange.parentJoint, tcp.rotation.copy(), tcp.translation.copy()))
         self._elbows = [
-            model.getJointId(arm.joints[elbow_joint(len(arm.joints))]) for arm in robot.arms
+            model.getJointId(joints[elbow_joint(len(joints))])
+            for joints in ([j for j in arm.joints if j not in robot.sliding] for arm in robot.arms)
         ]
+        self._slides = np.isin(robot.joints, list(robot.sliding))
         self._carrier = model.getJointId(robot.platform[-1]) if robot.platform else 0
         self._base = cell.base
         self._model, self._data = model, model.createData()
@@ -136,14 +138,14 @@ class WholeBody:
     def shoulders(self) -> tuple[FloatArray, FloatArray]:
         """Returns each shoulder in the frame `carried` at zero [m], shape (a, 3), and upper arm lengths (a,) [m].
 
-        The shoulder is where the second joint of the arm is, the upper arm leads from there to the elbow.
+        The shoulder is where the second joint of the arm that turns is, the upper arm leads from there to the elbow.
         """
         self.at(np.zeros(len(self.joints)))
         data = self._data
         carried = data.oMi[self._carrier] if self._carrier else self._base
         places, lengths = np.empty((len(self.arms), 3)), np.empty(len(self.arms))
         for a, (elbow, moved) in enumerate(zip(self._elbows, self.moves, strict=True)):
-            own = np.flatnonzero(moved & ~self.moves_carried)
+            own = np.flatnonzero(moved & ~self.moves_carried & ~self._slides)
             second = sorted(self._model.getJointId(self.joints[j]) for j in own)[1]
             places[a] = carried.actInv(data.oMi[second].translation)
             lengths[a] = np.linalg.norm(data.oMi[elbow].translation - data.oMi[second].translation)
@@ -151,7 +153,7 @@ class WholeBody:
 
 
 def elbow_joint(count: int) -> int:
-    """Returns which joint of an arm of so many joints is its elbow, from 0."""
+    """Returns which joint of an arm of so many joints that turn is its elbow, from 0."""
     return 3 if count >= 7 else 2
 
 

@@ -113,7 +113,7 @@ def target_ways(
     pose, q, branch = found.pose, found.q, found.branch
     if arm.spare == 1 and curves:
         traced = self_motions(arm, q, poses.R[pose], poses.p[pose])
-        branch = branches(pose, q, traced)
+        branch = branches(arm, pose, q, traced)
         of = np.broadcast_to(np.arange(len(pose)), traced.shape[:2])
         good = ~np.isnan(traced[..., 0])
         q, of = traced[good], of[good]

@@ -34,7 +34,7 @@ def cell_model(cell: Cell, redundancy: str) -> CellModel:
 
     Raises:
         InputError: an arm is called srs and is not.
-        UnsupportedError: an arm has too few joints, or one that slides.
+        UnsupportedError: an arm has too few joints.
     """
     return CellModel.from_cell(cell, numeric=redundancy == NUMERIC)
 

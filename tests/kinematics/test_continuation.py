@@ -182,7 +182,7 @@ def test_branches_of_an_srs_arm_do_not_mix_closed_form_branches(srs_arms):
     R, p = arm.forward(q)
     found = solve_poses(arm, R, p)
     curves = self_motions(arm, found.q, R[found.pose], p[found.pose])
-    branch = branches(found.pose, found.q, curves)
+    branch = branches(arm, found.pose, found.q, curves)
     shared = 0
     for pose in range(len(p)):
         for number in np.unique(branch[found.pose == pose]):

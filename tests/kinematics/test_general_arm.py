@@ -77,17 +77,9 @@ def test_the_wrist_gap_is_what_the_numbers_say(general_robots):
     )
 
 
-def test_five_joints_and_sliding_ones_are_refused(general_robots):
+def test_five_joints_are_refused(general_robots):
     """With the reason."""
     model, _, arm = measured(general_robots, "spherical", "left")
     five = [f"left_j{k}" for k in range(1, 6)]
     with pytest.raises(UnsupportedError, match="5 joints; 6 are needed"):
         GeneralArm.from_model(model, five, "left_flange", BASE, (arm.lower[:5], arm.upper[:5]))
-    urdf = general_robots.SPHERICAL.urdf.replace(
-        'name="left_j3" type="revolute"', 'name="left_j3" type="prismatic"'
-    )
-    six = [f"left_j{k}" for k in range(1, 7)]
-    with pytest.raises(UnsupportedError, match="left_j3 slides"):
-        GeneralArm.from_model(
-            pin.buildModelFromXML(urdf), six, "left_flange", BASE, (arm.lower, arm.upper)
-        )

@@ -90,6 +90,10 @@ def check_chains(
                 f"platform and arm name [{', '.join(wanted)}]"
             )
             findings.add(document, loc, message)
+        for k, name in enumerate(arm.joints[1:], start=1):
+            if name in slides:
+                message = f"{quote(name)} slides; of an arm's joints only the first one may"
+                findings.add(document, (*loc, k), message)
         count = AXES_OF_KIND.get(arm.kind or "")
         if count is not None and len(arm.joints) != count:
             message = f"kind {arm.kind} needs {count} joints, found {len(arm.joints)}"

@@ -367,7 +367,7 @@ def _branch(work: ArmWork, q: FloatArray) -> IntArray:
 
 def _with_turns(work: ArmWork, nodes: Nodes) -> Nodes:
     """Returns nodes together with the same ones whole turns away, as far as limits allow."""
-    for joint in range(work.joints):
+    for joint in sorted(set(range(work.joints)) - set(_general(work).slides)):
         # Of joints without limits one turn each way will do.
         low = max(work.limits.lower[joint], -1.5 * TURN)
         high = min(work.limits.upper[joint], 1.5 * TURN)

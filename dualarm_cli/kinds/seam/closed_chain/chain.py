@@ -151,11 +151,7 @@ class _Limb:
 
 
 def _limb(model: pin.Model, cell: Cell, name: str, T_flange_held: pin.SE3) -> _Limb:
-    """Returns an arm with what it holds.
-
-    Raises:
-        UnsupportedError: a joint slides.
-    """
+    """Returns an arm with what it holds."""
     robot, arm = cell.robot, cell.robot.arm(name)
     joints = [*robot.platform, *arm.joints]
     columns = robot.columns(joints)
@@ -179,9 +175,6 @@ class Chain:
         Args:
             cell: robot, base and tools.
             work: the seam.
-
-        Raises:
-            UnsupportedError: a joint slides.
         """
         robot, n = cell.robot, len(cell.robot.joints)
         self.work = work
