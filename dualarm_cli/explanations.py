@@ -283,5 +283,18 @@ EXPLANATIONS: Mapping[str, Explanation] = {
         "error[E670]: task 'weld' (right on the part in left): too fast: 200 mm/s asked for, at best 91.2 mm/s …",
         "how-to/seams.md",
     ),
+    "E680": Explanation(
+        "No first project was found for a robot",
+        (
+            "The arms cannot point their tools straight down over a table, or only where the robot itself stands.",
+            "Shapes of links are so wide that hardly any posture is clear; `dualarm robot reach` shows what is left.",
+        ),
+        (
+            "Write the cell by hand, with targets that the tools reach in another direction.",
+            "Give links narrower shapes (`dualarm robot import --convex-parts`), or list pairs that may touch in `allowed_contacts`.",
+        ),
+        "error[E680]: no table was found for stacker: at no height do all its arms reach one …",
+        "how-to/first-project.md",
+    ),
 }
 """By code, in order."""

@@ -190,7 +190,8 @@ _POSTURES = {
     "no_posture_at_any_place": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_at_places_tried": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_posture_from_start": "task '{task}': {arm} arm cannot {action}: {cause}",
-    "no_common_angle": "reached, but at no platform angle that suits both arms",
+    "no_common_angle": "reached, but at no platform angle that suits both arms; `dualarm robot reach` with the "
+    "cell file shows which angles suit which arm",
     "no_common_place": "reached, but at no platform position that suits both arms",
     "no_pair_of_postures": "collision-free postures were found for single places, but none for this stop and the "
     "other arm's together",
@@ -318,6 +319,15 @@ _SEAMS = {
     "entry_too_short": "task '{task}': the motion to its start takes {measured:.3f} s at least, more than the "
     "{allowed:g} s that entry gives it; raise or remove its duration",
 }
+_STARTING = {
+    "no_table": "no table was found for {robot}: at no height do all its arms reach one with tools that point straight "
+    "down, clear of the robot and from its posture home; write the cell by hand, with targets that the tools can reach "
+    "otherwise",
+    "no_room_for_table": "what the arms of {robot} reach with tools down is within the room that the robot takes "
+    "itself; write the cell by hand, or import the robot with narrower shapes (--convex-parts)",
+    "no_room_on_table": "the arms of {robot} reach a table, but there is no room on it for two rows of targets for "
+    "each arm, clear of the other one; `dualarm robot reach` shows what is reached. Write the cell by hand",
+}
 _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E600": _ORDERS,
     "E605": _BUFFERS,
@@ -328,6 +338,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
     "E650": _CONVEYORS,
     "E660": _PATHS,
     "E670": _SEAMS,
+    "E680": _STARTING,
 }
 SENTENCES: Mapping[str, str] = {
     what: sentence for group in _GROUPS.values() for what, sentence in group.items()

@@ -12,6 +12,7 @@ from dualarm_cli.cli.check import check_command
 from dualarm_cli.cli.compare import compare_app
 from dualarm_cli.cli.curve import curve_command
 from dualarm_cli.cli.explain import explain_command
+from dualarm_cli.cli.init import init_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
@@ -49,6 +50,7 @@ def root(
     """How fast can this dual-arm cell run? Cell + tasks in, verified joint schedule out."""
 
 
+app.command("init")(init_command)
 app.command("plan")(plan_command)
 app.command("platform")(platform_command)
 app.command("curve")(curve_command)

@@ -13,6 +13,7 @@ import typer
 
 from dualarm_cli.cli.parts.options import SeedOption
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.cli.robot_reach import reach_command
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 robot_app = typer.Typer(
     name="robot",
-    help="List, show, export and import robots.",
+    help="List, show, export and import robots, and see what they reach.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -231,6 +232,9 @@ def _one_of(names: Sequence[str]) -> Callable[[str], str]:
         return answer
 
     return named
+
+
+robot_app.command("reach")(reach_command)
 
 
 def describe_robot(robot: Robot) -> dict[str, Any]:

@@ -78,8 +78,13 @@ def read_duration(option: str, text: str | None) -> float | None:
     return limit
 
 
-def refuse_plot(plot: Path, force: bool) -> None:
+def refuse_plot(plot: Path, force: bool, option: str = "--plot") -> None:
     """Raises before any work is done where a figure could not be written anyway.
+
+    Args:
+        plot: the figure.
+        force: whether a file is replaced.
+        option: that names it.
 
     Raises:
         UsageError: the name or the folder is wrong, or the file already exists.
@@ -88,9 +93,9 @@ def refuse_plot(plot: Path, force: bool) -> None:
     from dualarm_cli.report.figures.figures import FIGURE_KINDS, require_matplotlib
 
     if plot.suffix.lower().lstrip(".") not in FIGURE_KINDS:
-        raise UsageError(f"--plot {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
+        raise UsageError(f"{option} {plot}: must end in .{', .'.join(FIGURE_KINDS)}")
     if not plot.parent.is_dir():
-        raise UsageError(f"--plot {plot}: there is no folder {plot.parent}")
+        raise UsageError(f"{option} {plot}: there is no folder {plot.parent}")
     if plot.exists() and not force:
-        raise UsageError(f"--plot {plot}: already exists; add --force to replace it")
+        raise UsageError(f"{option} {plot}: already exists; add --force to replace it")
     require_matplotlib()

@@ -1,0 +1,71 @@
+"""`dualarm init`: a project that plans at once, for a robot of one's own or a bundled one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message
+
+
+def init_command(
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="DIR", help="Folder to write: new, or empty.", show_default=False),
+    ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot",
+            metavar="NAME|FOLDER|URDF",
+            help="A bundled robot, a folder that `dualarm robot import` wrote, or a URDF.",
+            show_default="sda10f",
+        ),
+    ] = None,
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--package-dir",
+            help="Folder of a ROS package, or of several; for a URDF.",
+            show_default=False,
+        ),
+    ] = None,
+    json_output: JsonOption = False,
+) -> None:
+    """Write a first project: cell, six picks that the robot reaches, a layout study and a CI workflow."""
+    from dualarm_cli.starting.project import refuse_used_folder, start_project
+    from dualarm_cli.starting.robot_source import robot_source
+
+    refuse_used_folder(folder)
+    source = robot_source(robot, tuple(package_dir or ()))
+    project = start_project(folder, source)
+    if json_output:
+        print_json(
+            {
+                "format": "dualarm.project/1",
+                "folder": str(folder),
+                "files": list(project.files),
+                "decisions": list(source.reasons),
+            }
+        )
+        return
+    for reason in source.reasons:
+        print_message(reason)
+    print_message(f"written: {', '.join(str(folder / name) for name in OWN_FILES)}")
+    print_message("next:")
+    for command, what in NEXT:
+        print_message(f"  {command.format(folder=folder):<{WIDTH + len(str(folder))}}{what}")
+
+
+OWN_FILES = ("cell.yaml", "tasks.yaml", "study.yaml", ".github/workflows/score.yaml")
+"""Files that people edit."""
+NEXT = (
+    ("dualarm plan {folder}/tasks.yaml", "a verified schedule of the six picks"),
+    ("dualarm robot reach {folder}/cell.yaml", "where else the tools reach"),
+    ("dualarm sweep {folder}/study.yaml", "how high the table should stand"),
+)
+"""What to run then."""
+WIDTH = 32
+"""Of the column of commands, without the folder's name."""

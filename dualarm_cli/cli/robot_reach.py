@@ -1,0 +1,144 @@
+"""`dualarm robot reach`: which part of a table each arm and both arms reach, and from which platform angles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from dualarm_cli.model.cell import Cell
+
+MOST_NODES = 400_000
+"""Points over all platform angles that are looked at at most."""
+MOST_TILT = 90.0
+"""[deg]"""
+
+
+def reach_command(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="A bundled robot's name, a robot's folder, a robot file, or a cell file."
+        ),
+    ],
+    height: Annotated[
+        str | None,
+        typer.Option(
+            "--height",
+            help="Height of the tool centre point (0.8, '800 mm').",
+            show_default="that of the cell's frames, else where most is reached",
+        ),
+    ] = None,
+    tilt: Annotated[
+        str,
+        typer.Option("--tilt", help="How far the tool leans from straight down, its tip outwards."),
+    ] = "0 deg",
+    step: Annotated[
+        str | None,
+        typer.Option("--step", help="Distance of the points.", show_default="by the robot's size"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Picture to write (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the picture.")] = False,
+    json_output: JsonOption = False,
+) -> None:
+    """Show which part of a table each arm and both arms reach, tools down, and from which platform angles."""
+    import math
+
+    import numpy as np
+
+    from dualarm_cli.cli.parts.options import refuse_plot
+    from dualarm_cli.exporting.whole_files import write_file
+    from dualarm_cli.files.source.quantities import ANGLE, LENGTH
+    from dualarm_cli.reachability.reach_map import reach_map
+    from dualarm_cli.reachability.region import best_height, platform_angles, region
+    from dualarm_cli.report.reach import area_table, frame_table, reach_document, reach_lines
+
+    if out is not None:
+        refuse_plot(out, force, "--out")
+    leaning = _read("--tilt", tilt, ANGLE)
+    if not abs(leaning) <= math.radians(MOST_TILT):
+        raise UsageError(f"--tilt {tilt}: must be between -{MOST_TILT:g} and {MOST_TILT:g} deg")
+    spacing = None if step is None else _read("--step", step, LENGTH)
+    level = None if height is None else _read("--height", height, LENGTH)
+    cell, notes = _cell(robot)
+    here = region(cell)
+    angles = platform_angles(cell)
+    spacing = here.step if spacing is None else spacing
+    points = len(angles) * (2.0 * here.radius / spacing) ** 2 if spacing > 0.0 else math.inf
+    if not points <= MOST_NODES:
+        least = 2.0 * here.radius * math.sqrt(len(angles) / MOST_NODES) * 1000.0
+        raise UsageError(f"--step {step}: must be {math.ceil(least)} mm or more for this robot")
+    if level is None and cell.frames:
+        level = float(np.median([pose.translation[2] for pose in cell.frames.values()]))
+    if level is None:
+        level = best_height(cell, here)
+    if level is None:
+        level = here.easy[1]
+    grid = here.grid(angles, np.array([level]), spacing, leaning)
+    document = reach_document(robot, cell, reach_map(cell, grid))
+    if out is not None:
+        from dualarm_cli.report.figures.reach_figure import draw_reach
+
+        write_file(out, draw_reach(document, cell, out.suffix.lower().lstrip(".")), force)
+    if json_output:
+        print_json(document)
+    else:
+        console = stdout_console()
+        console.print(
+            f"{robot}: reach {level:.3g} m high, points {spacing * 1000:g} mm apart", markup=False
+        )
+        console.print(area_table(document))
+        if document["frames"]:
+            console.print(frame_table(document))
+        for line in [*notes, *reach_lines(document)]:
+            console.print(line, markup=False, soft_wrap=True)
+    if out is not None:
+        print_message(f"written: {out}")
+
+
+def _read(option: str, text: str, quantity: Any) -> float:
+    """Returns the quantity that an option gives, in SI units."""
+    from dualarm_cli.files.source.quantities import QuantityError, parse_quantity
+
+    try:
+        return parse_quantity(text, quantity)
+    except QuantityError as error:
+        raise UsageError(f"{option} '{text}': {error}") from None
+
+
+def _cell(robot: str) -> tuple[Cell, list[str]]:
+    """Returns the cell of an argument, and what is assumed of it."""
+    from dualarm_cli.files.cells.cells import load_cell
+    from dualarm_cli.files.robots.robots import load_robot
+    from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots
+    from dualarm_cli.files.source.documents import read_document
+    from dualarm_cli.files.source.projects import Project
+    from dualarm_cli.reachability.proposed_tool import with_tools
+    from dualarm_cli.robot_import.contacts import bare_cell
+    from dualarm_cli.starting.robot_source import CELL_FILE
+
+    path = Path(robot)
+    if path.is_dir() and robot not in bundled_robots():
+        path = path / (CELL_FILE if (path / CELL_FILE).is_file() else ROBOT_FILE)
+    if robot in bundled_robots() or not path.is_file():
+        cell = bare_cell(load_robot(robot).robot)
+    elif read_document(Project.of(path), path, str(path)).data["dualarm"] == "cell/1":
+        cell = load_cell(path).cell
+    else:
+        cell = bare_cell(load_robot(path).robot)
+    if any(tool.shapes or not tool.tcp.isIdentity() for tool in cell.tools.values()):
+        return cell, []
+    cell, tools = with_tools(cell)
+    told = [
+        f"{arm}: along {tool.axis} of the flange, {(tool.start + tool.length) * 1000:.3g} mm long"
+        for arm, tool in tools.items()
+    ]
+    return cell, [f"tools are assumed, no cell file names them: {'; '.join(told)}"]

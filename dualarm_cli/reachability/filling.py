@@ -1,0 +1,148 @@
+"""Postures on the nodes of a table: found from scratch on some nodes, and from one node to the next on all others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, descend, solve_poses
+from dualarm_cli.kinematics.srs.arm_angle_intervals import feasible_arm_angles
+from dualarm_cli.kinematics.srs.srs_arm import SrsArm
+from dualarm_cli.reachability.table_grid import YAWS, TableGrid, flange_poses
+
+SEED_STEPS = (4, 3, 2, 1)
+"""Postures are found from scratch on every so many nodes along each axis: the first of these with MANY nodes."""
+MANY, MANY_CLOSED = 200, 1000
+"""So many nodes, and where the arm has closed forms."""
+SEEDS_KEPT = 6
+"""Of the postures found there, those that are looked at."""
+TURNS = (0, 1, -1, 2, -2)
+"""By how many of YAWS the tool is turned on the way to a node next to it, in the order in which they are tried."""
+LARGEST_CHANGE = 1.5
+"""A joint that moves more on the way to a node next to it, or along a line, has left its branch [rad]."""
+
+
+@dataclass(frozen=True)
+class Postures:
+    """One posture on some nodes."""
+
+    node: IntArray
+    """Numbers of nodes, shape (m,)."""
+    yaw: IntArray
+    """Numbers of turns about the tool's axis, shape (m,)."""
+    q: FloatArray
+    """The arm's joints [rad], shape (m, n)."""
+
+    def take(self, rows: IntArray | BoolArray) -> Postures:
+        """Returns some of them."""
+        return Postures(self.node[rows], self.yaw[rows], self.q[rows])
+
+
+Accept = Callable[[Postures], BoolArray]
+"""Says which postures will do."""
+
+
+def fill(
+    model: CellModel, numeric: GeneralArm, arm: str, grid: TableGrid, accept: Accept
+) -> Postures:
+    """Returns a posture on every node for which one was found, nodes ascending.
+
+    From some nodes on, the posture of a node is the start of descents to the nodes next to it, with the
+    same turn of the tool first and others after that. A node without a posture has none next to a posture of its
+    neighbours; that is not proven to mean that there is none.
+
+    Args:
+        model: the cell, with closed forms where arms have them.
+        numeric: the arm without closed forms.
+        arm: its name.
+        grid: the nodes.
+        accept: which postures will do.
+    """
+    axes = numeric.axes
+    q, yaw = np.full((grid.size, axes), np.nan), np.zeros(grid.size, dtype=np.int64)
+    done = np.zeros(grid.size, dtype=np.bool_)
+    tried = np.zeros((len(TURNS), 2 * len(grid.shape), grid.size), dtype=np.bool_)
+
+    def keep(found: Postures) -> IntArray:
+        """Keeps the first accepted posture of each node; returns these nodes."""
+        good = found.take(accept(found))
+        first = np.unique(good.node, return_index=True)[1]
+        good = good.take(first[~done[good.node[first]]])
+        q[good.node], yaw[good.node], done[good.node] = good.q, good.yaw, True
+        return good.node
+
+    keep(seeds(model, arm, grid))
+    turn = 0
+    while turn < len(TURNS):
+        rows: list[Postures] = []
+        sources = np.flatnonzero(done)
+        for way, (there, exists) in enumerate(grid.neighbours(sources)):
+            open_ = exists & ~done[there] & ~tried[turn, way, there]
+            tried[turn, way, there[open_]] = True
+            source, target = sources[open_], there[open_]
+            rows.append(Postures(target, (yaw[source] + TURNS[turn]) % YAWS, q[source]))
+        starts = Postures(
+            *(np.concatenate([getattr(r, f) for r in rows]) for f in ("node", "yaw", "q"))
+        )
+        if not len(starts.node):
+            turn += 1
+            continue
+        R, p = flange_poses(model, arm, grid, starts.node, starts.yaw)
+        # What is on nobody's way to anything is not descended to.
+        near = np.linalg.norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.length
+        starts, R, p = starts.take(near), R[near], p[near]
+        reached, error = descend(numeric, R, p, starts.q)
+        good = (error <= RESIDUAL).all(axis=1)
+        good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(TURNS[turn])
+        if len(keep(Postures(starts.node, starts.yaw, reached).take(good))):
+            turn = 0
+    nodes = np.flatnonzero(done)
+    return Postures(nodes, yaw[nodes], q[nodes])
+
+
+def _most(turn: int) -> float:
+    """Returns how far a joint may move [rad] when the tool is turned by so many of YAWS."""
+    return LARGEST_CHANGE + abs(turn) * 2.0 * np.pi / YAWS
+
+
+def seeds(model: CellModel, arm: str, grid: TableGrid) -> Postures:
+    """Returns postures on nodes spread over the grid; SEEDS_KEPT at most for each pose.
+
+    Args:
+        model: the cell.
+        arm: which arm.
+        grid: the nodes.
+    """
+    kinematics = model.arms[arm].kinematics
+    nowhere = np.eye(3)[None], np.zeros((1, 3))
+    numeric = isinstance(kinematics, GeneralArm) and kinematics.closed_postures(*nowhere) is None
+    many = MANY if numeric else MANY_CLOSED
+    spread = (grid.every(step) for step in SEED_STEPS)
+    coarse = next((node for node in spread if len(node) >= many), np.arange(grid.size))
+    yaws = 1 if numeric else YAWS
+    node, yaw = np.repeat(coarse, yaws), np.tile(np.arange(yaws), len(coarse))
+    R, p = flange_poses(model, arm, grid, node, yaw)
+    if isinstance(kinematics, GeneralArm):
+        reached = solve_poses(kinematics, R, p, first_only=True, thorough=False)
+        pose, q = reached.pose, reached.q
+    else:
+        pose, q = _srs_postures(kinematics, R, p)
+    number = np.arange(len(pose)) - np.searchsorted(pose, pose)
+    kept = number < SEEDS_KEPT
+    return Postures(node[pose[kept]], yaw[pose[kept]], q[kept])
+
+
+def _srs_postures(arm: SrsArm, R: FloatArray, p: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Returns poses, ascending, and joints (k, 7) in the middle of every interval of feasible arm angles there."""
+    near = np.flatnonzero(arm.reach_miss(R, p) == 0.0)
+    intervals = feasible_arm_angles(arm, R[near], p[near])
+    pose, branch, k = np.nonzero(np.isfinite(intervals.start))
+    psi = 0.5 * (intervals.start + intervals.end)[pose, branch, k]
+    q, _ = arm.solve_branch(R[near[pose]], p[near[pose]], psi, branch)
+    middle = np.where(np.isfinite(arm.lower + arm.upper), 0.5 * (arm.lower + arm.upper), 0.0)
+    return near[pose], arm.nearest_turns(q, middle)

@@ -1,0 +1,179 @@
+"""The tool that is assumed where no cell file names one: which way a flange points, and what it carries already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import (
+    cell_solids,
+    geometry_model,
+    link_solids,
+    pairs_that_must_keep_apart,
+)
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.cell import Cell, Tool
+from dualarm_cli.model.robot import Arm
+from dualarm_cli.model.shape import Shape
+
+LENGTH, LENGTH_SHARE = 0.12, 0.13
+"""Length of a gripper on a bare flange [m], and what share of the arm's length it is at most."""
+RADIUS_SHARE = 0.25
+"""Its radius as a share of its length."""
+HAND = 0.06
+"""Shapes that stand out farther than this from the flange are a hand [m]."""
+BEYOND, FINGER = 0.01, 0.04
+"""Where the tool centre point is beyond the hand's shapes [m], and the length of a capsule at the end of a hand."""
+LONGER = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+"""How far from the flange a gripper may begin, as shares of its length: where the arm's own shapes leave it room."""
+POSTURES, TOUCHED = 200, 0.3
+"""Postures in which that is looked at, and the share of them in which the two may touch."""
+ROUNDED = 0.005
+"""Lengths are multiples of this [m], or of a fifth of it for arms shorter than SHORT."""
+SHORT = 0.3
+"""[m]"""
+ALONG = 0.6
+"""Cosine from which on a flange is taken to point along the last joint's axis."""
+_DIRECTIONS = {
+    "+x": ((1.0, 0.0, 0.0), (0.0, 90.0, 0.0)),
+    "-x": ((-1.0, 0.0, 0.0), (0.0, -90.0, 0.0)),
+    "+y": ((0.0, 1.0, 0.0), (-90.0, 0.0, 0.0)),
+    "-y": ((0.0, -1.0, 0.0), (90.0, 0.0, 0.0)),
+    "+z": ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
+    "-z": ((0.0, 0.0, -1.0), (180.0, 0.0, 0.0)),
+}
+"""Axes of a flange, and the turns (roll, pitch, yaw) [deg] that take z there."""
+
+
+@dataclass(frozen=True)
+class ProposedTool:
+    """A gripper that points straight out of a flange."""
+
+    axis: str
+    """Which axis of the flange points out, such as +z."""
+    start: float
+    """Where the gripper begins along it [m]."""
+    length: float
+    """From there to the tool centre point [m]."""
+    radius: float
+    """Of the capsule between the two [m]."""
+    hand: bool
+    """Whether the robot's own shapes stand out from the flange: the capsule is at their end."""
+
+    @property
+    def rpy(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw of the tool's frame in the flange's [deg]."""
+        return _DIRECTIONS[self.axis][1]
+
+    def along(self, distance: float) -> pin.SE3:
+        """Returns the tool's frame moved to a distance from the flange [m], in the flange frame."""
+        turn = pin.rpy.rpyToMatrix(*np.radians(self.rpy))
+        return pin.SE3(turn, distance * np.array(_DIRECTIONS[self.axis][0]))
+
+    @property
+    def tool(self) -> Tool:
+        """In the data model."""
+        size = (self.radius, self.length - 2.0 * self.radius)
+        shape = Shape("capsule", size, self.along(self.start + 0.5 * self.length))
+        return Tool(self.along(self.start + self.length), 0.0, (shape,))
+
+
+def with_tools(cell: Cell) -> tuple[Cell, dict[str, ProposedTool]]:
+    """Returns a cell with a proposed tool on every arm, and these tools.
+
+    Args:
+        cell: its own tools are not looked at.
+    """
+    tools = proposed_tools(cell)
+    return replace(cell, tools={name: one.tool for name, one in tools.items()}), tools
+
+
+def proposed_tools(cell: Cell) -> dict[str, ProposedTool]:
+    """Returns a tool for every arm of a cell.
+
+    Args:
+        cell: the robot and where it stands.
+    """
+    model = CellModel.from_cell(cell, numeric=True)
+    found = {}
+    for arm in cell.robot.arms:
+        kinematics = model.arms[arm.name].kinematics
+        assert isinstance(kinematics, GeneralArm)  # asked for
+        axis = _outward(kinematics)
+        found[arm.name] = _tool(cell, arm, axis, kinematics.length)
+    return found
+
+
+def _outward(arm: GeneralArm) -> str:
+    """Returns the axis of the flange that points away from the wrist.
+
+    It is the last joint's axis, unless the flange is off to its side; of two ways that of the wrist's centre to the
+    flange, or +.
+    """
+    R, p = arm.forward(np.zeros((1, arm.axes)))
+    away = R[0].T @ (p[0] - arm.meeting_point)
+    _, _, jacobian = arm.linearised(np.zeros((1, arm.axes)))
+    last = R[0].T @ jacobian[0, 3:, -1]
+    length = float(np.linalg.norm(away))
+    direction = last * np.sign(last[np.argmax(np.abs(last))])
+    if length > 1e-3:
+        cosine = float(away @ last) / length
+        direction = last * np.sign(cosine) if abs(cosine) >= ALONG else away
+    return max(_DIRECTIONS, key=lambda axis: round(float(direction @ _DIRECTIONS[axis][0]), 6))
+
+
+def _tool(cell: Cell, arm: Arm, axis: str, reach: float) -> ProposedTool:
+    """Returns the tool of an arm whose flange points along one of its axes."""
+    step = ROUNDED if reach > SHORT else 0.2 * ROUNDED
+    out = _extent(cell, arm, ProposedTool(axis, 0.0, 0.0, 0.0, False).along(0.0))
+    if out > HAND:
+        end = step * float(np.ceil(round((out + BEYOND) / step, 6)))
+        return ProposedTool(axis, end - FINGER, FINGER, 0.01, True)
+    length = step * float(np.ceil(round(min(LENGTH, LENGTH_SHARE * reach) / step, 6)))
+    radius = step * round(RADIUS_SHARE * length / step)
+    tries = [
+        ProposedTool(axis, step * round(share * length / step), length, radius, False)
+        for share in LONGER
+    ]
+    return next((one for one in tries if _has_room(cell, arm, one)), tries[0])
+
+
+def _has_room(cell: Cell, arm: Arm, tool: ProposedTool) -> bool:
+    """Returns whether a tool touches the arm that carries it in few postures."""
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    whole = replace(cell, tools={arm.name: tool.tool}, obstacles=())
+    solids = cell_solids(whole, model, ())
+    own = {model.getJointId(joint) for joint in arm.joints}
+    pairs = [
+        (pair.first, pair.second)
+        for pair in pairs_that_must_keep_apart(model, solids, whole)
+        if {solids[pair.first].joint, solids[pair.second].joint} <= own
+        and f"{arm.name}_tool" in (solids[pair.first].body, solids[pair.second].body)
+    ]
+    if not pairs:
+        return True
+    geometry, data = geometry_model(solids, pairs), model.createData()
+    results = pin.GeometryData(geometry)
+    low = np.maximum(model.lowerPositionLimit, -np.pi)
+    high = np.minimum(model.upperPositionLimit, np.pi)
+    postures = np.random.default_rng(0).uniform(low, high, (POSTURES, model.nq))
+    touched = sum(pin.computeCollisions(model, data, geometry, results, q, True) for q in postures)
+    return touched <= TOUCHED * POSTURES
+
+
+def _extent(cell: Cell, arm: Arm, T_flange_turned: pin.SE3) -> float:
+    """Returns how far the robot's shapes stand out from a flange along the z axis of a turned frame [m]."""
+    model = pin.buildModelFromXML(cell.robot.urdf)
+    flange = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+    T = (flange.placement * T_flange_turned).inverse()
+    out = 0.0
+    for solid in link_solids(model, cell.robot):
+        if solid.joint == flange.parentJoint:
+            pose = T * solid.pose
+            body = coal.CollisionObject(solid.geometry, pose.rotation, pose.translation)
+            out = max(out, float(body.getAABB().max_[2]))
+    return out

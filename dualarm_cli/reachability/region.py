@@ -1,0 +1,160 @@
+"""Which grid suits a cell: how wide, how fine, and how high above the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.reachability.reach_map import ReachMap, reach_map
+from dualarm_cli.reachability.table_grid import TableGrid
+
+ANGLE_STEP = np.radians(15.0)
+"""Spacing of platform angles [rad]."""
+STEPS = (0.01, 0.02, 0.025, 0.04, 0.05, 0.08, 0.1)
+"""Spacings that a grid may have [m]."""
+STEP_SHARE = 0.08
+"""Spacing as a share of an arm's length."""
+COARSER = 2
+"""By how many spacings the grid is coarser on which heights are compared."""
+BELOW = 0.2
+"""How far a table should be below the shoulder, as a share of the arm's length."""
+SOME = 0.3
+"""Heights at which it is not count only where this share of the best is not reached at others."""
+NEARLY = 0.9
+"""Heights at which this share of the best is reached are as good."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """What a cell's arms can reach at all."""
+
+    centre: tuple[float, float]
+    """Middle of the arms' shoulders [m]."""
+    radius: float
+    """Nothing farther from there is reached [m]."""
+    low: float
+    """Height of the lowest shoulder less its arm's length [m]."""
+    high: float
+    """Height of the highest shoulder [m]."""
+    easy: tuple[float, float]
+    """Heights between the robot's root and where arms still bend well over a table [m]."""
+    step: float
+    """Spacing that suits the shortest arm [m]."""
+    home: FloatArray
+    """The platform's positions at home, shape (k,) [rad or m]."""
+
+    def is_easy(self, heights: FloatArray) -> BoolArray:
+        """Returns which heights (h,) [m] are between the robot's root and well below the shoulders."""
+        return (heights >= self.easy[0] - 1e-9) & (heights <= self.easy[1] + 1e-9)
+
+    def grid(
+        self,
+        platform: FloatArray,
+        heights: FloatArray,
+        step: float,
+        tilt: float = 0.0,
+    ) -> TableGrid:
+        """Returns a grid over all that may be reached, on multiples of its spacing.
+
+        Args:
+            platform: positions of the platform's joints, shape (a, k) [rad or m].
+            heights: shape (h,) [m].
+            step: spacing [m].
+            tilt: how far the tool leans [rad].
+        """
+        sides = [
+            np.arange(np.ceil((c - self.radius) / step), np.floor((c + self.radius) / step) + 1)
+            * step
+            for c in self.centre
+        ]
+        return TableGrid(platform, heights, sides[1], sides[0], tilt, self.centre)
+
+
+def region(cell: Cell) -> Region:
+    """Returns what a cell's arms can reach at all.
+
+    Args:
+        cell: with its tools.
+    """
+    model = CellModel.from_cell(cell, numeric=True)
+    home = cell.robot.postures["home"][model.platform_columns]
+    R, p = model.platform.pose(home)
+    shoulders, reaches = [], []
+    for arm in model.arms.values():
+        assert isinstance(arm.kinematics, GeneralArm)  # asked for
+        shoulders.append(p + R @ arm.kinematics.p_parent_joint[:2].sum(axis=0))
+        reaches.append(arm.kinematics.length + float(np.linalg.norm(arm.T_flange_tcp.translation)))
+    at, reach = np.array(shoulders), np.array(reaches)
+    centre = at[:, :2].mean(axis=0)
+    if model.platform.is_turntable:
+        centre = p[:2]
+    radius = float((np.linalg.norm(at[:, :2] - centre, axis=1) + reach).max())
+    wanted = STEP_SHARE * float(reach.min())
+    step = max((s for s in STEPS if s <= wanted + 1e-9), default=STEPS[0])
+    return Region(
+        (float(centre[0]), float(centre[1])),
+        radius,
+        float((at[:, 2] - reach).min()),
+        float(at[:, 2].max()),
+        (float(cell.base.translation[2]), float((at[:, 2] - BELOW * reach).max())),
+        step,
+        home,
+    )
+
+
+def platform_angles(cell: Cell) -> FloatArray:
+    """Returns platform positions at which reach is compared, shape (a, k): all round where it turns, else home.
+
+    Args:
+        cell: whose platform it is.
+    """
+    model = CellModel.from_cell(cell)
+    home = cell.robot.postures["home"][model.platform_columns]
+    if not model.platform.is_turntable:
+        return home[None]
+    limits = cell.robot.limits.select(model.platform.joints)
+    low, high = max(limits.lower[0], -np.pi), min(limits.upper[0], np.pi)
+    first, last = np.ceil(low / ANGLE_STEP - 1e-9), np.floor(high / ANGLE_STEP + 1e-9)
+    angles = np.arange(first, last + 1) * ANGLE_STEP
+    if high - low > 2.0 * np.pi - 1e-9:
+        angles = angles[1:]  # the same as the last one
+    return angles[:, None] if len(angles) else home[None]
+
+
+def heights_reached(cell: Cell, here: Region, line: float = 0.0) -> tuple[FloatArray, ReachMap]:
+    """Returns heights of the tool centre point, shape (h,) [m], and what is reached there from home on a coarse grid.
+
+    Args:
+        cell: with its tools.
+        here: its region.
+        line: how far the tool must be able to be drawn back [m].
+    """
+    step = COARSER * here.step
+    heights = np.arange(np.ceil(here.low / step), np.floor(here.high / step) + 1) * step
+    return heights, reach_map(cell, here.grid(here.home[None], heights, step), line)
+
+
+def best_height(cell: Cell, here: Region) -> float | None:
+    """Returns the height of the tool centre point at which most of a table is reached [m]; None where nothing is.
+
+    Most by the arm that reaches less, then by both at one place. Heights below the robot's root or near the shoulders
+    count only where little is reached at others.
+
+    Args:
+        cell: with its tools.
+        here: its region.
+    """
+    heights, reach = heights_reached(cell, here)
+    by_arm = [reach.reached(arm).sum(axis=(0, 2, 3)) for arm in reach.postures]
+    score = np.min(by_arm, axis=0) + 0.5 * reach.both.sum(axis=(0, 2, 3))
+    easy = here.is_easy(heights)
+    if score[easy].max(initial=0.0) > SOME * score.max():
+        score = np.where(easy, score, 0.0)
+    # Among heights that are about as good as the best one, the middle one.
+    good = heights[score >= NEARLY * score.max()]
+    return round(float(good[len(good) // 2]), 6) if score.max() > 0.0 else None

@@ -1,0 +1,129 @@
+"""The points of a table, and how a tool stands on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray, readonly
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.platform_chain import rotation_z
+
+YAWS = 8
+"""Turns of a tool about its own axis that are tried: 45 degrees apart."""
+
+
+@dataclass(frozen=True)
+class TableGrid:
+    """Points over platform angles, heights, y and x: n nodes, numbered in that order, x the quickest."""
+
+    platform: FloatArray
+    """Positions of the platform's joints, shape (a, k) [rad or m]."""
+    heights: FloatArray
+    """Heights of the tool centre point above the world's origin [m], shape (h,)."""
+    y: FloatArray
+    """[m], shape (ny,)."""
+    x: FloatArray
+    """[m], shape (nx,)."""
+    tilt: float = 0.0
+    """How far the tool leans from straight down, its tip away from the centre [rad]."""
+    centre: tuple[float, float] = (0.0, 0.0)
+    """What tips lean away from [m]."""
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("platform", "heights", "y", "x"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Numbers of platform positions, heights, y and x."""
+        return len(self.platform), len(self.heights), len(self.y), len(self.x)
+
+    @property
+    def step(self) -> float:
+        """Distance of points next to each other [m]; 0 for a single one."""
+        side = max(self.x, self.y, key=len)
+        return round(float(side[1] - side[0]), 9) if len(side) > 1 else 0.0
+
+    @cached_property
+    def size(self) -> int:
+        """Number of nodes."""
+        return int(np.prod(self.shape))
+
+    def points(self, node: IntArray) -> FloatArray:
+        """Returns where nodes (m,) are in the world [m], shape (m, 3)."""
+        _, h, iy, ix = np.unravel_index(node, self.shape)
+        return np.stack([self.x[ix], self.y[iy], self.heights[h]], axis=1)
+
+    def platform_at(self, node: IntArray) -> FloatArray:
+        """Returns the platform's positions at nodes (m,), shape (m, k)."""
+        return self.platform[np.unravel_index(node, self.shape)[0]]
+
+    def tools(self, node: IntArray, yaw: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Returns how tools stand on nodes (m,) in the world: rotations (m, 3, 3), and tips (m, 3) [m].
+
+        Args:
+            node: numbers of nodes.
+            yaw: numbers of turns about the tool's axis, of YAWS, shape (m,).
+        """
+        tip = self.points(node)
+        away = np.arctan2(tip[:, 1] - self.centre[1], tip[:, 0] - self.centre[0])
+        c, s = np.cos(self.tilt), np.sin(self.tilt)
+        # Straight down: half a turn about x. Then the z axis leans towards x.
+        leaning = np.array([[c, 0.0, s], [0.0, -1.0, 0.0], [s, 0.0, -c]])
+        turn = away if self.tilt else np.zeros(len(tip))
+        R = (
+            rotation_z(turn)
+            @ leaning
+            @ rotation_z(np.asarray(yaw * (2.0 * np.pi / YAWS), dtype=np.float64))
+        )
+        return R, tip
+
+    def neighbours(self, node: IntArray) -> list[tuple[IntArray, BoolArray]]:
+        """Returns, for each way along an axis, the nodes next to some (m,), and whether there is one."""
+        index = np.array(np.unravel_index(node, self.shape))
+        found = []
+        for axis, length in enumerate(self.shape):
+            for way in (-1, 1):
+                moved = index.copy()
+                moved[axis] += way
+                there = (moved[axis] >= 0) & (moved[axis] < length)
+                moved[axis] = np.clip(moved[axis], 0, length - 1)
+                found.append((np.ravel_multi_index(tuple(moved), self.shape), there))
+        return found
+
+    def every(self, step: int) -> IntArray:
+        """Returns every so many nodes along each axis, beginning near the borders; all along short axes."""
+        picked = [
+            np.arange(
+                min(step // 2, length - 1) if length > 2 else 0, length, step if length > 2 else 1
+            )
+            for length in self.shape
+        ]
+        mesh = np.meshgrid(*picked, indexing="ij")
+        return np.ravel_multi_index(tuple(mesh), self.shape).ravel()
+
+
+def flange_poses(
+    model: CellModel, arm: str, grid: TableGrid, node: IntArray, yaw: IntArray, back: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the flange poses of tools on nodes, in the frame that carries the arms: (m, 3, 3), (m, 3) [m].
+
+    Args:
+        model: the cell.
+        arm: which arm.
+        grid: the nodes.
+        node: their numbers, shape (m,).
+        yaw: numbers of turns about the tool's axis, shape (m,).
+        back: how far the tool is drawn back along its own axis [m].
+    """
+    T = model.arms[arm].T_flange_tcp.inverse()
+    R, p = grid.tools(node, yaw)
+    p = p - back * R[..., 2]
+    R_world, p_world = model.platform.pose(grid.platform_at(node))
+    R_carried = np.swapaxes(R_world, -1, -2)
+    R, p = R_carried @ R, (R_carried @ (p - p_world)[..., None])[..., 0]
+    return R @ T.rotation, p + R @ T.translation

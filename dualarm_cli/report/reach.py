@@ -1,0 +1,160 @@
+"""What a cell's arms reach of a table: as a document, a table and sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dualarm_cli.geometry.arrays import BoolArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.reachability.reach_map import ReachMap, reach_map
+from dualarm_cli.reachability.region import ANGLE_STEP
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+NOTE = (
+    "reached: a posture was found that keeps all joint limits and is clear of the robot itself and of obstacles; the "
+    "other arm is not looked at"
+)
+"""What the figures mean."""
+
+
+def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
+    """Returns what is reached, JSON-ready: by platform angle the areas, and by frame the angles; m, m² and rad.
+
+    Args:
+        name: of the robot or cell.
+        cell: with its tools.
+        reach: of a grid at one height.
+    """
+    grid = reach.grid
+    turns = CellModel.from_cell(cell).platform.is_turntable
+    angles = grid.platform[:, 0].tolist() if turns else [None]
+    reached = _by_whom(reach)
+    cell_area = grid.step**2
+    frames = {}
+    for frame, pose in cell.frames.items():
+        x, y, z = pose.translation.tolist()
+        here = replace(grid, heights=np.array([z]), y=np.array([y]), x=np.array([x]))
+        found = {who: one[:, 0, 0, 0] for who, one in _by_whom(reach_map(cell, here)).items()}
+        frames[frame] = {
+            "xyz": [x, y, z],
+            "reached": {who: one.tolist() for who, one in found.items()},
+        }
+    return {
+        "format": "dualarm.reach/1",
+        "name": name,
+        "height": float(grid.heights[0]),
+        "tilt": grid.tilt,
+        "step": grid.step,
+        "platform": angles,
+        "x": grid.x.tolist(),
+        "y": grid.y.tolist(),
+        "area": {
+            who: (one[:, 0].sum(axis=(1, 2)) * cell_area).tolist() for who, one in reached.items()
+        },
+        "area_at_any_angle": {
+            who: float(one[:, 0].any(axis=0).sum() * cell_area) for who, one in reached.items()
+        },
+        "angles": {who: one[:, 0].sum(axis=0).tolist() for who, one in reached.items()},
+        "frames": frames,
+    }
+
+
+def _by_whom(reach: ReachMap) -> dict[str, BoolArray]:
+    """Returns what each arm reaches, and what all of several reach from one platform angle."""
+    found = {arm: reach.reached(arm) for arm in reach.postures}
+    return found | {"both": reach.both} if len(found) > 1 else found
+
+
+def area_table(document: Mapping[str, Any]) -> Table:
+    """Returns the table of areas by platform angle."""
+    from rich.table import Table
+
+    table = Table()
+    table.add_column("platform °", justify="right")
+    for who in document["area"]:
+        table.add_column(f"{who} m²", justify="right")
+    for k, angle in enumerate(document["platform"]):
+        areas = [f"{area[k]:.3f}" for area in document["area"].values()]
+        table.add_row("–" if angle is None else _degrees(angle), *areas)
+    if len(document["platform"]) > 1:
+        table.add_section()
+        table.add_row("any", *(f"{area:.3f}" for area in document["area_at_any_angle"].values()))
+    return table
+
+
+def frame_table(document: Mapping[str, Any]) -> Table:
+    """Returns the table of frames: from which platform angles each arm reaches them."""
+    from rich.table import Table
+
+    table = Table()
+    table.add_column("frame")
+    table.add_column("x, y, z m", justify="right")
+    first = next(iter(document["frames"].values()))
+    for who in first["reached"]:
+        table.add_column(f"{who}, platform °" if document["platform"][0] is not None else who)
+    for name, frame in document["frames"].items():
+        ranges = [angle_ranges(document["platform"], one) for one in frame["reached"].values()]
+        table.add_row(name, ", ".join(f"{v:.3g}" for v in frame["xyz"]), *ranges)
+    return table
+
+
+def angle_ranges(angles: Sequence[float | None], reached: Sequence[bool]) -> str:
+    """Returns the angles at which something is reached, in words: ranges of neighbours in degrees.
+
+    Args:
+        angles: ascending [rad]; None alone where nothing turns.
+        reached: at each of them.
+    """
+    if not any(reached):
+        return "no"
+    if angles[0] is None:
+        return "yes"
+    if all(reached):
+        return "all"
+    ranges: list[list[float]] = []
+    for angle, good in zip(angles, reached, strict=True):
+        if not good or angle is None:
+            continue
+        if ranges and angle - ranges[-1][1] < 1.5 * ANGLE_STEP:
+            ranges[-1][1] = angle
+        else:
+            ranges.append([angle, angle])
+    return ", ".join(
+        _degrees(low) if low == high else f"{_degrees(low)} to {_degrees(high)}"
+        for low, high in ranges
+    )
+
+
+def reach_lines(document: Mapping[str, Any]) -> list[str]:
+    """Returns sentences on what is reached: by whom, and within which sides."""
+    lines = []
+    for who, count in document["angles"].items():
+        reached = np.array(count) > 0
+        if not reached.any():
+            what = (
+                "the arms reach no point together"
+                if who == "both"
+                else f"the {who} arm reaches nothing"
+            )
+            lines.append(f"{what} of a table {document['height']:.3g} m high")
+            continue
+        iy, ix = np.nonzero(reached)
+        x, y = (
+            f"{side[k.min()]:.3g} to {side[k.max()]:.3g} m"
+            for side, k in ((document["x"], ix), (document["y"], iy))
+        )
+        subject = "both arms reach" if who == "both" else f"the {who} arm reaches"
+        lines.append(f"{subject} points between x {x} and y {y}")
+    return [*lines, NOTE]
+
+
+def _degrees(angle: float) -> str:
+    return f"{round(math.degrees(angle), 1) + 0.0:g}"

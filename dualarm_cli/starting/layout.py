@@ -1,0 +1,327 @@
+"""Table, trays and boxes for a robot's first six picks: where its arms reach them, clear of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from dualarm_cli.collision.clearance import SLACK, CellClearance
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import BoolArray, FloatArray
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.reachability.filling import Postures
+from dualarm_cli.reachability.proposed_tool import ProposedTool, with_tools
+from dualarm_cli.reachability.reach_map import ReachMap, reach_map
+from dualarm_cli.reachability.region import COARSER, Region, heights_reached, region
+from dualarm_cli.reachability.table_grid import TableGrid
+from dualarm_cli.refusals import Refusal
+from dualarm_cli.starting.table import FRONT, Table, most_reached, room_for_table
+
+PICKS = 6
+"""Picks of all arms together."""
+ROWS_KEPT, PAIRS_KEPT, LAYOUTS_TRIED = 80, 150, 400
+"""Rows of targets of an arm, pairs of such rows, and pairs of those of both arms that are looked at."""
+CLEARANCE = 0.005
+"""That bodies keep, or a tenth of a step: less than what imported robots' links come together by construction [m]."""
+TABLES_TRIED = 6
+"""Tables that are looked at."""
+DEPTH = 3
+"""A target that many nodes from the border of what is reached is as good as any other."""
+LEAST_APART, APART, ARMS_APART = 2.0, 4.0, 4.0
+"""Distance of an arm's tray from its box at least and at best, and of what different arms work at, in steps."""
+ALIKE = 0.2
+"""What a step off the mirror image of the other arm's targets counts, where a step farther apart counts 1."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Targets in a row: the places of a tray or a box."""
+
+    centre: tuple[float, float]
+    """Its middle [m]."""
+    along: str
+    """Which way it runs: x or y."""
+    shared: bool
+    """Whether both arms reach all of it."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What stands where, for a robot's first six picks."""
+
+    tools: Mapping[str, ProposedTool]
+    """Tool of each arm."""
+    trays: Mapping[str, Row]
+    """By arm, where its parts come from."""
+    boxes: Mapping[str, Row]
+    """By arm, where they go."""
+    height: float
+    """Of all targets [m]."""
+    step: float
+    """Between the targets of a row; the length of approach and retract, too [m]."""
+    table: Table
+    """Under all of it."""
+    clearance: float
+    """That all bodies keep [m]."""
+    start_at_home: bool
+    """Whether the posture home is clear, with the tools above the table."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one arm reaches on the table."""
+
+    depth: FloatArray
+    """How many nodes each one is away from what is not reached, shape (ny, nx)."""
+    number: FloatArray
+    """Number of each node's posture, shape (ny, nx)."""
+    postures: Postures
+    """At the targets."""
+    back: FloatArray
+    """Joints with the tool drawn back [rad], shape (m, n)."""
+
+
+def find_layout(bare: Cell, name: str) -> Layout:
+    """Returns where table, trays and boxes stand.
+
+    Args:
+        bare: the robot where it stands; tools are proposed.
+        name: of the robot, for messages.
+
+    Raises:
+        InfeasibleError: the arms do not reach a table with tools down, or find no room on it.
+    """
+    cell, tools = with_tools(bare)
+    here = region(cell)
+    cell = replace(cell, clearance=min(CLEARANCE, 0.1 * here.step))
+    heights, reach = heights_reached(cell, here, 0.5 * here.step)
+    if not reach.both.any() and not all(reach.reached(arm).any() for arm in reach.postures):
+        raise _refused("no_table", name)
+    room = False
+    for arms_at_home in (True, False):
+        for table in _tables(cell, here, heights, reach, arms_at_home):
+            room = True
+            layout = _on_table(cell, tools, here, table)
+            if layout is not None:
+                return layout
+    raise _refused("no_room_on_table" if room else "no_room_for_table", name)
+
+
+def _tables(
+    cell: Cell, here: Region, heights: FloatArray, reach: ReachMap, arms_at_home: bool
+) -> list[Table]:
+    """Returns the tables that hold most of what the arms reach, best first; easily reached heights before."""
+    step, grid = here.step, reach.grid
+    front, easy = _front(cell, here, grid), here.is_easy(heights)
+    found = []
+    for k, height in enumerate(heights):
+        top, thickness = round(float(height) - 0.5 * step, 4), min(0.04, step)
+        free = room_for_table(cell, grid.x, grid.y, (top - thickness, top), arms=arms_at_home)
+        reached = [reach.reached(arm)[0, k] for arm in reach.postures]
+        worth, rows, columns = most_reached(reached, free, front)
+        if np.isfinite(worth):
+            table = _under(grid.x[columns], grid.y[rows], COARSER * step, (top, thickness))
+            found.append((not easy[k], -worth, k, table))
+    return [table for *_, table in sorted(found, key=lambda one: one[:3])[:TABLES_TRIED]]
+
+
+def _on_table(
+    cell: Cell, tools: Mapping[str, ProposedTool], here: Region, table: Table
+) -> Layout | None:
+    """Returns trays and boxes on a table, and of that no more than is needed; None where there is no room."""
+    step, height = here.step, round(table.top + 0.5 * here.step, 4)
+    grid = here.grid(here.home[None], np.array([height]), step)
+    x, y = (
+        side[(side > low) & (side < high)]
+        for side, low, high in zip((grid.x, grid.y), table.low, table.high, strict=True)
+    )
+    grid = replace(grid, x=x, y=y)
+    cell = replace(cell, obstacles=(table.obstacle,))
+    rows = _rows(cell, reach_map(cell, grid, 0.5 * step), here.centre)
+    if rows is None:
+        return None
+    trays, boxes = rows
+    every = np.array([row.centre for row in (*trays.values(), *boxes.values())])
+    x, y = (
+        side[(side > c.min() - 2.6 * step) & (side < c.max() + 2.6 * step)]
+        for side, c in zip((grid.x, grid.y), every.T, strict=True)
+    )
+    table = _under(x, y, step, (table.top, table.thickness))
+    at_home = _starts_at_home(replace(cell, obstacles=(table.obstacle,)), table.top)
+    return Layout(tools, trays, boxes, height, step, table, cell.clearance, at_home)
+
+
+def _refused(what: str, name: str) -> InfeasibleError:
+    return InfeasibleError(Refusal(what, more={"robot": name}))
+
+
+def _under(x: FloatArray, y: FloatArray, step: float, levels: tuple[float, float]) -> Table:
+    """Returns the table under some nodes."""
+    low = (round(float(x[0] - 0.5 * step), 4), round(float(y[0] - 0.5 * step), 4))
+    high = (round(float(x[-1] + 0.5 * step), 4), round(float(y[-1] + 0.5 * step), 4))
+    return Table(low, high, *levels)
+
+
+def _front(cell: Cell, here: Region, grid: TableGrid) -> FloatArray:
+    """Returns what nodes are worth by where they are, shape (ny, nx): more in front, where the tools are at home."""
+    model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
+    tips = np.mean([model.tool_position(arm, home)[:2] for arm in model.arms], axis=0)
+    ahead = tips - np.array(here.centre)
+    if np.linalg.norm(ahead) < grid.step:
+        ahead = np.array([1.0, 0.0])
+    away = np.stack(np.meshgrid(grid.x, grid.y), axis=-1) - np.array(here.centre)
+    cosine = (
+        away @ ahead / (np.linalg.norm(ahead) * np.maximum(np.linalg.norm(away, axis=-1), 1e-9))
+    )
+    return np.asarray(1.0 + FRONT * cosine)
+
+
+def _starts_at_home(cell: Cell, top: float) -> bool:
+    """Returns whether the posture home is clear of everything, with all tools above the table."""
+    model, home = CellModel.from_cell(cell), cell.robot.postures["home"]
+    test = CellClearance.of(cell, ()).test
+    groups = [*(test.own(arm) for arm in model.arms), test.cross()]
+    clear = (test.margins_of(groups, home[None]) >= SLACK).all()
+    return bool(clear) and all(model.tool_position(arm, home)[2] > top for arm in model.arms)
+
+
+def _rows(
+    cell: Cell, reach: ReachMap, centre: tuple[float, float]
+) -> tuple[dict[str, Row], dict[str, Row]] | None:
+    """Returns trays and boxes of all arms; None where there are none that are clear of each other."""
+    found = {arm: _found(reach, arm) for arm in reach.postures}
+    grid = reach.grid
+    middle = [
+        (c - side[0]) / grid.step for c, side in zip(centre[::-1], (grid.y, grid.x), strict=True)
+    ]
+    count = PICKS // len(found)
+    both = reach.both[0, 0]
+    model, clearance = CellModel.from_cell(cell), CellClearance.of(cell, ())
+    # As far from the border as there are enough rows; by and by nearer.
+    for depth in range(DEPTH, 0, -1):
+        pairs = {arm: _pairs(reach, one, count, depth) for arm, one in found.items()}
+        for chosen in _layouts(pairs, middle) if all(pairs.values()) else ():
+            work = dict(zip(found, chosen, strict=True))
+            if len(work) == 1 or _clear_of_each_other(model, clearance, found, work):
+                ways = [
+                    {arm: _row(reach.grid, nodes[k], both) for arm, nodes in work.items()}
+                    for k in (0, 1)
+                ]
+                return ways[0], ways[1]
+    return None
+
+
+Nodes = tuple[tuple[int, int], ...]
+"""Rows and columns of the nodes of a row of targets."""
+
+
+def _found(reach: ReachMap, arm: str) -> _Found:
+    reached = reach.reached(arm)[0, 0]
+    depth, inner = np.zeros(reached.shape), reached
+    while inner.any():
+        depth += inner
+        wide = np.pad(inner, 1)
+        inner = np.logical_and.reduce(
+            [
+                wide[1 + dy : wide.shape[0] - 1 + dy, 1 + dx : wide.shape[1] - 1 + dx]
+                for dy, dx in product((-1, 0, 1), repeat=2)
+            ]
+        )
+    number = np.full(reached.size, -1)
+    number[reach.postures[arm].node] = np.arange(len(reach.postures[arm].node))
+    return _Found(depth, number.reshape(reached.shape), reach.postures[arm], reach.drawn_back[arm])
+
+
+def _pairs(reach: ReachMap, found: _Found, count: int, depth: int) -> list[tuple[Nodes, Nodes]]:
+    """Returns an arm's trays and boxes, best first: rows of nodes that are so deep within what it reaches."""
+    good: BoolArray = found.depth >= depth
+    rows: list[Nodes] = []
+    ny, nx = good.shape
+    for iy, ix in zip(*np.nonzero(good), strict=True):
+        for dy, dx in ((1, 0), (0, 1)):
+            nodes = tuple((int(iy) + k * dy, int(ix) + k * dx) for k in range(count))
+            if nodes[-1][0] < ny and nodes[-1][1] < nx and all(good[node] for node in nodes):
+                rows.append(nodes)
+    if len(rows) > ROWS_KEPT:
+        rows = [rows[k] for k in np.linspace(0, len(rows) - 1, ROWS_KEPT).astype(int)]
+    pairs = [(_distance(one, other), one, other) for one in rows for other in rows]
+    # Far enough apart, but no farther; of many that are, some all over the table.
+    pairs = sorted(
+        (pair for pair in pairs if pair[0] >= LEAST_APART), key=lambda pair: abs(pair[0] - APART)
+    )
+    near = [pair for pair in pairs if abs(pair[0] - APART) <= 1.0]
+    if len(near) > PAIRS_KEPT:
+        pairs = [near[k] for k in np.linspace(0, len(near) - 1, PAIRS_KEPT).astype(int)]
+    return [(one, other) for _, one, other in pairs[:PAIRS_KEPT]]
+
+
+def _distance(one: Nodes, other: Nodes) -> float:
+    """Returns the least distance of nodes of two rows, in steps."""
+    a, b = np.array(one), np.array(other)
+    return float(np.linalg.norm(a[:, None] - b[None], axis=-1).min())
+
+
+def _layouts(
+    pairs: Mapping[str, list[tuple[Nodes, Nodes]]], centre: list[float]
+) -> Sequence[tuple[tuple[Nodes, Nodes], ...]]:
+    """Returns which tray and box each arm may have, best first: arms well apart, and the rest alike on both sides.
+
+    Args:
+        pairs: by arm, trays and boxes.
+        centre: middle of the robot, row and column.
+    """
+    if len(pairs) == 1:
+        return [(pair,) for pair in next(iter(pairs.values()))][:LAYOUTS_TRIED]
+    left, right = pairs.values()
+    a, b = (
+        np.array([[np.mean(row, axis=0) for row in pair] for pair in one]) for one in (left, right)
+    )
+    gap = np.linalg.norm(a[:, None, :, None] - b[None, :, None, :], axis=-1).min(axis=(2, 3))
+    # From the right arm's tray to the left one's, and so for the boxes; and the middles between them.
+    across, between = a[:, None] - b[None], 0.5 * (a[:, None] + b[None]) - np.array(centre)
+    unlike = np.linalg.norm(across[:, :, 0] - across[:, :, 1], axis=-1)
+    along = across.sum(axis=2, keepdims=True)
+    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    aside = np.abs((between * along).sum(axis=-1)).sum(axis=-1)
+    score = np.minimum(gap, 2.0 * ARMS_APART) - ALIKE * (unlike + aside)
+    score = np.where(gap >= ARMS_APART, score, -np.inf)
+    order = np.argsort(-score, axis=None, kind="stable")[:LAYOUTS_TRIED]
+    order = order[np.isfinite(score.ravel()[order])]
+    first, second = np.unravel_index(order, score.shape)
+    return [(left[i], right[j]) for i, j in zip(first.tolist(), second.tolist(), strict=True)]
+
+
+def _clear_of_each_other(
+    model: CellModel,
+    clearance: CellClearance,
+    found: Mapping[str, _Found],
+    work: Mapping[str, tuple[Nodes, Nodes]],
+) -> bool:
+    """Returns whether both arms are clear of each other in every stage, at the targets and with tools drawn back."""
+    test, rows = clearance.test, []
+    for k in (0, 1):
+        stages = list(zip(*(work[arm][k] for arm in found), strict=True))
+        for nodes in stages:
+            numbers = [
+                int(one.number[node]) for one, node in zip(found.values(), nodes, strict=True)
+            ]
+            for backs in product((False, True), repeat=2):
+                whole = np.array(model.cell.robot.postures["home"])
+                for (arm, one), number, back in zip(found.items(), numbers, backs, strict=True):
+                    q = one.back if back else one.postures.q
+                    whole[model.arms[arm].columns] = q[number]
+                rows.append(whole)
+    return bool((test.margins(test.cross(), np.array(rows)) >= SLACK).all())
+
+
+def _row(grid: TableGrid, nodes: Nodes, both: BoolArray) -> Row:
+    """Returns a row of targets as a file tells it."""
+    y, x = (
+        float(np.mean([side[node[k]] for node in nodes])) for k, side in enumerate((grid.y, grid.x))
+    )
+    along = "y" if nodes[0][1] == nodes[-1][1] else "x"
+    return Row((round(x, 4), round(y, 4)), along, all(bool(both[node]) for node in nodes))

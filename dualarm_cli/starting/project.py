@@ -1,0 +1,235 @@
+"""The files of a first project: what they say, and the folder that they are written to."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dualarm_cli import __version__
+from dualarm_cli.errors import OutputError
+from dualarm_cli.exporting.whole_files import write_file
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.studies.studies import load_study
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.reachability.proposed_tool import ProposedTool
+from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
+from dualarm_cli.starting.robot_source import RobotSource
+from dualarm_cli.starting.workflow import WORKFLOW
+
+LAST = "tasks.yaml"
+"""The file that is put into its place last: where it is, all are."""
+
+
+@dataclass(frozen=True)
+class StartedProject:
+    """A project that was written."""
+
+    files: tuple[str, ...]
+    """Paths of its files in the folder."""
+    layout: Layout
+    """What stands where."""
+
+
+def refuse_used_folder(folder: Path) -> None:
+    """Raises OutputError where a folder is not new and not empty, or cannot be made."""
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if os.path.lexists(folder):
+        what = "is not empty" if folder.is_dir() else "is a file"
+        raise OutputError(f"{folder}: {what}; name a new folder")
+
+
+def start_project(folder: Path, source: RobotSource) -> StartedProject:
+    """Writes a project for a robot, whole or not at all.
+
+    Args:
+        folder: new or empty.
+        source: the robot.
+
+    Raises:
+        OutputError: the folder is used, or cannot be written.
+        InfeasibleError: no table and targets were found for the robot.
+    """
+    refuse_used_folder(folder)
+    beside = folder if folder.is_dir() else folder.absolute().parent
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".dualarm-init-", dir=beside) as hidden:
+            # The robot's files may lead as far up as the folder of their own.
+            made = Path(hidden) / "project"
+            _write(made, {**source.files, "cell.yaml": _bare_cell(source).encode()})
+            layout = find_layout(load_cell(made / "cell.yaml").cell, source.name)
+            files = {**source.files, **_files(source, layout)}
+            _write(made, files)
+            load_job(made / LAST)
+            load_study(made / "study.yaml")
+            if folder.is_dir():
+                names = sorted(
+                    (path.name for path in made.iterdir()), key=lambda name: name == LAST
+                )
+                for name in names:
+                    (made / name).rename(folder / name)
+            else:
+                made.rename(folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+    return StartedProject(tuple(files), layout)
+
+
+def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_file(folder / name, content, force=True)
+
+
+def _files(source: RobotSource, layout: Layout) -> dict[str, bytes]:
+    """Returns the files that do not come with the robot."""
+    texts = {
+        "cell.yaml": cell_text(source, layout),
+        "tasks.yaml": tasks_text(layout),
+        "study.yaml": study_text(layout),
+        ".github/workflows/score.yaml": WORKFLOW,
+        "requirements.txt": "# Installs dualarm in CI: the version that scores.json was made with.\n"
+        f"dualarm=={__version__}\n",
+    }
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def _bare_cell(source: RobotSource) -> str:
+    return f"dualarm: cell/1\nrobot: {source.reference}\n"
+
+
+def cell_text(source: RobotSource, layout: Layout) -> str:
+    """Returns the text of the cell file.
+
+    Args:
+        source: the robot.
+        layout: what stands where.
+    """
+    own = "the robot's own hand" if any(t.hand for t in layout.tools.values()) else "a gripper"
+    lines = [
+        "# The cell: a robot, its tools, and what stands around it. Written by `dualarm init`: replace it by yours.",
+        "dualarm: cell/1",
+        f"robot: {source.reference}",
+        f"tools:                 # {own} on each flange; its tool centre point (tcp) has z along the tool",
+    ]
+    lines += [f"  {arm}: {_tool(tool)}" for arm, tool in layout.tools.items()]
+    lines.append(
+        "frames:                # targets are in these; x, y and z are in m from the robot's root, z is up"
+    )
+    many = len(layout.trays) > 1
+    for arm, (tray, box) in zip(layout.trays, _pairs(layout), strict=True):
+        for what, row in (("tray", tray), ("box", box)):
+            note = "  # both arms reach it" if many and row.shared else ""
+            lines.append(f"  {what}_{arm}: {_frame(row, layout.height)}{note}")
+    x, y, z = layout.table.middle
+    size = ", ".join(f"{_number(side)}" for side in layout.table.size)
+    lines += [
+        "obstacles:             # what nothing may touch; a box is given by its sides and its centre",
+        f"  - {{name: table, box: [{size}], xyz: [{_number(x)}, {_number(y)}, {_number(z)}]}}",
+        f"clearance: {_mm(layout.clearance)}        # the distance that all bodies keep",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def tasks_text(layout: Layout) -> str:
+    """Returns the text of the task file.
+
+    Args:
+        layout: what stands where.
+    """
+    line = _mm(0.5 * layout.step)
+    lines = [
+        "# The job: six picks. `dualarm plan` finds a schedule for it, `dualarm check` only reads it.",
+        "dualarm: tasks/1",
+        "cell: cell.yaml",
+        "order: given           # as written; `optimise` lets the planner choose, and `arm: any` the arm, too",
+    ]
+    if not layout.start_at_home:
+        lines.append(
+            "start: free            # the posture home is in the way of the table, or its tools are below it"
+        )
+    lines += [
+        "return: true           # end where the cycle began",
+        f"defaults: {{approach: {line}, retract: {line}, dwell: 0.15 s}}   # straight lines to and from each target",
+        "tasks:                 # rpy: [180 deg, 0, 0] points the tool down; free: yaw lets it turn about its own axis",
+    ]
+    arms = list(layout.trays)
+    count = PICKS // len(arms)
+    for k in range(count):
+        y = _mm((k - 0.5 * (count - 1)) * layout.step)
+        for arm in arms:
+            targets = [
+                f"{{at: {frame}_{arm}, xyz: [0, {y}, 0], rpy: [180 deg, 0, 0], free: yaw}}"
+                for frame in ("tray", "box")
+            ]
+            lines.append(f"  - id: {arm}-{k + 1}")
+            lines.append(f"    arm: {arm}")
+            lines.append(f"    pick:  {targets[0]}")
+            lines.append(f"    place: {targets[1]}")
+    return "\n".join(lines) + "\n"
+
+
+def study_text(layout: Layout) -> str:
+    """Returns the text of the study file.
+
+    Args:
+        layout: what stands where.
+    """
+    shift = 0.5 * layout.step
+    frames = [f"{what}_{arm}" for arm in layout.trays for what in ("tray", "box")]
+    return "\n".join(
+        [
+            "# A layout study: how high should the table stand? `dualarm sweep study.yaml` plans each height.",
+            "dualarm: study/1",
+            "tasks: tasks.yaml",
+            "objectives: [cycle_time, clearance]",
+            "settings: {effort: quick}",
+            "parameters:",
+            "  table height:        # all that stands on the table moves with it",
+            "    targets:",
+            "      - cell: obstacles.table.xyz[2]",
+            *(f"      - cell: frames.{frame}.xyz[2]" for frame in frames),
+            "    apply: shift",
+            f"    values: [{_mm(-shift)}, 0, {_mm(shift)}]",
+            "",
+        ]
+    )
+
+
+def _pairs(layout: Layout) -> list[tuple[Row, Row]]:
+    return [(layout.trays[arm], layout.boxes[arm]) for arm in layout.trays]
+
+
+def _tool(tool: ProposedTool) -> str:
+    """Returns a tool as a cell file has it."""
+    turned = f", rpy: [{', '.join(_degrees(angle) for angle in tool.rpy)}]" if any(tool.rpy) else ""
+    tcp, middle = (
+        f"xyz: [{', '.join(_mm(value) for value in tool.along(distance).translation)}]{turned}"
+        for distance in (tool.start + tool.length, tool.start + 0.5 * tool.length)
+    )
+    form = f"radius: {_mm(tool.radius)}, length: {_mm(tool.length - 2.0 * tool.radius)}"
+    return f"{{tcp: {{{tcp}}}, shapes: [{{capsule: {{{form}}}, {middle}}}]}}"
+
+
+def _frame(row: Row, height: float) -> str:
+    """Returns a frame whose y axis runs along a row of targets."""
+    turned = ", rpy: [0, 0, -90 deg]" if row.along == "x" else ""
+    x, y = row.centre
+    return f"{{xyz: [{_number(x)}, {_number(y)}, {_number(height)}]{turned}}}"
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 4) + 0.0:g}"
+
+
+def _degrees(angle: float) -> str:
+    return f"{angle:g} deg" if angle else "0"
+
+
+def _mm(length: float) -> str:
+    value = round(length * 1000.0, 2) + 0.0
+    return f"{value:g} mm" if value else "0"

@@ -1,0 +1,123 @@
+"""The robot of a new project: a bundled one, a folder that `dualarm robot import` wrote, or a URDF."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dualarm_cli.errors import UsageError, did_you_mean
+from dualarm_cli.files.cells.cells import load_cell
+from dualarm_cli.files.robots.robots import load_robot
+from dualarm_cli.files.source.bundled import ROBOT_FILE, bundled_robots
+from dualarm_cli.files.source.documents import read_document
+from dualarm_cli.files.source.projects import Project
+from dualarm_cli.files.source.text_source import read_bytes, recorded_reads
+from dualarm_cli.robot_import.importing import ImportRequest, import_robot
+
+DEFAULT = "sda10f"
+"""The robot of a project for which none is named."""
+CELL_FILE = "cell.yaml"
+"""Name of the cell file in the folder of two imported robots."""
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """What a cell file says of its robot, and the files that this leads to."""
+
+    reference: str
+    """Value of `robot:` in a cell file, as text."""
+    files: Mapping[str, bytes]
+    """Content of the robot's files by their path in the project."""
+    name: str
+    """What messages call it."""
+    reasons: tuple[str, ...] = ()
+    """What was decided while it was imported."""
+
+
+def robot_source(robot: str | None, packages: Sequence[Path] = ()) -> RobotSource:
+    """Returns the robot of a new project.
+
+    Args:
+        robot: a bundled robot's name, a folder or robot file, or a URDF; None for the one that is taken then.
+        packages: folders of ROS packages, for a URDF.
+
+    Raises:
+        InputError: its files are wrong.
+        UsageError: there is no such robot, or its files are not all in one folder.
+    """
+    known = bundled_robots()
+    if robot is None or robot in known:
+        name = robot or DEFAULT
+        return RobotSource(name, {}, name)
+    path = Path(robot)
+    if path.is_dir():
+        if (path / CELL_FILE).is_file():
+            return _pair(path)
+        return _robot_file(path / ROBOT_FILE)
+    if path.suffix in (".yaml", ".yml") and path.is_file():
+        return _pair(path.parent) if path.name == CELL_FILE else _robot_file(path)
+    if path.is_file():
+        return _imported(path, packages)
+    hint = did_you_mean(robot, known)
+    raise UsageError(
+        f"--robot {robot}: there is no such file or folder, and no bundled robot of that name{hint or ';'} bundled: "
+        f"{', '.join(known)}"
+    )
+
+
+def _robot_file(path: Path) -> RobotSource:
+    """Returns a robot file with all that it reads."""
+    if not path.is_file():
+        raise UsageError(
+            f"--robot {path.parent}: holds neither {ROBOT_FILE} nor {CELL_FILE}; name a folder that `dualarm robot "
+            "import` wrote, or a robot file"
+        )
+    with recorded_reads() as read:
+        load_robot(path)
+    home = path.absolute().parent.name or "robot"
+    files = {f"{home}/{name}": content for name, content in _copied(path, read).items()}
+    return RobotSource(json.dumps(f"{home}/{path.name}"), files, str(path))
+
+
+def _pair(folder: Path) -> RobotSource:
+    """Returns the two robots of a cell file with all that they read."""
+    path = folder / CELL_FILE
+    with recorded_reads() as read:
+        load_cell(path)
+    value = read_document(Project.of(path), path, str(path)).data["robot"]
+    if not isinstance(value, dict):
+        raise UsageError(f"--robot {folder}: {CELL_FILE} names one robot, {value}; name that one")
+    files = _copied(path, read)
+    del files[CELL_FILE]
+    lines = [f"\n  {side}: {json.dumps(member)}" for side, member in value.items()]
+    return RobotSource("".join(lines), files, str(folder))
+
+
+def _copied(path: Path, read: Mapping[str, str]) -> dict[str, bytes]:
+    """Returns the content of files that were read, by their paths in the folder of the first of them.
+
+    Raises:
+        UsageError: one is elsewhere.
+    """
+    files = {}
+    for name in read:
+        inside = os.path.relpath(name, path.parent)
+        if inside.startswith(".."):
+            raise UsageError(
+                f"--robot {path}: reads {name}, which is not in its folder; `dualarm robot import` writes a robot with "
+                "all its files into one"
+            )
+        files[Path(inside).as_posix()] = read_bytes(Path(name), name)
+    return files
+
+
+def _imported(urdf: Path, packages: Sequence[Path]) -> RobotSource:
+    """Returns a robot that is imported on the way."""
+    imported = import_robot(ImportRequest(urdf, packages=tuple(packages)))
+    files = {f"{imported.folder}/{name}": content for name, content in imported.files.items()}
+    return RobotSource(
+        json.dumps(f"{imported.folder}/{ROBOT_FILE}"), files, str(urdf), imported.reasons
+    )

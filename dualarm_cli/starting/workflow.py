@@ -1,0 +1,49 @@
+"""The CI workflow of a first project: `docs/score-workflow.yaml` with the project's own task files."""
+
+from __future__ import annotations
+
+WORKFLOW = """\
+# Cycle times that must not get worse. Before the first run, write scores.json and commit it:
+#   dualarm score tasks.yaml --baseline scores.json --update-baseline
+name: score
+on:
+  pull_request:
+  push:
+    branches: [main]
+permissions:
+  contents: read
+concurrency:
+  group: score-${{ github.ref }}
+  cancel-in-progress: true
+jobs:
+  score:
+    runs-on: ubuntu-latest
+    timeout-minutes: 60
+    steps:
+      - uses: actions/checkout@v4
+      - uses: actions/setup-python@v5
+        with:
+          python-version: "3.12"
+          cache: pip
+      - run: python -m pip install -r requirements.txt
+      - uses: actions/cache/restore@v4
+        with:
+          path: .dualarm-cache
+          key: dualarm-${{ github.run_id }}
+          restore-keys: dualarm-
+      - run: >-
+          dualarm score tasks.yaml --baseline scores.json --max-regression 2%
+          --timeout '10 min' --junit score.xml --github
+      - uses: actions/cache/save@v4
+        if: always()  # what was planned is not planned again, also where the gate is closed
+        with:
+          path: .dualarm-cache
+          key: dualarm-${{ github.run_id }}
+      - uses: actions/upload-artifact@v4
+        if: always()
+        with:
+          name: score
+          path: score.xml
+          if-no-files-found: ignore
+"""
+"""Text of the file."""

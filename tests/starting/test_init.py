@@ -1,0 +1,213 @@
+"""`dualarm init`: every bundled robot gets a project whose targets it reaches; nothing is overwritten or half-written."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dualarm_cli import __version__
+from dualarm_cli.cli.run import run
+from dualarm_cli.files.checking import check_file
+from dualarm_cli.files.source.bundled import bundled_robots, robots_folder
+from dualarm_cli.files.tasks.tasks import load_job
+from dualarm_cli.kinematics.cell_model import CellModel
+from dualarm_cli.kinematics.general_arm import GeneralArm
+from dualarm_cli.kinematics.numeric_inverse import solve_poses
+
+ROOT = Path(__file__).parents[2]
+FILES = {
+    "cell.yaml",
+    "tasks.yaml",
+    "study.yaml",
+    "requirements.txt",
+    ".github/workflows/score.yaml",
+}
+QUICK = "iiwa7"
+"""The robot that is planned quickest."""
+FEW = (QUICK, "sda10f", "yumi")
+"""One of one arm, one with a platform, one without closed forms."""
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def content(folder):
+    """Returns the bytes of all files of a folder."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in Path(folder).rglob("*")
+        if path.is_file()
+    }
+
+
+def reaches_with_tool_down(job, task, stop):
+    """Returns whether an arm reaches a target with the platform at home; from many starts, over eight turns."""
+    model = CellModel.from_cell(job.cell, numeric=True)
+    arm = model.arms[task.arm]
+    assert isinstance(arm.kinematics, GeneralArm)
+    home = job.cell.robot.postures["home"]
+    R_world, p_world = model.platform.pose(home[model.platform_columns])
+    turns = [np.eye(3)]
+    for angle in np.radians(np.arange(45.0, 360.0, 45.0)):
+        c, s = np.cos(angle), np.sin(angle)
+        turns.append(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    T = arm.T_flange_tcp.inverse()
+    R = R_world.T @ stop.target.pose.rotation @ np.array(turns)
+    p = R_world.T @ (stop.target.pose.translation - p_world) + R @ T.translation
+    return bool((solve_poses(arm.kinematics, R @ T.rotation, p).miss == 0.0).all(axis=1).any())
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(name, marks=[] if name in FEW else pytest.mark.slow)
+        for name in bundled_robots()
+    ],
+)
+def test_every_bundled_robot_gets_a_project(robot):
+    """Its files are valid; six picks at targets that inverse kinematics reaches, all on the table and apart."""
+    assert run(["init", "demo", "--robot", robot]) == 0
+    assert set(content("demo")) == FILES
+    for name in ("cell.yaml", "tasks.yaml", "study.yaml"):
+        assert check_file(Path("demo") / name) == []
+    job = load_job(Path("demo/tasks.yaml"))
+    assert len(job.tasks) == 6
+    [table] = job.cell.obstacles
+    points = []
+    for task in job.tasks:
+        for stop in task.stops:
+            at = stop.target.pose.translation
+            points.append(at)
+            below = at - table.shape.pose.translation
+            assert np.abs(below[:2]).max() < 0.5 * max(table.shape.size[:2])
+            assert (np.abs(below[:2]) < 0.5 * np.array(table.shape.size[:2])).all()
+            assert below[2] > 0.5 * table.shape.size[2]
+            assert reaches_with_tool_down(job, task, stop), (task.id, stop.action)
+    distance = np.linalg.norm(np.array(points)[:, None] - np.array(points)[None], axis=-1)
+    assert distance[np.triu_indices(len(points), 1)].min() > 0.009
+
+
+def test_a_project_plans_at_once(capsys):
+    """In an empty folder: two commands, a verified plan; the last lines of the first name the second."""
+    assert run(["init", "demo", "--robot", QUICK]) == 0
+    said = capsys.readouterr().err
+    assert "dualarm plan demo/tasks.yaml" in said.splitlines()[-3]
+    assert run(["plan", "demo/tasks.yaml"]) == 0
+    assert "verification: passed" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", bundled_robots())
+def test_every_project_plans_at_once(robot, capsys):
+    """The same for all bundled robots."""
+    assert run(["init", "demo", "--robot", robot]) == 0
+    assert run(["plan", "demo/tasks.yaml"]) == 0
+    out = capsys.readouterr().out
+    assert "verification: passed" in out
+    assert "could not be checked" not in out
+
+
+def test_the_same_robot_gets_the_same_bytes():
+    """Whatever the folder is called, new or empty."""
+    Path("two").mkdir()
+    for name in ("one", "two"):
+        assert run(["init", name, "--robot", QUICK]) == 0
+    assert content("one") == content("two")
+
+
+def test_a_folder_that_is_used_is_refused(capsys):
+    """Exit code 2; what is there stays as it is, and nothing is left beside it."""
+    Path("demo").mkdir()
+    Path("demo/notes.txt").write_text("mine")
+    assert run(["init", "demo"]) == 2
+    assert "demo: is not empty; name a new folder" in capsys.readouterr().err
+    Path("file").write_text("mine")
+    assert run(["init", "file"]) == 2
+    assert content(".") == {"demo/notes.txt": b"mine", "file": b"mine"}
+
+
+def test_an_unknown_robot_is_refused(capsys):
+    """With the closest name; nothing is written."""
+    assert run(["init", "demo", "--robot", "yuni"]) == 2
+    assert "did you mean" in (text := capsys.readouterr().err)
+    assert "yumi" in text
+    assert not Path("demo").exists()
+
+
+@pytest.fixture
+def stiff():
+    """Returns the path of a robot whose arms hardly move, its tools level: no table is reached with tools down."""
+    folder = Path("stiff")
+    shutil.copytree(robots_folder() / "iiwa7", folder)
+    urdf = next(folder.glob("*.urdf"))
+    tree = yaml.safe_load((folder / "robot.yaml").read_text())
+    tree["postures"] = {}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    lines = []
+    for line in urdf.read_text().splitlines():
+        if "<limit" in line:
+            words = [w for w in line.split() if not w.startswith(("lower=", "upper="))]
+            line = " ".join([words[0], 'lower="-0.05"', 'upper="0.05"', *words[1:]])
+        lines.append(line)
+    urdf.write_text("\n".join(lines))
+    return folder
+
+
+def test_a_robot_that_reaches_no_table_is_told_so(stiff, capsys):
+    """Exit code 3, one sentence, nothing written."""
+    assert run(["init", "demo", "--robot", str(stiff)]) == 3
+    text = capsys.readouterr().err
+    assert "error[E680]: no table was found for stiff/robot.yaml" in text
+    assert not Path("demo").exists()
+    assert [path.name for path in Path().iterdir()] == ["stiff"]
+
+
+def test_a_robot_s_folder_comes_along():
+    """The project needs nothing else: it is checked after the folder that it came from is gone."""
+    shutil.copytree(robots_folder() / "yumi", "mine")
+    assert run(["init", "demo", "--robot", "mine"]) == 0
+    shutil.rmtree("mine")
+    assert check_file(Path("demo/tasks.yaml")) == []
+    assert yaml.safe_load(Path("demo/cell.yaml").read_text())["robot"] == "mine/robot.yaml"
+
+
+def test_a_robot_file_that_reads_elsewhere_is_refused(capsys):
+    """It would not be complete; the message says what makes it so."""
+    Path("robot").mkdir()
+    for path in (robots_folder() / "yumi").iterdir():
+        shutil.copy(path, "robot" if path.suffix == ".yaml" else ".")
+    text = Path("robot/robot.yaml").read_text().replace("urdf: ", "urdf: ../")
+    Path("robot/robot.yaml").write_text(text)
+    assert run(["init", "demo", "--robot", "robot"]) == 2
+    assert "which is not in its folder" in capsys.readouterr().err
+    assert not Path("demo").exists()
+
+
+def test_the_workflow_is_that_of_the_docs():
+    """But for its first lines, and the task files that it scores; it installs this version."""
+    assert run(["init", "demo", "--robot", QUICK]) == 0
+    own = Path("demo/.github/workflows/score.yaml").read_text().splitlines()
+    theirs = (ROOT / "docs/score-workflow.yaml").read_text().splitlines()
+    pattern = "'cells/**/tasks.yaml'"
+    assert own[2:] == [line.replace(pattern, "tasks.yaml") for line in theirs[2:]]
+    assert f"dualarm=={__version__}" in Path("demo/requirements.txt").read_text()
+
+
+@pytest.mark.slow
+def test_the_workflow_s_commands_work(monkeypatch):
+    """The baseline of its first lines is written, and then its command passes."""
+    assert run(["init", "demo", "--robot", QUICK]) == 0
+    monkeypatch.chdir("demo")
+    workflow = Path(".github/workflows/score.yaml").read_text()
+    [first] = [line for line in workflow.splitlines() if line.startswith("#   dualarm ")]
+    assert run(first.split()[2:]) == 0
+    steps = yaml.safe_load(workflow)["jobs"]["score"]["steps"]
+    [command] = [step["run"] for step in steps if "dualarm score" in step.get("run", "")]
+    words = command.replace("'10 min'", "10min").split()[1:]
+    assert run(words) == 0
