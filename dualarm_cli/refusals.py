@@ -192,7 +192,8 @@ _POSTURES = {
     "no_posture_from_start": "task '{task}': {arm} arm cannot {action}: {cause}",
     "no_common_angle": "reached, but at no platform angle that suits both arms; `dualarm robot reach` with the "
     "cell file shows which angles suit which arm",
-    "no_common_place": "reached, but at no platform position that suits both arms",
+    "no_common_place": "reached, but at no platform position that suits both arms; `dualarm robot reach` with the "
+    "cell file shows which positions suit which arm",
     "no_pair_of_postures": "collision-free postures were found for single places, but none for this stop and the "
     "other arm's together",
     "no_postures_together": "collision-free postures were found for single places, but none for this stop along "

@@ -1,4 +1,4 @@
-"""`dualarm robot reach`: which part of a table each arm and both arms reach, and from which platform angles."""
+"""`dualarm robot reach`: which part of a table each arm and both arms reach, and from which platform positions."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def reach_command(
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.source.quantities import ANGLE, LENGTH
     from dualarm_cli.reachability.reach_map import reach_map
-    from dualarm_cli.reachability.region import best_height, platform_angles, region
+    from dualarm_cli.reachability.region import best_height, platform_positions, region
     from dualarm_cli.report.reach import area_table, frame_table, reach_document, reach_lines
 
     if out is not None:
@@ -70,11 +70,11 @@ def reach_command(
     level = None if height is None else _read("--height", height, LENGTH)
     cell, notes = _cell(robot)
     here = region(cell)
-    angles = platform_angles(cell)
+    platform = platform_positions(cell)
     spacing = here.step if spacing is None else spacing
-    points = len(angles) * (2.0 * here.radius / spacing) ** 2 if spacing > 0.0 else math.inf
+    points = len(platform) * (2.0 * here.radius / spacing) ** 2 if spacing > 0.0 else math.inf
     if not points <= MOST_NODES:
-        least = 2.0 * here.radius * math.sqrt(len(angles) / MOST_NODES) * 1000.0
+        least = 2.0 * here.radius * math.sqrt(len(platform) / MOST_NODES) * 1000.0
         raise UsageError(f"--step {step}: must be {math.ceil(least)} mm or more for this robot")
     if level is None and cell.frames:
         level = float(np.median([pose.translation[2] for pose in cell.frames.values()]))
@@ -82,7 +82,7 @@ def reach_command(
         level = best_height(cell, here)
     if level is None:
         level = here.easy[1]
-    grid = here.grid(angles, np.array([level]), spacing, leaning)
+    grid = here.grid(platform, np.array([level]), spacing, leaning)
     document = reach_document(robot, cell, reach_map(cell, grid))
     if out is not None:
         from dualarm_cli.report.figures.reach_figure import draw_reach

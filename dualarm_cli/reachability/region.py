@@ -15,6 +15,8 @@ from dualarm_cli.reachability.table_grid import TableGrid
 
 ANGLE_STEP = np.radians(15.0)
 """Spacing of platform angles [rad]."""
+RAIL_POSITIONS = 9
+"""Positions of a platform that slides."""
 STEPS = (0.01, 0.02, 0.025, 0.04, 0.05, 0.08, 0.1)
 """Spacings that a grid may have [m]."""
 STEP_SHARE = 0.08
@@ -94,6 +96,8 @@ def region(cell: Cell) -> Region:
     if model.platform.is_turntable:
         centre = p[:2]
     radius = float((np.linalg.norm(at[:, :2] - centre, axis=1) + reach).max())
+    if model.platform.is_rail:
+        radius += float(np.abs(platform_positions(cell) - home).max())
     wanted = STEP_SHARE * float(reach.min())
     step = max((s for s in STEPS if s <= wanted + 1e-9), default=STEPS[0])
     return Region(
@@ -107,18 +111,22 @@ def region(cell: Cell) -> Region:
     )
 
 
-def platform_angles(cell: Cell) -> FloatArray:
-    """Returns platform positions at which reach is compared, shape (a, k): all round where it turns, else home.
+def platform_positions(cell: Cell) -> FloatArray:
+    """Returns platform positions at which reach is compared, shape (a, k): all round, all along a rail, else home.
 
     Args:
         cell: whose platform it is.
     """
     model = CellModel.from_cell(cell)
     home = cell.robot.postures["home"][model.platform_columns]
-    if not model.platform.is_turntable:
+    if not model.platform.is_chosen:
         return home[None]
     limits = cell.robot.limits.select(model.platform.joints)
-    low, high = max(limits.lower[0], -np.pi), min(limits.upper[0], np.pi)
+    low, high = float(limits.lower[0]), float(limits.upper[0])
+    if model.platform.is_rail:
+        count = RAIL_POSITIONS if np.isfinite(high - low) and high > low else 0
+        return np.linspace(low, high, count)[:, None] if count else home[None]
+    low, high = max(low, -np.pi), min(high, np.pi)
     first, last = np.ceil(low / ANGLE_STEP - 1e-9), np.floor(high / ANGLE_STEP + 1e-9)
     angles = np.arange(first, last + 1) * ANGLE_STEP
     if high - low > 2.0 * np.pi - 1e-9:

@@ -13,7 +13,6 @@ from dualarm_cli.geometry.arrays import BoolArray
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
 from dualarm_cli.reachability.reach_map import ReachMap, reach_map
-from dualarm_cli.reachability.region import ANGLE_STEP
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,7 +25,7 @@ NOTE = (
 
 
 def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
-    """Returns what is reached, JSON-ready: by platform angle the areas, and by frame the angles; m, m² and rad.
+    """Returns what is reached, JSON-ready: by platform position the areas, and by frame the positions; SI units.
 
     Args:
         name: of the robot or cell.
@@ -34,8 +33,8 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
         reach: of a grid at one height.
     """
     grid = reach.grid
-    turns = CellModel.from_cell(cell).platform.is_turntable
-    angles = grid.platform[:, 0].tolist() if turns else [None]
+    platform = CellModel.from_cell(cell).platform
+    places = grid.platform[:, 0].tolist() if platform.is_chosen else [None]
     reached = _by_whom(reach)
     cell_area = grid.step**2
     frames = {}
@@ -53,82 +52,88 @@ def reach_document(name: str, cell: Cell, reach: ReachMap) -> dict[str, Any]:
         "height": float(grid.heights[0]),
         "tilt": grid.tilt,
         "step": grid.step,
-        "platform": angles,
+        "platform": places,
+        "platform_unit": "m" if platform.is_rail else "rad",
         "x": grid.x.tolist(),
         "y": grid.y.tolist(),
         "area": {
             who: (one[:, 0].sum(axis=(1, 2)) * cell_area).tolist() for who, one in reached.items()
         },
-        "area_at_any_angle": {
+        "area_at_any": {
             who: float(one[:, 0].any(axis=0).sum() * cell_area) for who, one in reached.items()
         },
-        "angles": {who: one[:, 0].sum(axis=0).tolist() for who, one in reached.items()},
+        "positions": {who: one[:, 0].sum(axis=0).tolist() for who, one in reached.items()},
         "frames": frames,
     }
 
 
 def _by_whom(reach: ReachMap) -> dict[str, BoolArray]:
-    """Returns what each arm reaches, and what all of several reach from one platform angle."""
+    """Returns what each arm reaches, and what all of several reach from one platform position."""
     found = {arm: reach.reached(arm) for arm in reach.postures}
     return found | {"both": reach.both} if len(found) > 1 else found
 
 
 def area_table(document: Mapping[str, Any]) -> Table:
-    """Returns the table of areas by platform angle."""
+    """Returns the table of areas by platform position."""
     from rich.table import Table
 
     table = Table()
-    table.add_column("platform °", justify="right")
+    rail = document["platform_unit"] == "m"
+    table.add_column("platform mm" if rail else "platform °", justify="right")
     for who in document["area"]:
         table.add_column(f"{who} m²", justify="right")
-    for k, angle in enumerate(document["platform"]):
+    for k, place in enumerate(document["platform"]):
         areas = [f"{area[k]:.3f}" for area in document["area"].values()]
-        table.add_row("–" if angle is None else _degrees(angle), *areas)
+        table.add_row("–" if place is None else _shown(place, rail), *areas)
     if len(document["platform"]) > 1:
         table.add_section()
-        table.add_row("any", *(f"{area:.3f}" for area in document["area_at_any_angle"].values()))
+        table.add_row("any", *(f"{area:.3f}" for area in document["area_at_any"].values()))
     return table
 
 
 def frame_table(document: Mapping[str, Any]) -> Table:
-    """Returns the table of frames: from which platform angles each arm reaches them."""
+    """Returns the table of frames: from which platform positions each arm reaches them."""
     from rich.table import Table
 
     table = Table()
     table.add_column("frame")
     table.add_column("x, y, z m", justify="right")
     first = next(iter(document["frames"].values()))
+    rail = document["platform_unit"] == "m"
+    unit = "mm" if rail else "°"
     for who in first["reached"]:
-        table.add_column(f"{who}, platform °" if document["platform"][0] is not None else who)
+        table.add_column(f"{who}, platform {unit}" if document["platform"][0] is not None else who)
     for name, frame in document["frames"].items():
-        ranges = [angle_ranges(document["platform"], one) for one in frame["reached"].values()]
+        ranges = [ranges_of(document["platform"], one, rail) for one in frame["reached"].values()]
         table.add_row(name, ", ".join(f"{v:.3g}" for v in frame["xyz"]), *ranges)
     return table
 
 
-def angle_ranges(angles: Sequence[float | None], reached: Sequence[bool]) -> str:
-    """Returns the angles at which something is reached, in words: ranges of neighbours in degrees.
+def ranges_of(places: Sequence[float | None], reached: Sequence[bool], rail: bool = False) -> str:
+    """Returns the platform positions at which something is reached, in words: ranges of neighbours.
 
     Args:
-        angles: ascending [rad]; None alone where nothing turns.
+        places: ascending [rad or m]; None alone where the platform stands.
         reached: at each of them.
+        rail: whether they are in metres.
     """
     if not any(reached):
         return "no"
-    if angles[0] is None:
+    if places[0] is None:
         return "yes"
     if all(reached):
         return "all"
     ranges: list[list[float]] = []
-    for angle, good in zip(angles, reached, strict=True):
-        if not good or angle is None:
-            continue
-        if ranges and angle - ranges[-1][1] < 1.5 * ANGLE_STEP:
-            ranges[-1][1] = angle
-        else:
-            ranges.append([angle, angle])
+    before = False
+    for place, good in zip(places, reached, strict=True):
+        if good and place is not None:
+            if before:
+                ranges[-1][1] = place
+            else:
+                ranges.append([place, place])
+        before = good
     return ", ".join(
-        _degrees(low) if low == high else f"{_degrees(low)} to {_degrees(high)}"
+        _shown(low, rail) if low == high else f"{_shown(low, rail)} to {_shown(high, rail)}"
         for low, high in ranges
     )
 
@@ -136,7 +141,7 @@ def angle_ranges(angles: Sequence[float | None], reached: Sequence[bool]) -> str
 def reach_lines(document: Mapping[str, Any]) -> list[str]:
     """Returns sentences on what is reached: by whom, and within which sides."""
     lines = []
-    for who, count in document["angles"].items():
+    for who, count in document["positions"].items():
         reached = np.array(count) > 0
         if not reached.any():
             what = (
@@ -156,5 +161,6 @@ def reach_lines(document: Mapping[str, Any]) -> list[str]:
     return [*lines, NOTE]
 
 
-def _degrees(angle: float) -> str:
-    return f"{round(math.degrees(angle), 1) + 0.0:g}"
+def _shown(place: float, rail: bool) -> str:
+    """Returns a platform position in mm or degrees."""
+    return f"{round(place * 1000.0 if rail else math.degrees(place), 1) + 0.0:g}"

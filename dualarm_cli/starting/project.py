@@ -129,7 +129,7 @@ def cell_text(source: RobotSource, layout: Layout) -> str:
     size = ", ".join(f"{_number(side)}" for side in layout.table.size)
     lines += [
         "obstacles:             # what nothing may touch; a box is given by its sides and its centre",
-        f"  - {{name: table, box: [{size}], xyz: [{_number(x)}, {_number(y)}, {_number(z)}]}}",
+        f"  table: {{box: [{size}], xyz: [{_number(x)}, {_number(y)}, {_number(z)}]}}",
         f"clearance: {_mm(layout.clearance)}        # the distance that all bodies keep",
     ]
     return "\n".join(lines) + "\n"

@@ -125,7 +125,9 @@ def most_reached(
         return found
 
     worst = np.minimum.reduce([inside(front * one.astype(np.float64)) for one in reached])
-    score = worst + 0.5 * inside(front * both.astype(np.float64)) - 0.1 * inside(np.ones(free.shape))
+    score = (
+        worst + 0.5 * inside(front * both.astype(np.float64)) - 0.1 * inside(np.ones(free.shape))
+    )
     score = np.where((inside((~free).astype(np.float64)) < 0.5) & (worst > 0.0), score, -np.inf)
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     rows, columns = (slice(*ends[:, k].tolist()) for ends, k in ((y, row), (x, column)))

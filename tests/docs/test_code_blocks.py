@@ -48,6 +48,7 @@ FIGURES = {
     "curves.png": ("dualarm curve tasks/papers/qin_curves/tasks.yaml", "curves.png"),
     "gantt.png": ("dualarm plan tasks/04_packing/tasks.yaml", "gantt.png"),
     "platform.png": ("dualarm platform", "platform.png"),
+    "reach.png": ("dualarm robot reach tasks/04_packing/cell.yaml", "reach.png"),
     "seam.png": ("dualarm plan tasks/10_seam/tasks.yaml", "seam.png"),
     "study_pareto.png": ("dualarm sweep tasks/04_packing/study.yaml", "packing-study/pareto.png"),
     "study_sensitivity.png": (
@@ -232,10 +233,8 @@ def test_every_figure_is_drawn_by_a_command_of_a_page():
         block.text for page in PAGES for block in blocks(page) if block.language == "sh"
     )
     for command, file in FIGURES.values():
-        option = f"--out {file.split('/')[0]}" if "/" in file else f"--plot {file}"
-        assert re.search(
-            rf"^{re.escape(command)}\b.*{re.escape(option)}", commands, re.MULTILINE
-        ), file
+        option = rf"--(?:plot|out) {re.escape(file.split('/')[0])}"
+        assert re.search(rf"^{re.escape(command)}\b.*{option}", commands, re.MULTILINE), file
 
 
 def test_commands_do_not_get_into_each_others_way():

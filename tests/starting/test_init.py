@@ -1,4 +1,4 @@
-"""`dualarm init`: every bundled robot gets a project whose targets it reaches; nothing is overwritten or half-written."""
+"""`dualarm init`: every bundled robot gets targets that it reaches; nothing is overwritten or half-written."""
 
 from __future__ import annotations
 

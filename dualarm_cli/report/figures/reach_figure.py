@@ -1,4 +1,4 @@
-"""The figure of what arms reach of a table: seen from above, and over the platform angle."""
+"""The figure of what arms reach of a table: seen from above, and over the platform's position."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from dualarm_cli.report.figures.figures import new_figure, rendered
 COLOURS = {"left": "#1f5fbf", "right": "#c23b22", "both": "#2a7f3f"}
 """By who reaches."""
 MAPS = {"left": "Blues", "right": "Reds", "both": "Greens"}
-"""Scales of colours for how many degrees of the platform angle reach a point."""
+"""Scales of colours for how much of the platform's way reaches a point."""
 LIGHTEST = 0.25
-"""Where in its scale the colour of a point begins that is reached from one angle only."""
+"""Where in its scale the colour of a point begins that is reached from one position only."""
 
 
 def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
@@ -30,7 +30,7 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
     Raises:
         MissingDependencyError: matplotlib is not installed.
     """
-    who, turns = list(document["angles"]), document["platform"][0] is not None
+    who, turns = list(document["positions"]), document["platform"][0] is not None
     figure = new_figure(4.2 * len(who) if turns else 6.4, 7.4 if turns else 6.0)
     tilt = f", tilted by {math.degrees(document['tilt']):.3g}°" if document["tilt"] else ""
     figure.suptitle(
@@ -48,32 +48,33 @@ def draw_reach(document: Mapping[str, Any], cell: Cell, kind: str) -> bytes:
         return rendered(figure, kind)
     names = [f"map {one}" for one in who]
     panels = figure.subplot_mosaic([names, ["areas"] * len(names)], height_ratios=[2.0, 1.0])
-    step = (
-        math.degrees(document["platform"][1] - document["platform"][0])
-        if len(document["platform"]) > 1
-        else 0.0
-    )
+    scale, unit = (1000.0, "mm") if document["platform_unit"] == "m" else (math.degrees(1.0), "deg")
+    places = scale * np.array(document["platform"])
+    step = float(places[1] - places[0]) if len(places) > 1 else 0.0
     for one, name in zip(who, names, strict=True):
         panel = panels[name]
-        degrees = np.array(document["angles"][one]) * step
-        drawn = _mesh(panel, document, np.where(degrees > 0, degrees, np.nan), _scale(MAPS[one]))
-        drawn.set_clim(0.0, max(float(degrees.max()), step, 1.0))
-        panel.set_title("both arms, from one platform angle" if one == "both" else f"{one} arm")
+        amount = np.array(document["positions"][one]) * step
+        drawn = _mesh(panel, document, np.where(amount > 0, amount, np.nan), _scale(MAPS[one]))
+        drawn.set_clim(0.0, max(float(amount.max()), step, 1.0))
+        panel.set_title("both arms, from one platform position" if one == "both" else f"{one} arm")
         _draw_cell(panel, document, cell)
         figure.colorbar(
-            drawn, ax=panel, orientation="horizontal", shrink=0.9, label="platform angles [deg]"
+            drawn,
+            ax=panel,
+            orientation="horizontal",
+            shrink=0.9,
+            label=f"platform positions [{unit}]",
         )
-    angles = np.degrees(document["platform"])
     for one in who:
         panels["areas"].plot(
-            angles,
+            places,
             document["area"][one],
             color=COLOURS[one],
             marker="o",
             markersize=3,
             label="both arms" if one == "both" else f"{one} arm",
         )
-    panels["areas"].set_xlabel("platform angle [deg]")
+    panels["areas"].set_xlabel(f"platform [{unit}]")
     panels["areas"].set_ylabel("reached [m²]")
     panels["areas"].set_ylim(bottom=0.0)
     panels["areas"].grid(alpha=0.3)
@@ -93,11 +94,11 @@ def _draw_sides(panel: Any, document: Mapping[str, Any]) -> None:
     """Draws what each arm and both reach, each in one colour."""
     from matplotlib.colors import ListedColormap
 
-    for one in document["angles"]:
-        reached = np.array(document["angles"][one]) > 0
+    for one in document["positions"]:
+        reached = np.array(document["positions"][one]) > 0
         shown = reached
-        if one in ("left", "right") and "both" in document["angles"]:
-            shown = reached & ~(np.array(document["angles"]["both"]) > 0)
+        if one in ("left", "right") and "both" in document["positions"]:
+            shown = reached & ~(np.array(document["positions"]["both"]) > 0)
         _mesh(panel, document, np.where(shown, 1.0, np.nan), ListedColormap([COLOURS[one]]))
         label = {"both": "both arms"}.get(one, f"{one} arm")
         panel.plot([], [], "s", color=COLOURS[one], alpha=0.7, label=label)
@@ -129,7 +130,7 @@ def _draw_cell(panel: Any, document: Mapping[str, Any], cell: Cell) -> None:
         x, y, _ = pose.translation
         panel.plot(x, y, "k.", markersize=4)
         panel.annotate(name, (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points")
-    reached = np.any([np.array(one) > 0 for one in document["angles"].values()], axis=0)
+    reached = np.any([np.array(one) > 0 for one in document["positions"].values()], axis=0)
     if reached.any():
         iy, ix = np.nonzero(reached)
         for limit, side, k, at in (
