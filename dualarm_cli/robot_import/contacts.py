@@ -50,6 +50,12 @@ def bare_cell(robot: Robot) -> Cell:
     return Cell(robot, pin.SE3.Identity(), tools, {}, ())
 
 
+def sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Returns the lowest and highest positions that are sampled [rad or m]: a turn either way of joints that turn."""
+    most = np.array([np.inf if name in robot.sliding else 2 * np.pi for name in robot.joints])
+    return np.maximum(robot.limits.lower, -most), np.minimum(robot.limits.upper, most)
+
+
 def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     """Returns postures within the limits, shape (count, joints) [rad or m]; joints that turn without end within a turn.
 
@@ -58,8 +64,7 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
         count: how many.
         seed: of the random numbers.
     """
-    lower = np.maximum(robot.limits.lower, -np.pi * 2)
-    upper = np.minimum(robot.limits.upper, np.pi * 2)
+    lower, upper = sampled_range(robot)
     return np.random.default_rng(seed).uniform(lower, upper, (count, len(robot.joints)))
 
 

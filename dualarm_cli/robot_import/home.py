@@ -9,7 +9,12 @@ import pinocchio as pin
 
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Robot
-from dualarm_cli.robot_import.contacts import in_model_order, random_postures, touches
+from dualarm_cli.robot_import.contacts import (
+    in_model_order,
+    random_postures,
+    sampled_range,
+    touches,
+)
 
 LOOKED_AT = 4000
 """Postures that are compared."""
@@ -20,18 +25,32 @@ FEW = 40
 
 
 def propose_home(robot: Robot, seed: int) -> FloatArray | None:
-    """Returns a posture (joints,) [rad or m], platform at 0 or its nearest; None where all that were tried collide.
+    """Returns a posture (joints,) [rad or m]; None where all that were tried collide.
+
+    The platform is at 0 or nearest to it; one that slides, where that collides, in the middle or at an end.
 
     Args:
         robot: with its allowed contacts.
         seed: of the random postures.
     """
+    columns = robot.columns(robot.platform)
+    lower, upper = robot.limits.lower[columns], robot.limits.upper[columns]
+    places = [np.clip(0.0, lower, upper)]
+    if robot.platform and robot.sliding.issuperset(robot.platform):
+        places += [0.5 * (lower + upper), upper, lower]
+    found = (_home_at(robot, seed, place) for place in places)
+    return next((home for home in found if home is not None), None)
+
+
+def _home_at(robot: Robot, seed: int, place: FloatArray) -> FloatArray | None:
+    """Returns a posture with the platform at a place (k,) [rad or m]; None where all that were tried collide."""
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
     limits = robot.limits
     middle = np.clip(0.0, limits.lower, limits.upper)
-    width = np.minimum(limits.upper, 2 * np.pi) - np.maximum(limits.lower, -2 * np.pi)
-    centre = 0.5 * (np.minimum(limits.upper, 2 * np.pi) + np.maximum(limits.lower, -2 * np.pi))
+    middle[robot.columns(robot.platform)] = place
+    lower, upper = sampled_range(robot)
+    width, centre = upper - lower, 0.5 * (lower + upper)
     postures = random_postures(robot, LOOKED_AT, seed)
     # Around the middle of the ranges: what random arms do in the outer half is seldom worth starting from.
     postures = centre + 0.7 * (postures - centre)

@@ -23,7 +23,7 @@ from dualarm_cli.robot_import.contacts import find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described
 from dualarm_cli.robot_import.home import propose_home
-from dualarm_cli.robot_import.joint_limits import read_joint_limits, with_speeds
+from dualarm_cli.robot_import.joint_limits import ASSUMED, read_joint_limits, with_speeds
 from dualarm_cli.robot_import.robot_file import RobotText, robot_text
 from dualarm_cli.robot_import.srdf import Srdf, read_srdf
 from dualarm_cli.robot_import.structure import Structure, find_structure
@@ -92,7 +92,9 @@ def import_robot(request: ImportRequest) -> Imported:
     description = described(urdf, meshes, parts)
     name = urdf.root.name or request.urdf.stem
     zero = {"home": _near_zero(urdf, structure)}
-    text = RobotText(name, f"{_file_name(name)}.urdf", structure, assumed, limits, (), zero)
+    sliding = frozenset(n for n, j in urdf.joints.items() if j.get("type") == "prismatic")
+    text = RobotText(name, f"{_file_name(name)}.urdf", structure, assumed, limits, postures=zero)
+    text = replace(text, sliding=sliding)
     files = {text.urdf: description.text.encode(), **description.meshes}
     first = _loaded(files, robot_text(text))
     contacts, often = find_contacts(first.robot, srdf.contacts, request.seed)
@@ -108,7 +110,7 @@ def import_robot(request: ImportRequest) -> Imported:
     reasons = [*structure.reasons, *description.reasons]
     if assumed:
         names = ", ".join(sorted(assumed))
-        reasons.append(f"velocity limits assumed (90 deg/s), as the URDF has none: {names}")
+        reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
     for pair in often:
         names = " and ".join(pair.links)
         reasons.append(

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dualarm_cli.robot_import.contacts import Contact
-from dualarm_cli.robot_import.joint_limits import StatedLimits
+from dualarm_cli.robot_import.joint_limits import ASSUMED, StatedLimits
 from dualarm_cli.robot_import.structure import Structure
 
 ACCELERATION_RULE = "top speed in 0.3 s"
@@ -41,6 +41,8 @@ class RobotText:
     """Named postures [rad or m]."""
     proposed: bool = False
     """Whether home is a proposal."""
+    sliding: frozenset[str] = frozenset()
+    """Joints that slide."""
 
 
 def robot_text(robot: RobotText) -> str:
@@ -62,7 +64,7 @@ def robot_text(robot: RobotText) -> str:
     lines.append("arms:")
     for side, arm in structure.arms.items():
         lines.append(f"  {side}: {{joints: {_list(arm.joints)}, flange: {_text(arm.tip)}}}")
-    lines += _limits(robot)
+    lines += [*_limits(robot), *_frozen(structure)]
     if robot.postures:
         lines.append("postures:  # joints that are not named are 0")
     for name, values in robot.postures.items():
@@ -71,7 +73,9 @@ def robot_text(robot: RobotText) -> str:
                 "  # proposed: collision-free, away from joint limits and singular postures"
             )
         pairs = ", ".join(
-            f"{_text(joint)}: {value!r} rad" for joint, value in values.items() if value != 0.0
+            f"{_text(joint)}: {value!r} {'m' if joint in robot.sliding else 'rad'}"
+            for joint, value in values.items()
+            if value != 0.0
         )
         lines.append(f"  {_text(name)}: {{{pairs}}}")
     if robot.contacts:
@@ -93,8 +97,32 @@ def _limits(robot: RobotText) -> list[str]:
     if robot.assumed:
         names = ", ".join(sorted(robot.assumed))
         lines.append(
-            f"  # the URDF has no velocity limits of these joints, 90 deg/s is assumed: {names}"
+            f"  # the URDF has no velocity limits of these joints, {ASSUMED} is assumed: {names}"
         )
+    return lines
+
+
+def _frozen(structure: Structure) -> list[str]:
+    """Returns the lines on lifts and rails that stand still, and how to let them move."""
+    if not structure.frozen:
+        return []
+    lines = ["frozen:  # where other joints stand; 0 where it is not given"]
+    for slide in structure.frozen:
+        name = _text(slide.joint)
+        if slide.arm:
+            what = f"carries the {slide.arm} arm"
+            change = f"name it first in the joints of the {slide.arm} arm"
+        else:
+            what = "carries both arms"
+            change = f"write `platform: [{name}]`"
+            if structure.platform:
+                change += f" in place of {', '.join(structure.platform)}"
+            change += f", or import again with --platform {name}"
+        span = f"{1e3 * slide.lower:g} to {1e3 * slide.upper:g} mm"
+        lines += [
+            f"  # it {what}, {span}; to let it move between stages, delete its line and {change}",
+            f"  {name}: {1e3 * slide.position:g} mm",
+        ]
     return lines
 
 

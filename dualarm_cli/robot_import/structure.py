@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dualarm_cli.errors import UsageError, did_you_mean
+from dualarm_cli.files.robots.frozen_joints import nearest_to_zero, position_range
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
 
 LEAST_AXES = 6
@@ -53,6 +55,22 @@ class ArmChain:
 
 
 @dataclass(frozen=True)
+class FrozenSlide:
+    """A lift or rail that carries arms and stands still, though it need not."""
+
+    joint: str
+    """Its name."""
+    position: float
+    """Where it stands [m]."""
+    lower: float
+    """Its lowest position [m]."""
+    upper: float
+    """Its highest position [m]."""
+    arm: str = ""
+    """Side of the arm that it carries as its first joint; empty where it carries both."""
+
+
+@dataclass(frozen=True)
 class Structure:
     """Arms and platform of a robot."""
 
@@ -62,6 +80,8 @@ class Structure:
     """Joints that carry both arms, world side first."""
     reasons: tuple[str, ...]
     """What was decided, and why."""
+    frozen: tuple[FrozenSlide, ...] = ()
+    """Lifts and rails that carry arms and stand still."""
 
     @property
     def joints(self) -> list[str]:
@@ -118,7 +138,36 @@ def find_structure(
             f"{side} arm: {', '.join(arm.joints)}; flange {arm.tip}" for side, arm in arms.items()
         ]
     carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
-    return Structure(arms, *_platform(urdf, carriers, platform, reasons))
+    chosen, told = _platform(urdf, carriers, platform, reasons)
+    return Structure(arms, chosen, told, _frozen_slides(urdf, arms, carriers, chosen))
+
+
+def _slides(urdf: Urdf) -> list[str]:
+    """Returns the joints that slide between limits and follow no other one."""
+    return [
+        name
+        for name in moving(urdf)
+        if urdf.joints[name].get("type") == "prismatic"
+        and all(map(math.isfinite, position_range(urdf.joints[name])))
+    ]
+
+
+def _frozen_slides(
+    urdf: Urdf, arms: Mapping[str, ArmChain], carriers: Sequence[str], platform: Sequence[str]
+) -> tuple[FrozenSlide, ...]:
+    """Returns the joints that slide below arms and stand still: those that carry both, and those right before one."""
+    usable = set(_slides(urdf)).difference(platform)
+    sides = dict.fromkeys((name for name in carriers if name in usable), "")
+    for side, arm in arms.items():
+        before = [n for n in urdf.chain(arm.tip) if n in moving(urdf)]
+        place = before.index(arm.joints[0]) - 1
+        if place >= 0 and before[place] in usable and before[place] not in sides:
+            sides[before[place]] = side
+    return tuple(
+        FrozenSlide(name, nearest_to_zero(joint), *position_range(joint), side)
+        for name, side in sides.items()
+        for joint in (urdf.joints[name],)
+    )
 
 
 def _platform(
@@ -139,7 +188,14 @@ def _platform(
     chosen = turning[-PLATFORM_JOINTS:]
     if chosen:
         reasons.append(f"platform: {', '.join(chosen)}: carries both arms")
-    left = [name for name in carriers if name not in chosen]
+    lifts = [name for name in carriers if name in _slides(urdf)]
+    for name in lifts:
+        place = nearest_to_zero(urdf.joints[name])
+        reasons.append(
+            f"{name}: slides and carries both arms; stands at {1e3 * place:g} mm; --platform {name} lets it move "
+            "between stages"
+        )
+    left = [name for name in carriers if name not in (*chosen, *lifts)]
     if left:
         reasons.append(f"joints below the arms that stay where they are: {', '.join(left)}")
     return tuple(chosen), tuple(reasons)

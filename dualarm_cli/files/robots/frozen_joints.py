@@ -105,12 +105,12 @@ def nearest_to_zero(joint: Element) -> float:
     Args:
         joint: a moving joint; limits that are missing or no numbers exclude nothing.
     """
-    lower, upper = _range(joint)
+    lower, upper = position_range(joint)
     return min(max(0.0, lower), upper)
 
 
-def _range(joint: Element) -> tuple[float, float]:
-    """Returns the limits of a joint, infinite where it has none that can be read."""
+def position_range(joint: Element) -> tuple[float, float]:
+    """Returns the limits of a joint [rad or m], infinite where it has none that can be read."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
@@ -134,7 +134,7 @@ def _position(
     except QuantityError as error:
         findings.add(document, loc, str(error), "E200")
         return None
-    lower, upper = _range(joint)
+    lower, upper = position_range(joint)
     if not lower - _SLACK <= position <= upper + _SLACK:
         span = f"{_shown(joint, lower)} to {_shown(joint, upper)}"
         message = f"{quote(value)} is outside the limits of {quote(joint.name)}: {span}"
