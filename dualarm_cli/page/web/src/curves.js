@@ -1,0 +1,205 @@
+// Curves of chosen joints, with their limits, and the clearance: one plot per quantity, all on the timeline's axis.
+
+import uPlot from "uplot";
+import { CURVES, DASHES, colour } from "./colours.js";
+import { GUTTER, MARGIN } from "./gantt.js";
+import { sampleCurves } from "./trajectory.js";
+import { jointUnit } from "./units.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Joint} Joint */
+/** @typedef {import("./trajectory.js").Quantity} Quantity */
+
+const LABEL = 20;
+
+/**
+ * Returns the limits of a joint in SI units: the values that the quantity may not pass.
+ * @param {Joint} joint
+ * @param {Quantity} quantity
+ * @returns {number[]}
+ */
+export function limitsOf(joint, quantity) {
+  const { lower, upper } = joint.limits;
+  const both = quantity === "position" ? [lower, upper] : [joint.limits[quantity]];
+  const found = /** @type {number[]} */ (both.filter((limit) => limit !== null));
+  return quantity === "position" ? found : found.flatMap((limit) => [-limit, limit]);
+}
+
+/**
+ * Returns the style of a chosen joint's curve.
+ * @param {number} number in the order in which joints were chosen
+ */
+export function curveStyle(number) {
+  return {
+    colour: colour(CURVES[number % CURVES.length]),
+    dash: DASHES[Math.floor(number / CURVES.length) % DASHES.length],
+  };
+}
+
+/** @typedef {{width: number, height: number}} Size of a plot [px] */
+
+/**
+ * @typedef {object} Plot
+ * @property {string} name quantity, or "clearance"
+ * @property {HTMLElement} element
+ * @property {() => void} update takes the stretch of time that is shown now
+ * @property {(width: number, height: number) => void} resize
+ * @property {() => void} destroy
+ */
+
+/**
+ * Returns a plot on the timeline's axis.
+ * @param {object} options
+ * @param {string} options.name
+ * @param {string} options.title of its axis
+ * @param {import("./clock.js").TimeWindow} options.shown
+ * @param {Size} options.size
+ * @param {{colour: string, dash: number[], steps?: boolean}[]} options.series
+ * @param {{value: number, colour: string}[]} options.limits dashed lines
+ * @param {(from: number, to: number, count: number) => uPlot.AlignedData} options.data
+ * @param {boolean} [options.fromZero]
+ * @returns {Plot}
+ */
+function makePlot({ name, title, shown, size, series, limits, data, fromZero }) {
+  const holder = document.createElement("div");
+  holder.className = "plot";
+  holder.dataset.name = name;
+  const axis = { stroke: colour("muted"), font: "10px system-ui, sans-serif" };
+  const grid = { stroke: colour("grid"), width: 1 };
+  const levels = limits.map((limit) => limit.value);
+  const plot = new uPlot(
+    {
+      ...size,
+      padding: [8, MARGIN, 6, 0],
+      legend: { show: false },
+      cursor: { show: false },
+      select: { show: false, left: 0, top: 0, width: 0, height: 0 },
+      scales: {
+        x: { time: false, range: () => [shown.from, shown.to] },
+        y: {
+          range: (_, low, high) => {
+            const ends = [low ?? 0, high ?? 1, ...levels];
+            const least = fromZero ? 0 : Math.min(...ends);
+            const most = Math.max(...ends);
+            const room = (most - least || 1) * 0.06;
+            return [fromZero ? 0 : least - room, most + room];
+          },
+        },
+      },
+      axes: [
+        { show: true, size: 0, ...axis, grid, ticks: { show: false }, values: () => [], space: 80 },
+        {
+          size: GUTTER - LABEL,
+          ...axis,
+          grid,
+          ticks: { show: false },
+          label: title,
+          labelSize: LABEL,
+          labelFont: "11px system-ui, sans-serif",
+          space: 20,
+          gap: 6,
+        },
+      ],
+      series: [
+        {},
+        ...series.map(({ colour: stroke, dash }) => ({
+          stroke,
+          dash,
+          width: 1.5,
+          points: { show: false },
+        })),
+      ],
+      hooks: { draw: [(/** @type {uPlot} */ u) => drawLimits(u, limits)] },
+    },
+    data(shown.from, shown.to, size.width),
+    holder,
+  );
+  return {
+    name,
+    element: holder,
+    update: () => plot.setData(data(shown.from, shown.to, Math.max(plot.width - GUTTER, 50))),
+    resize: (width, height) => plot.setSize({ width, height }),
+    destroy: () => plot.destroy(),
+  };
+}
+
+/**
+ * @param {uPlot} u
+ * @param {{value: number, colour: string}[]} limits
+ */
+function drawLimits(u, limits) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
+  ctx.lineWidth = devicePixelRatio;
+  for (const { value, colour: stroke } of limits) {
+    const y = Math.round(u.valToPos(value, "y", true)) + 0.5;
+    if (y < bbox.top || y > bbox.top + bbox.height) continue;
+    ctx.strokeStyle = stroke;
+    ctx.beginPath();
+    ctx.moveTo(bbox.left, y);
+    ctx.lineTo(bbox.left + bbox.width, y);
+    ctx.stroke();
+  }
+  ctx.restore();
+}
+
+/**
+ * Returns the plots of a quantity of the chosen joints: one, or two where some turn and others slide.
+ * @param {Quantity} quantity
+ * @param {{joint: Joint, number: number}[]} chosen
+ * @param {import("./clock.js").TimeWindow} shown
+ * @param {Size} size
+ * @returns {Plot[]}
+ */
+export function jointPlots(quantity, chosen, shown, size) {
+  const kinds = [false, true].map((slides) => chosen.filter((c) => c.joint.slides === slides));
+  return kinds.flatMap((some) => {
+    if (some.length === 0) return [];
+    const joints = some.map(({ joint }) => joint);
+    const unit = jointUnit(joints[0].slides, quantity);
+    const styles = some.map(({ number }) => curveStyle(number));
+    const limits = some.flatMap(({ joint }, i) =>
+      limitsOf(joint, quantity).map((value) => ({
+        value: value * unit.perUnit,
+        colour: styles[i].colour,
+      })),
+    );
+    return makePlot({
+      name: quantity,
+      title: `${quantity} [${unit.name}]`,
+      shown,
+      size,
+      series: styles,
+      limits,
+      data: (from, to, count) => {
+        const { time, values } = sampleCurves(joints, quantity, from, to, Math.round(count));
+        const rows = values.map((row) => row.map((value) => value * unit.perUnit));
+        return /** @type {uPlot.AlignedData} */ ([time, ...rows]);
+      },
+    });
+  });
+}
+
+/**
+ * Returns the plot of the clearance over time.
+ * @param {Plan} plan with clearance
+ * @param {import("./clock.js").TimeWindow} shown
+ * @param {Size} size
+ * @returns {Plot}
+ */
+export function clearancePlot(plan, shown, size) {
+  const clearance = /** @type {import("./types.js").Clearance} */ (plan.clearance);
+  const distance = Float64Array.from(clearance.distance, (d) => d * 1e3);
+  const required = [...new Set(clearance.required)].filter((r) => r > 0);
+  return makePlot({
+    name: "clearance",
+    title: "clearance [mm]",
+    shown,
+    size,
+    fromZero: true,
+    series: [{ colour: colour("clearance"), dash: [] }],
+    limits: required.map((value) => ({ value: value * 1e3, colour: colour("clearance") })),
+    data: () => [clearance.time, distance],
+  });
+}

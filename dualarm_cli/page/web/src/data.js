@@ -1,0 +1,67 @@
+// Reads the page's data: base64 texts become typed arrays; everything else stays as it is written.
+
+/** @typedef {import("./types.js").Plan} Plan */
+
+export const FORMAT = "dualarm.page/1";
+
+/**
+ * Returns the bytes of a base64 text.
+ * @param {string} text
+ * @returns {ArrayBuffer}
+ */
+function bytes(text) {
+  const binary = atob(text);
+  const found = new Uint8Array(binary.length);
+  for (let i = 0; i < binary.length; i++) found[i] = binary.charCodeAt(i);
+  return found.buffer;
+}
+
+/** @param {string} text */
+export const f64 = (text) => new Float64Array(bytes(text));
+/** @param {string} text */
+export const f32 = (text) => new Float32Array(bytes(text));
+/** @param {string} text */
+export const u32 = (text) => new Uint32Array(bytes(text));
+
+/**
+ * Returns the plan of a document.
+ * @param {string} text JSON of format dualarm.page/1
+ * @returns {Plan}
+ * @throws {Error} it has another format
+ */
+export function readPlan(text) {
+  const raw = JSON.parse(text);
+  if (raw.format !== FORMAT) {
+    throw new Error(`the data have the format ${raw.format}; this page reads ${FORMAT}`);
+  }
+  const joints = raw.joints.map((/** @type {any} */ joint) => ({
+    ...joint,
+    knots: {
+      time: f64(joint.knots.time),
+      position: f64(joint.knots.position),
+      velocity: f64(joint.knots.velocity),
+      acceleration: f64(joint.knots.acceleration),
+    },
+  }));
+  const hulls = raw.hulls.map((/** @type {any} */ hull) => ({
+    corners: f32(hull.corners),
+    triangles: u32(hull.triangles),
+  }));
+  const clearance = raw.clearance && {
+    ...raw.clearance,
+    time: f64(raw.clearance.time),
+    distance: f32(raw.clearance.distance),
+    pair: u32(raw.clearance.pair),
+    points: f32(raw.clearance.points),
+  };
+  return { task_lines: {}, ...raw, joints, hulls, clearance };
+}
+
+/**
+ * Returns the arms in the order in which the page shows them.
+ * @param {Plan} plan
+ * @returns {string[]}
+ */
+export function armsOf(plan) {
+  return Object.keys(plan.tcps);
+}

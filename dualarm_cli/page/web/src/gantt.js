@@ -1,0 +1,322 @@
+// Draws the Gantt chart: a row per arm with its tasks above and its motion below, and the platform.
+
+import { colour } from "./colours.js";
+import { barAt, ganttRows } from "./gantt_layout.js";
+import { commonLevel, commonPrefix, fitting, forms } from "./labels.js";
+import { actionOn, rulerTimes } from "./units.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./gantt_layout.js").GanttRow} GanttRow */
+/** @typedef {import("./gantt_layout.js").Bar} Bar */
+
+export const GUTTER = 92;
+export const MARGIN = 14;
+
+const RULER = 20;
+const STAGES = 16;
+const TASKS = 17;
+const BARS = 24;
+const PLATFORM = 12;
+const GAP = 7;
+const FONT = "11px system-ui, sans-serif";
+const SMALL = "10px system-ui, sans-serif";
+
+/** The chart on its canvas. */
+export class Gantt {
+  /**
+   * @param {Plan} plan
+   * @param {import("./clock.js").TimeWindow} shown
+   */
+  constructor(plan, shown) {
+    this.plan = plan;
+    this.shown = shown;
+    this.rows = ganttRows(plan);
+    this.free = plan.stages.some((stage) => stage.arm);
+    this.prefixes = new Map(
+      this.rows.map((row) => [row.name, commonPrefix(row.visits.map((visit) => visit.task))]),
+    );
+    this.canvas = document.createElement("canvas");
+    this.canvas.className = "gantt";
+    let top = RULER + STAGES + GAP;
+    this.tops = this.rows.map((row) => {
+      const own = top;
+      top += (row.arm ? TASKS + BARS : PLATFORM) + GAP;
+      return own;
+    });
+    this.height = top;
+    this.width = 0;
+  }
+
+  /** @param {number} width px */
+  resize(width) {
+    const ratio = window.devicePixelRatio || 1;
+    this.width = width;
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(this.height * ratio);
+    this.canvas.style.width = `${width}px`;
+    this.canvas.style.height = `${this.height}px`;
+    this.draw();
+  }
+
+  /** @param {number} time @returns {number} px */
+  x(time) {
+    const { from, to } = this.shown;
+    return GUTTER + ((time - from) / (to - from)) * (this.width - GUTTER - MARGIN);
+  }
+
+  /**
+   * Returns the bar at a point of the canvas.
+   * @param {number} time s
+   * @param {number} y px from the top of the canvas
+   * @returns {Bar | undefined}
+   */
+  barAt(time, y) {
+    const pixel = (this.shown.to - this.shown.from) / Math.max(this.width - GUTTER - MARGIN, 1);
+    for (const [i, row] of this.rows.entries()) {
+      const bottom = this.tops[i] + (row.arm ? TASKS + BARS : PLATFORM);
+      if (y >= this.tops[i] && y <= bottom) return barAt(row.bars, time, 2 * pixel);
+    }
+    return undefined;
+  }
+
+  draw() {
+    if (this.width <= GUTTER + MARGIN) return;
+    const g = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    const ratio = this.canvas.width / this.width;
+    g.setTransform(ratio, 0, 0, ratio, 0, 0);
+    g.clearRect(0, 0, this.width, this.height);
+    g.textBaseline = "middle";
+    this.drawNames(g);
+    g.save();
+    g.beginPath();
+    g.rect(GUTTER, 0, this.width - GUTTER - MARGIN + 1, this.height);
+    g.clip();
+    this.drawRuler(g);
+    this.drawStages(g);
+    this.drawVisits(g);
+    for (const [i, row] of this.rows.entries()) {
+      const top = this.tops[i];
+      if (row.arm) {
+        this.drawBars(g, row, top + TASKS);
+      } else {
+        g.fillStyle = colour("platform");
+        for (const bar of this.inSight(row.bars)) {
+          g.fillRect(this.x(bar.start), top + 2, this.length(bar), PLATFORM - 4);
+        }
+      }
+    }
+    g.restore();
+  }
+
+  /** @param {{start: number, end: number}} bar @returns {number} px, at least one */
+  length(bar) {
+    return Math.max(this.x(bar.end) - this.x(bar.start), 1);
+  }
+
+  /** @template {{start: number, end: number}} T @param {T[]} bars @returns {T[]} */
+  inSight(bars) {
+    return bars.filter((bar) => bar.end >= this.shown.from && bar.start <= this.shown.to);
+  }
+
+  /** @param {CanvasRenderingContext2D} g */
+  drawNames(g) {
+    g.font = FONT;
+    g.textAlign = "right";
+    g.fillStyle = colour("muted");
+    g.fillText("stage", GUTTER - 10, RULER + STAGES / 2);
+    for (const [i, row] of this.rows.entries()) {
+      const middle = row.arm ? TASKS + BARS / 2 : PLATFORM / 2;
+      g.fillStyle = colour(row.arm ? "text" : "muted");
+      g.fillText(row.name, GUTTER - 10, this.tops[i] + middle);
+    }
+  }
+
+  /** @param {CanvasRenderingContext2D} g */
+  drawRuler(g) {
+    const { from, to } = this.shown;
+    const { times, decimals } = rulerTimes(from, to, this.width / 80);
+    g.font = SMALL;
+    g.textAlign = "center";
+    for (const time of times) {
+      const x = Math.round(this.x(time)) + 0.5;
+      g.fillStyle = colour("muted");
+      const text = time.toFixed(decimals);
+      const half = g.measureText(text).width / 2;
+      g.fillText(text, Math.max(x, GUTTER + half + 1), 9);
+      g.strokeStyle = colour("grid");
+      g.beginPath();
+      g.moveTo(x, RULER - 4);
+      g.lineTo(x, this.height);
+      g.stroke();
+    }
+  }
+
+  /** @param {CanvasRenderingContext2D} g */
+  drawStages(g) {
+    const arms = this.rows.filter((row) => row.arm).map((row) => row.arm);
+    g.font = SMALL;
+    g.textAlign = "center";
+    for (const [i, stage] of this.plan.stages.entries()) {
+      if (stage.end < this.shown.from || stage.start > this.shown.to) continue;
+      const part = this.free && stage.arm ? arms.indexOf(stage.arm) : 0;
+      const height = this.free && stage.arm ? STAGES / arms.length : STAGES;
+      const x = this.x(stage.start);
+      const width = this.length(stage);
+      const top = RULER + Math.max(part, 0) * height;
+      g.fillStyle = colour(i % 2 ? "band-odd" : "band-even");
+      g.fillRect(x, top, width, height - 1);
+      const text = String(i + 1);
+      if (height >= 12 && g.measureText(text).width + 4 <= width) {
+        g.fillStyle = colour("muted");
+        g.fillText(text, x + width / 2, top + height / 2);
+      }
+    }
+  }
+
+  /**
+   * Draws the tasks of both arms: pick or place, and the id as far as it fits, all of them shortened alike.
+   * @param {CanvasRenderingContext2D} g
+   */
+  drawVisits(g) {
+    g.font = FONT;
+    g.textAlign = "center";
+    const width = (/** @type {string} */ text) => g.measureText(text).width;
+    const labels = this.rows.flatMap((row, i) =>
+      this.inSight(row.visits).map((visit) => {
+        const from = Math.max(this.x(visit.start), GUTTER);
+        const to = Math.min(this.x(visit.end), this.width - MARGIN);
+        const candidates = forms(visit.task, actionOn(visit.action, visit.task), this.prefixes.get(row.name) ?? 0);
+        return { visit, from, to, candidates, room: to - from - 4, top: this.tops[i] };
+      }),
+    );
+    const level = commonLevel(labels, width);
+    for (const { visit, from, to, candidates, room, top } of labels) {
+      g.fillStyle = colour(`${visit.family}-text`);
+      const text = fitting(candidates.slice(Math.min(level, candidates.length - 1)), room, width);
+      if (text) g.fillText(text, (from + to) / 2, top + TASKS / 2);
+    }
+  }
+
+  /**
+   * Draws the segments of an arm: transfers low, approaches rising, dwells full, retracts falling, waits hatched.
+   * @param {CanvasRenderingContext2D} g
+   * @param {GanttRow} row
+   * @param {number} top
+   */
+  drawBars(g, row, top) {
+    g.font = SMALL;
+    g.textAlign = "center";
+    for (const bar of this.inSight(row.bars)) {
+      drawBar(g, bar, this.x(bar.start), this.length(bar), top);
+    }
+  }
+}
+
+/**
+ * Draws one segment.
+ * @param {CanvasRenderingContext2D} g
+ * @param {Bar} bar
+ * @param {number} x
+ * @param {number} width
+ * @param {number} top
+ */
+function drawBar(g, bar, x, width, top) {
+  const low = Math.round(BARS * 0.36);
+  const right = x + Math.max(width - (width > 3 ? 0.75 : 0), 0.5);
+  const bottom = top + BARS;
+  g.beginPath();
+  if (bar.kind === "approach") outline(g, [x, bottom - low], [right, top], [right, bottom], [x, bottom]);
+  else if (bar.kind === "retract") outline(g, [x, top], [right, bottom - low], [right, bottom], [x, bottom]);
+  else if (bar.kind === "transfer" || bar.kind === "return") g.rect(x, bottom - low, right - x, low);
+  else if (bar.kind === "wait") g.rect(x, bottom - 0.62 * BARS, right - x, 0.62 * BARS);
+  else g.rect(x, top, right - x, BARS);
+  if (bar.kind === "wait") {
+    hatch(g, x, right, bottom - 0.62 * BARS, bottom);
+    if (g.measureText(bar.label).width + 8 <= width) {
+      const half = g.measureText(bar.label).width / 2 + 3;
+      g.fillStyle = colour("panel");
+      g.fillRect(x + width / 2 - half, bottom - 0.31 * BARS - 6, 2 * half, 12);
+      g.fillStyle = colour("text");
+      g.fillText(bar.label, x + width / 2, bottom - 0.31 * BARS);
+    }
+    return;
+  }
+  const line = bar.kind === "approach" || bar.kind === "retract";
+  g.fillStyle = colour(fillName(bar, line));
+  g.fill();
+  if (bar.kind === "return") {
+    g.strokeStyle = colour("muted");
+    g.stroke();
+  }
+}
+
+/** @param {Bar} bar @param {boolean} line */
+function fillName(bar, line) {
+  if (bar.kind === "transfer") return "transfer";
+  if (bar.kind === "return") return "panel";
+  return line ? `${bar.family}-light` : bar.family;
+}
+
+/** @param {CanvasRenderingContext2D} g @param {...[number, number]} points */
+function outline(g, ...points) {
+  points.forEach(([x, y], i) => (i ? g.lineTo(x, y) : g.moveTo(x, y)));
+  g.closePath();
+}
+
+/**
+ * Fills the current path with slanted lines.
+ * @param {CanvasRenderingContext2D} g
+ * @param {number} left
+ * @param {number} right
+ * @param {number} top
+ * @param {number} bottom
+ */
+function hatch(g, left, right, top, bottom) {
+  g.save();
+  g.clip();
+  g.strokeStyle = colour("wait");
+  g.lineWidth = 1.25;
+  const height = bottom - top;
+  g.beginPath();
+  for (let x = Math.floor((left - height) / 5) * 5; x < right; x += 5) {
+    g.moveTo(x, bottom);
+    g.lineTo(x + height, top);
+  }
+  g.stroke();
+  g.restore();
+  g.strokeStyle = colour("wait");
+  g.lineWidth = 1;
+  g.strokeRect(left + 0.5, top + 0.5, Math.max(right - left - 1, 0), height - 1);
+}
+
+/** What the forms and colours mean, for the legend: families and kinds as the chart draws them. */
+export const LEGEND = [
+  { label: "transfer", bar: { kind: "transfer", family: "" } },
+  { label: "approach", bar: { kind: "approach", family: "pick" } },
+  { label: "pick", bar: { kind: "dwell", family: "pick" } },
+  { label: "retract", bar: { kind: "retract", family: "pick" } },
+  { label: "place", bar: { kind: "dwell", family: "place" } },
+  { label: "give", bar: { kind: "dwell", family: "give" } },
+  { label: "take", bar: { kind: "dwell", family: "take" } },
+  { label: "tool change", bar: { kind: "dwell", family: "tool" } },
+  { label: "path", bar: { kind: "path", family: "path" } },
+  { label: "seam", bar: { kind: "seam", family: "seam" } },
+  { label: "via", bar: { kind: "dwell", family: "move" } },
+  { label: "wait", bar: { kind: "wait", family: "" } },
+  { label: "return", bar: { kind: "return", family: "" } },
+];
+
+/**
+ * Draws an entry of the legend.
+ * @param {HTMLCanvasElement} canvas
+ * @param {{kind: string, family: string}} bar
+ */
+export function drawLegendEntry(canvas, bar) {
+  const ratio = window.devicePixelRatio || 1;
+  canvas.width = Math.round(18 * ratio);
+  canvas.height = Math.round(12 * ratio);
+  const g = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  g.setTransform(ratio, 0, 0, ratio * (12 / BARS), 0, 0);
+  g.font = SMALL;
+  drawBar(g, { ...bar, start: 0, end: 0, label: "wait", text: "" }, 0, 18, 0);
+}

@@ -1,0 +1,156 @@
+// What the Gantt chart shows, as numbers: rows, bars and the tasks above them. Nothing is drawn here.
+
+import { armsOf } from "./data.js";
+import { movingIntervals } from "./trajectory.js";
+import { actionOn, fixed, word } from "./units.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Segment} Segment */
+
+/**
+ * @typedef {object} Bar
+ * @property {number} start s
+ * @property {number} end s
+ * @property {string} kind that of its segment; "move" for the platform
+ * @property {string} family colour: pick, place, give, take, tool, path, seam, or empty for none
+ * @property {string} label shown where it fits
+ * @property {string} text what it is, in full
+ */
+
+/** @typedef {{start: number, end: number, task: string, action: string, family: string}} Visit */
+/** @typedef {{name: string, arm: string, bars: Bar[], visits: Visit[]}} GanttRow */
+
+const FAMILIES = /** @type {Object<string, string>} */ ({
+  pick: "pick",
+  place: "place",
+  give: "give",
+  take: "take",
+  take_tool: "tool",
+  leave_tool: "tool",
+});
+
+/**
+ * Returns the family of a segment or an event, which decides its colour.
+ * @param {string} action
+ * @param {string} kind
+ */
+export function familyOf(action, kind = "") {
+  if (kind === "seam" || action.startsWith("seam")) return "seam";
+  if (kind === "path" || action.startsWith("path")) return "path";
+  return FAMILIES[action] ?? "move";
+}
+
+/**
+ * Returns what a segment is, in full.
+ * @param {Segment} segment
+ * @param {string} [waitsFor] whom a wait is for
+ */
+export function segmentText(segment, waitsFor = "") {
+  const length = `${fixed(segment.start, 3)}–${fixed(segment.end, 3)} s (${fixed(segment.end - segment.start, 3)} s)`;
+  const parts = [word(segment.kind)];
+  if (segment.kind === "wait") parts[0] = `wait (${word(segment.reason ?? "")})`;
+  if (segment.task && segment.kind !== "wait") {
+    parts.push(actionOn(segment.action, segment.task));
+  }
+  if (waitsFor) parts.push(`for ${waitsFor}`);
+  return `${segment.arm}: ${parts.join(", ")}, ${length}`;
+}
+
+/**
+ * Returns the rows: one per arm, and one for the platform where it moves.
+ * @param {Plan} plan
+ * @returns {GanttRow[]}
+ */
+export function ganttRows(plan) {
+  const rows = armsOf(plan).map((arm) => {
+    const segments = plan.segments
+      .filter((segment) => segment.arm === arm)
+      .sort((a, b) => a.start - b.start);
+    const bars = segments.map((segment) => ({
+      start: segment.start,
+      end: segment.end,
+      kind: segment.kind,
+      family: segment.kind === "wait" ? "" : familyOf(segment.action, segment.kind),
+      label: segment.kind === "wait" ? word(segment.reason ?? "wait") : "",
+      text: segmentText(segment, waitsFor(plan, segment)),
+    }));
+    return { name: arm, arm, bars, visits: visits(segments) };
+  });
+  const platform = plan.joints.filter((joint) => joint.group === "platform");
+  const moves = platform
+    .flatMap((joint) => movingIntervals(joint.knots).map((move) => ({ ...move, name: joint.name })))
+    .sort((a, b) => a.start - b.start);
+  if (moves.length > 0) {
+    const bars = moves.map(({ start, end, name }) => ({
+      start,
+      end,
+      kind: "move",
+      family: "",
+      label: "",
+      text: `platform: ${name} moves, ${fixed(start, 3)}–${fixed(end, 3)} s (${fixed(end - start, 3)} s)`,
+    }));
+    rows.push({ name: "platform", arm: "", bars, visits: [] });
+  }
+  return rows;
+}
+
+/**
+ * Returns whom an arm waits for, as the report says.
+ * @param {Plan} plan
+ * @param {Segment} segment
+ */
+export function waitsFor(plan, segment) {
+  if (segment.kind !== "wait") return "";
+  const wait = (plan.report.waits ?? []).find(
+    (/** @type {any} */ w) => w.arm === segment.arm && Math.abs(w.start - segment.start) < 1e-6,
+  );
+  if (!wait || !wait.for) return "";
+  return [wait.for.arm && `the ${wait.for.arm} arm`, wait.for.task].filter(Boolean).join(", ");
+}
+
+/**
+ * Returns the visits of an arm: consecutive segments of one task and action, without the waits at their ends.
+ * @param {Segment[]} segments of one arm, in the order of time
+ * @returns {Visit[]}
+ */
+export function visits(segments) {
+  /** @type {Visit[]} */
+  const found = [];
+  for (const { task, action, kind, start, end } of segments) {
+    if (!task || kind === "wait") continue;
+    const last = found.at(-1);
+    if (last && last.task === task && last.action === action) last.end = end;
+    else found.push({ start, end, task, action, family: familyOf(action, kind) });
+  }
+  return found;
+}
+
+/**
+ * Returns the bar at a time, or nothing.
+ * @param {Bar[]} bars
+ * @param {number} time
+ * @param {number} tolerance s
+ * @returns {Bar | undefined}
+ */
+export function barAt(bars, time, tolerance = 0) {
+  return (
+    bars.find((bar) => bar.start <= time && time <= bar.end) ??
+    bars.find((bar) => bar.start - tolerance <= time && time <= bar.end + tolerance)
+  );
+}
+
+/**
+ * Returns what each arm does at a time.
+ * @param {Plan} plan
+ * @param {number} time
+ * @returns {Object<string, Segment | undefined>}
+ */
+export function doing(plan, time) {
+  const found = /** @type {Object<string, Segment | undefined>} */ ({});
+  for (const arm of armsOf(plan)) {
+    for (const segment of plan.segments) {
+      if (segment.arm === arm && segment.start <= time && time <= segment.end) found[arm] = segment;
+    }
+  }
+  return found;
+}

@@ -1,0 +1,51 @@
+// Keys, and the overlay that lists them.
+
+import { button, element } from "./dom.js";
+
+/** @typedef {{keys: string[], shown: string, does: string, action: (event: KeyboardEvent) => void}} Command */
+
+/**
+ * Listens to keys; typing into fields and choosing in lists stays what it is.
+ * @param {Command[]} commands
+ */
+export function listenToKeys(commands) {
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const target = /** @type {HTMLElement} */ (event.target);
+    if (target.closest("select, input, textarea")) return;
+    if (event.key === " " && target.closest("button, summary")) return;
+    const command = commands.find(({ keys }) => keys.includes(event.key));
+    if (!command) return;
+    event.preventDefault();
+    command.action(event);
+  });
+}
+
+/**
+ * Returns the overlay that tells what keys and pointer do.
+ * @param {Command[]} commands
+ * @returns {HTMLDialogElement}
+ */
+export function helpOverlay(commands) {
+  const rows = [
+    ...commands.map(({ shown, does }) => [shown, does]),
+    ["drag, right drag, wheel", "3-D view: orbit, pan, zoom"],
+    ["click", "timeline or row of a table: go there"],
+    ["wheel, drag", "timeline: zoom, pan; Shift and wheel pan, Alt and wheel scroll"],
+    ["double click", "timeline: zoom to the stage"],
+  ];
+  const list = rows.map(([keys, does]) =>
+    element("tr", {}, element("td", {}, element("kbd", {}, keys)), element("td", {}, does)),
+  );
+  const dialog = element(
+    "dialog",
+    { class: "help", "aria-label": "Help" },
+    element("h2", {}, "Keys and pointer"),
+    element("table", {}, element("tbody", {}, ...list)),
+    button("Close", "Close", () => dialog.close()),
+  );
+  dialog.addEventListener("click", (/** @type {Event} */ event) => {
+    if (event.target === dialog) dialog.close();
+  });
+  return dialog;
+}

@@ -1,0 +1,242 @@
+// Puts the page together: the data, the views, and the one cursor of time that moves them.
+
+import "uplot/dist/uPlot.min.css";
+import "./page.css";
+import { Clock, TimeWindow } from "./clock.js";
+import { colour, themes } from "./colours.js";
+import { clearanceAt } from "./clearance.js";
+import { readPlan } from "./data.js";
+import { button, element, toggle } from "./dom.js";
+import { helpOverlay, listenToKeys } from "./keyboard.js";
+import { compose, forwardKinematics } from "./poses.js";
+import { ReportView } from "./report_view.js";
+import { Scene } from "./scene.js";
+import { Timeline } from "./timeline.js";
+import { Transport } from "./transport.js";
+import { positionsAt } from "./trajectory.js";
+import { millimetres, seconds } from "./units.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+
+const SMALL_STEP = 0.05;
+const LARGE_STEP = 0.5;
+
+/** @param {HTMLElement} root */
+function start(root) {
+  const plan = readPlan(document.getElementById("data")?.textContent ?? "");
+  const clock = new Clock(plan.duration, plan.closes);
+  const shown = new TimeWindow(plan.duration);
+  const timeline = new Timeline(plan, clock, shown);
+  const transport = new Transport(plan, clock, shown);
+  const report = new ReportView(plan, clock);
+  const stage = element("div", { class: "stage" });
+  const nearest = element("div", { class: "nearest" });
+  const viewBar = element("div", { class: "view-bar" });
+  const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, viewBar);
+
+  const theme = themes(() => {
+    timeline.recolour();
+    scene?.recolour(colour);
+  });
+  const commands = makeCommands({ clock, shown, transport, theme, fit: () => scene?.fit(), help: () => help.showModal() });
+  const help = helpOverlay(commands);
+  const splitter = element("div", { class: "splitter", role: "separator", title: "Drag to share the height" });
+  root.replaceChildren(
+    header(plan, () => theme.toggle(), () => help.showModal()),
+    element("main", {}, element("div", { class: "upper" }, viewer, report.element), transport.element, splitter, timeline.element),
+    help,
+  );
+  share(splitter, root);
+
+  const scene = makeScene(plan, stage);
+  if (scene) {
+    viewBar.append(...viewButtons(scene));
+    clock.onChange(() => scene.setTime(clock.time));
+    nameSolids(scene, stage);
+  }
+  const showNearest = () => {
+    const pair = clearanceAt(plan.clearance, clock.time);
+    nearest.textContent = pair ? `closest: ${pair.pair[0]} – ${pair.pair[1]}, ${millimetres(pair.distance)}` : "";
+  };
+  clock.onChange(showNearest);
+  showNearest();
+  timeline.recolour();
+  scene?.recolour(colour);
+  listenToKeys(commands);
+  window.addEventListener("beforeprint", () => {
+    scene?.render();
+  });
+  run(clock);
+  expose(plan, clock);
+}
+
+/**
+ * Returns the 3-D view, or nothing where the browser cannot draw it; the rest of the page works without it.
+ * @param {Plan} plan
+ * @param {HTMLElement} stage
+ */
+function makeScene(plan, stage) {
+  try {
+    return new Scene(plan, stage);
+  } catch (error) {
+    const text = "The 3-D view needs WebGL, which this browser does not offer. Everything else works.";
+    stage.append(element("p", { class: "missing" }, text, ` (${error instanceof Error ? error.message : error})`));
+    return null;
+  }
+}
+
+/** @param {Scene} scene @returns {Node[]} */
+function viewButtons(scene) {
+  const from = /** @type {(x: number, y: number, z: number) => () => void} */ ((x, y, z) => () => scene.fit([x, y, z]));
+  return [
+    button("fit", "Everything in sight (f)", () => scene.fit()),
+    button("top", "From above", from(-0.001, 0, 1)),
+    button("front", "From the front", from(1, 0, 0.12)),
+    button("side", "From the side", from(0, -1, 0.12)),
+    toggle("traces", "Traces of the tools", true, (on) => scene.show("traces", on)),
+    toggle("frames", "Axes of the tools", true, (on) => scene.show("frames", on)),
+    toggle("closest", "Closest pair", true, (on) => scene.show("pair", on)),
+    toggle("skeleton", "Joints and what joins them", false, (on) => scene.show("skeleton", on)),
+  ];
+}
+
+/**
+ * Tells the name of what the pointer rests on.
+ * @param {Scene} scene
+ * @param {HTMLElement} stage
+ */
+function nameSolids(scene, stage) {
+  let timer = 0;
+  stage.addEventListener("pointermove", (event) => {
+    clearTimeout(timer);
+    const box = stage.getBoundingClientRect();
+    timer = window.setTimeout(() => {
+      if (event.buttons === 0) stage.title = scene.nameAt(event.clientX - box.left, event.clientY - box.top);
+    }, 120);
+  });
+}
+
+/**
+ * @param {Plan} plan
+ * @param {() => void} changeTheme
+ * @param {() => void} help
+ */
+function header(plan, changeTheme, help) {
+  const { report } = plan;
+  const passed = report.verification?.passed;
+  const verdict = passed === true ? "verified" : passed === false ? "verification failed" : "not verified";
+  return element(
+    "header",
+    {},
+    element("h1", {}, plan.title),
+    element("span", { class: "robot" }, plan.robot),
+    element("span", { class: `verdict ${passed ? "good" : "bad"}` }, verdict),
+    element("span", { class: "cycle" }, seconds(report.cycle_time), report.closes ? " cycle" : ""),
+    element("span", { class: "space" }),
+    element("span", { class: "version" }, `dualarm ${plan.version}`),
+    button("◐", "Dark or light (d)", changeTheme),
+    button("?", "Keys and pointer (?)", help),
+  );
+}
+
+/**
+ * Lets people share the height between the 3-D view and the timeline.
+ * @param {HTMLElement} splitter
+ * @param {HTMLElement} root
+ */
+function share(splitter, root) {
+  splitter.addEventListener("pointerdown", (event) => {
+    splitter.setPointerCapture(event.pointerId);
+    const move = (/** @type {PointerEvent} */ e) => {
+      const height = Math.min(Math.max(window.innerHeight - e.clientY, 120), window.innerHeight - 260);
+      root.style.setProperty("--timeline-height", `${height}px`);
+    };
+    splitter.addEventListener("pointermove", move);
+    splitter.addEventListener("pointerup", () => splitter.removeEventListener("pointermove", move), { once: true });
+  });
+}
+
+/**
+ * @param {{clock: Clock, shown: TimeWindow, transport: Transport, theme: {toggle: () => void}, fit: () => void, help: () => void}} parts
+ * @returns {import("./keyboard.js").Command[]}
+ */
+function makeCommands({ clock, shown, transport, theme, fit, help }) {
+  const move = (/** @type {number} */ sign) => (/** @type {KeyboardEvent} */ event) =>
+    transport.go(clock.time + sign * (event.shiftKey ? LARGE_STEP : SMALL_STEP));
+  const kind = (/** @type {string} */ name) => () => transport.setKind(name);
+  return [
+    { keys: [" "], shown: "Space", does: "play or pause", action: () => clock.toggle() },
+    { keys: ["ArrowLeft"], shown: "←", does: "0.05 s back; with Shift 0.5 s", action: move(-1) },
+    { keys: ["ArrowRight"], shown: "→", does: "0.05 s on; with Shift 0.5 s", action: move(1) },
+    { keys: ["ArrowUp"], shown: "↑", does: "next stage, task or event", action: () => transport.step(1) },
+    { keys: ["ArrowDown"], shown: "↓", does: "previous stage, task or event", action: () => transport.step(-1) },
+    { keys: ["s"], shown: "s", does: "arrows up and down step by stage", action: kind("stage") },
+    { keys: ["t"], shown: "t", does: "… by task", action: kind("task") },
+    { keys: ["e"], shown: "e", does: "… by event", action: kind("event") },
+    { keys: ["Home"], shown: "Home", does: "start", action: () => transport.go(0) },
+    { keys: ["End"], shown: "End", does: "end", action: () => transport.go(clock.duration) },
+    { keys: ["+", "="], shown: "+", does: "faster", action: () => transport.changeSpeed(1) },
+    { keys: ["-"], shown: "−", does: "slower", action: () => transport.changeSpeed(-1) },
+    { keys: ["z"], shown: "z", does: "timeline: show less, about the cursor", action: () => shown.zoom(clock.time, 0.5) },
+    { keys: ["Z"], shown: "Shift z", does: "timeline: show more", action: () => shown.zoom(clock.time, 2) },
+    { keys: ["0"], shown: "0", does: "timeline: show the whole plan", action: () => shown.showAll() },
+    { keys: ["f"], shown: "f", does: "3-D view: everything in sight", action: fit },
+    { keys: ["d"], shown: "d", does: "dark or light", action: () => theme.toggle() },
+    { keys: ["?"], shown: "?", does: "this help", action: help },
+  ];
+}
+
+/** @param {Clock} clock advances with the browser's pictures */
+function run(clock) {
+  let last = performance.now();
+  const step = (/** @type {number} */ now) => {
+    clock.advance(Math.min((now - last) / 1e3, 0.25));
+    last = now;
+    requestAnimationFrame(step);
+  };
+  requestAnimationFrame(step);
+}
+
+/**
+ * Offers the page to tests and to people at the console.
+ * @param {Plan} plan
+ * @param {Clock} clock
+ */
+function expose(plan, clock) {
+  const page = {
+    get time() {
+      return clock.time;
+    },
+    setTime: (/** @type {number} */ time) => clock.setTime(time),
+    play: () => clock.play(),
+    pause: () => clock.pause(),
+    jointPositions: () => {
+      const positions = positionsAt(plan.joints, clock.time);
+      return Object.fromEntries(plan.joints.map((joint, i) => [joint.name, positions[i]]));
+    },
+    toolPosition: (/** @type {string} */ arm) => {
+      const poses = forwardKinematics(plan.bodies, positionsAt(plan.joints, clock.time));
+      const tcp = plan.tcps[arm];
+      return compose(poses[tcp.body], tcp).xyz;
+    },
+    ready: false,
+    readyAfter: NaN,
+  };
+  /** @type {any} */ (window).dualarm = page;
+  requestAnimationFrame(() =>
+    requestAnimationFrame(() => {
+      page.ready = true;
+      page.readyAfter = performance.now();
+    }),
+  );
+}
+
+const root = document.getElementById("page");
+if (root) {
+  try {
+    start(root);
+  } catch (error) {
+    root.replaceChildren(element("p", { class: "missing" }, `This page cannot be shown: ${error instanceof Error ? error.message : error}`));
+    throw error;
+  }
+}

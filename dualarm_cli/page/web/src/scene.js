@@ -1,0 +1,277 @@
+// The 3-D view: the cell at the cursor's time, seen by a camera that people move.
+
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { clearanceAt } from "./clearance.js";
+import { Belt, Skeleton, Trace } from "./scene_parts.js";
+import { Materials, UNKNOWN_SIDE, meshesOf, place } from "./shapes.js";
+import { WORLD, compose, forwardKinematics, thingPose } from "./poses.js";
+import { positionsAt } from "./trajectory.js";
+import { armsOf } from "./data.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Pose} Pose */
+/** @typedef {import("./types.js").Solid} Solid */
+
+/** Pictures that follow each other more slowly than this are drawn more coarsely [ms]. */
+const SLOW = 26;
+/** Pixels drawn per pixel of the page while things move slowly on this machine, and at first. */
+const COARSE = 0.6;
+const FIRST = 1;
+/** Share of the view that the cell fills. */
+const FILLED = 0.94;
+/** How long nothing must move before a fine picture is drawn [ms]. */
+const STILL = 300;
+
+/** What stands in the cell at a time, and how it is seen. */
+export class Scene {
+  /**
+   * @param {Plan} plan
+   * @param {HTMLElement} holder takes the canvas
+   * @throws {Error} the browser has no WebGL
+   */
+  constructor(plan, holder) {
+    this.plan = plan;
+    this.holder = holder;
+    this.time = 0;
+    /** @type {Pose[]} */
+    this.poses = [];
+    this.pairWanted = true;
+    this.drawn = 0;
+    this.slow = 0;
+    this.moving = FIRST;
+    this.materials = new Materials();
+    this.renderer = new THREE.WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
+    this.ratio = FIRST;
+    this.renderer.setPixelRatio(this.ratio);
+    this.renderer.domElement.className = "view";
+    holder.append(this.renderer.domElement);
+    this.world = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(35, 1, 0.02, 100);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.addEventListener("change", () => this.request());
+    this.requested = false;
+    this.light();
+    const { materials } = this;
+    this.frames = plan.bodies.map(() => new THREE.Group());
+    this.world.add(...this.frames);
+    for (const solid of plan.solids) {
+      const at = solid.body === WORLD || solid.body === undefined ? this.world : this.frames[solid.body];
+      at.add(...meshesOf([solid], plan.hulls, this.materialOf(solid)));
+    }
+    this.things = plan.things.map((thing) => {
+      const group = new THREE.Group();
+      const material = materials.solidOf(thing.role === "part" ? "part" : "tool-solid");
+      const solids = thing.solids.length > 0 ? thing.solids : [unknownShape()];
+      group.add(...meshesOf(solids, plan.hulls, material));
+      for (const mesh of group.children) mesh.name = thing.name;
+      this.world.add(group);
+      return { thing, group };
+    });
+    this.belts = plan.conveyors.map((conveyor) => new Belt(conveyor, materials));
+    this.skeleton = new Skeleton(plan, materials);
+    this.traces = armsOf(plan).map((arm) => new Trace(plan, arm, materials));
+    this.world.add(this.skeleton.group, ...this.belts.map((belt) => belt.group));
+    this.world.add(...this.traces.flatMap((trace) => trace.lines));
+    this.tips = armsOf(plan).map(() => new THREE.AxesHelper(0.09));
+    this.world.add(...this.tips);
+    this.pair = new THREE.Group();
+    this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(0.004, 0.004, 1, 8), materials.solidOf("clearance"));
+    this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(0.009, 12, 8), materials.solidOf("clearance")));
+    this.pair.add(this.pairLine, ...this.pairEnds);
+    for (const part of this.pair.children) part.renderOrder = 1;
+    this.world.add(this.pair);
+    const floor = new THREE.GridHelper(8, 32, 0xffffff, 0xffffff).rotateX(Math.PI / 2);
+    floor.material = materials.lineOf("floor");
+    floor.position.z = -0.001;
+    this.world.add(floor);
+    this.floor = floor;
+    this.setTime(0);
+    this.fitted = false;
+    new ResizeObserver(() => this.resize()).observe(holder);
+  }
+
+  light() {
+    this.world.add(new THREE.HemisphereLight(0xffffff, 0x8a8a92, 1.9));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.7);
+    sun.position.set(2, -3, 5);
+    this.world.add(sun);
+  }
+
+  /** @param {Solid} solid */
+  materialOf(solid) {
+    if (solid.kind === "half_space") return this.materials.solidOf("ground", { side: THREE.DoubleSide });
+    if (solid.role === "obstacle") return this.materials.solidOf("obstacle");
+    if (solid.role === "tool") return this.materials.solidOf("tool-solid");
+    return this.materials.solidOf(solid.arm ? `${solid.arm}-arm` : "link");
+  }
+
+  /** @param {(name: string) => string} colour */
+  recolour(colour) {
+    this.world.background = new THREE.Color(colour("view"));
+    this.materials.recolour(colour);
+    this.request();
+  }
+
+  /** @param {number} time s */
+  setTime(time) {
+    this.time = time;
+    this.poses = forwardKinematics(this.plan.bodies, positionsAt(this.plan.joints, time));
+    const poses = this.poses;
+    this.frames.forEach((frame, i) => place(frame, poses[i]));
+    for (const { thing, group } of this.things) {
+      const pose = thingPose(thing, time, poses);
+      group.visible = pose !== null;
+      if (pose) place(group, pose);
+    }
+    for (const belt of this.belts) belt.setTime(time);
+    for (const trace of this.traces) trace.setTime(time);
+    this.skeleton.setPoses(poses);
+    armsOf(this.plan).forEach((arm, i) => {
+      const tcp = this.plan.tcps[arm];
+      place(this.tips[i], compose(poses[tcp.body], tcp));
+    });
+    this.showPair();
+    this.request();
+  }
+
+  showPair() {
+    const nearest = clearanceAt(this.plan.clearance, this.time);
+    this.pair.visible = nearest !== null && this.pairWanted;
+    if (!nearest) return;
+    const a = new THREE.Vector3().fromArray(nearest.points, 0);
+    const b = new THREE.Vector3().fromArray(nearest.points, 3);
+    this.pairEnds[0].position.copy(a);
+    this.pairEnds[1].position.copy(b);
+    this.pairLine.position.copy(a).add(b).multiplyScalar(0.5);
+    const along = b.clone().sub(a);
+    const length = along.length();
+    this.pairLine.scale.set(1, Math.max(length, 1e-6), 1);
+    if (length > 1e-9) {
+      this.pairLine.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.divideScalar(length));
+    }
+  }
+
+  /**
+   * Shows or hides a kind of help.
+   * @param {"traces" | "frames" | "skeleton" | "pair"} name
+   * @param {boolean} on
+   */
+  show(name, on) {
+    if (name === "traces") for (const trace of this.traces) trace.setVisible(on);
+    if (name === "frames") for (const tip of this.tips) tip.visible = on;
+    if (name === "skeleton") this.skeleton.setWanted(on);
+    if (name === "pair") this.pairWanted = on;
+    this.setTime(this.time);
+  }
+
+  /** Draws once, before the next picture of the browser. */
+  request() {
+    if (this.requested) return;
+    this.requested = true;
+    requestAnimationFrame(() => {
+      this.requested = false;
+      this.render();
+    });
+  }
+
+  /**
+   * Draws now. What moves is drawn as finely as this machine can without delay; what stands still is drawn with two
+   * by two pixels for each of the page, which smooths edges at a lower price than multisampling in software.
+   */
+  render() {
+    const now = performance.now();
+    const gap = now - this.drawn;
+    this.drawn = now;
+    if (gap < STILL) {
+      this.slow = gap > SLOW ? this.slow + 1 : 0;
+      if (this.slow >= 3) this.moving = COARSE;
+      this.setRatio(this.moving);
+    }
+    this.renderer.render(this.world, this.camera);
+    clearTimeout(this.finer);
+    this.finer = setTimeout(() => {
+      this.setRatio(2);
+      this.renderer.render(this.world, this.camera);
+    }, STILL);
+  }
+
+  /** @param {number} ratio pixels drawn per pixel of the page */
+  setRatio(ratio) {
+    if (ratio === this.ratio) return;
+    this.ratio = ratio;
+    this.renderer.setPixelRatio(ratio);
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    if (width === 0 || height === 0) return;
+    this.renderer.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    if (!this.fitted) this.fit();
+    this.fitted = true;
+    this.render();
+  }
+
+  /** Returns the box around robot, things and targets; what is much larger than these is left out. */
+  bounds() {
+    const box = new THREE.Box3();
+    this.setTime(this.time);
+    this.world.updateMatrixWorld(true);
+    for (const frame of this.frames) box.expandByObject(frame);
+    for (const { group } of this.things) if (group.visible) box.expandByObject(group);
+    for (const event of this.plan.events) box.expandByPoint(new THREE.Vector3().fromArray(event.xyz));
+    for (const trace of this.traces) box.union(trace.bounds());
+    if (box.isEmpty()) box.set(new THREE.Vector3(-1, -1, 0), new THREE.Vector3(1, 1, 1.5));
+    return box;
+  }
+
+  /**
+   * Moves the camera so that everything is in sight.
+   * @param {[number, number, number]} [direction] from the cell to the camera
+   */
+  fit(direction = [1.25, -0.95, 0.75]) {
+    const box = this.bounds();
+    const centre = box.getCenter(new THREE.Vector3());
+    const away = new THREE.Vector3(...direction).normalize();
+    const right = new THREE.Vector3(0, 0, 1).cross(away).normalize();
+    const up = away.clone().cross(right);
+    const tall = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED;
+    const wide = tall * this.camera.aspect;
+    let distance = 0;
+    for (let k = 0; k < 8; k++) {
+      const x = k & 1 ? box.max.x : box.min.x;
+      const y = k & 2 ? box.max.y : box.min.y;
+      const corner = new THREE.Vector3(x, y, k & 4 ? box.max.z : box.min.z).sub(centre);
+      const across = Math.max(Math.abs(corner.dot(right)) / wide, Math.abs(corner.dot(up)) / tall);
+      distance = Math.max(distance, across + corner.dot(away));
+    }
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(away, distance);
+    this.controls.update();
+    this.request();
+  }
+
+  /**
+   * Returns the name of what is under a point of the canvas, or nothing.
+   * @param {number} x px
+   * @param {number} y px
+   */
+  nameAt(x, y) {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    const caster = new THREE.Raycaster();
+    caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
+    const hit = caster.intersectObjects([...this.world.children], true).find((h) => {
+      return h.object instanceof THREE.Mesh && h.object.name && h.object.parent?.visible;
+    });
+    return hit?.object.name ?? "";
+  }
+}
+
+/** @returns {Solid} */
+function unknownShape() {
+  const side = UNKNOWN_SIDE;
+  return { kind: "box", size: [side, side, side], hull: null, xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
+}

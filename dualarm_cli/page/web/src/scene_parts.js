@@ -1,0 +1,146 @@
+// Parts of the 3-D view that are not solids of the cell: skeletons, traces of tools, belts that run.
+
+import * as THREE from "three";
+import { WORLD, compose, forwardKinematics } from "./poses.js";
+import { place } from "./shapes.js";
+import { countUpTo, positionsAt } from "./trajectory.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Pose} Pose */
+/** @typedef {import("./shapes.js").Materials} Materials */
+
+/** Instants per second at which a trace is sampled, and how many at most. */
+const PER_SECOND = 40;
+const MOST = 4000;
+/** How much of a trace is bold behind the tool [s]. */
+const TAIL = 1.5;
+
+/** The joints of the robot as dots, joined by lines. */
+export class Skeleton {
+  /** @param {Plan} plan @param {Materials} materials */
+  constructor(plan, materials) {
+    this.plan = plan;
+    this.group = new THREE.Group();
+    /** @type {{from: number, to: number, tip?: Pose, arm: string}[]} */
+    this.bones = [];
+    const armOf = (/** @type {number} */ i) => {
+      const joint = plan.joints[plan.bodies[i].joint];
+      return joint ? joint.group : "platform";
+    };
+    plan.bodies.forEach((body, i) => {
+      if (body.parent !== WORLD) this.bones.push({ from: body.parent, to: i, arm: armOf(i) });
+    });
+    for (const [arm, tcp] of Object.entries(plan.tcps)) {
+      this.bones.push({ from: tcp.body, to: tcp.body, tip: tcp, arm });
+    }
+    const seen = new Set(plan.solids.filter((s) => s.role === "link").map((s) => s.arm));
+    this.bare = new Set(Object.keys(plan.tcps).filter((arm) => !seen.has(arm)));
+    if (!plan.solids.some((solid) => solid.role === "link")) this.bare.add("platform");
+    const size = this.bare.size > 0 ? 0.018 : 0.008;
+    const bone = new THREE.CylinderGeometry(size, size, 1, 10).rotateX(Math.PI / 2);
+    const dot = new THREE.SphereGeometry(size * 1.8, 14, 10);
+    this.parts = this.bones.map(({ arm }) => {
+      const material = materials.solidOf(arm === "platform" ? "link" : `${arm}-arm`);
+      const parts = { line: new THREE.Mesh(bone, material), dot: new THREE.Mesh(dot, material) };
+      this.group.add(parts.line, parts.dot);
+      return parts;
+    });
+    this.setWanted(false);
+  }
+
+  /** @param {boolean} wanted also where there are solids */
+  setWanted(wanted) {
+    this.bones.forEach(({ arm }, i) => {
+      const visible = wanted || this.bare.has(arm);
+      this.parts[i].line.visible = visible;
+      this.parts[i].dot.visible = visible;
+    });
+  }
+
+  /** @param {Pose[]} poses of the bodies */
+  setPoses(poses) {
+    this.bones.forEach(({ from, to, tip }, i) => {
+      const a = new THREE.Vector3(...poses[from].xyz);
+      const b = new THREE.Vector3(...(tip ? compose(poses[to], tip) : poses[to]).xyz);
+      const { line, dot } = this.parts[i];
+      if (!dot.visible) return;
+      dot.position.copy(b);
+      line.position.copy(a).add(b).multiplyScalar(0.5);
+      line.scale.z = Math.max(a.distanceTo(b), 1e-6);
+      line.lookAt(b);
+    });
+  }
+}
+
+/** The way of a tool centre point: all of it faint, the last second and a half bold. */
+export class Trace {
+  /** @param {Plan} plan @param {string} arm @param {Materials} materials */
+  constructor(plan, arm, materials) {
+    const count = Math.min(Math.ceil(plan.duration * PER_SECOND) + 1, MOST);
+    this.times = Float64Array.from({ length: count }, (_, i) => (plan.duration * i) / (count - 1 || 1));
+    const tcp = plan.tcps[arm];
+    const points = new Float32Array(3 * count);
+    this.times.forEach((time, i) => {
+      const poses = forwardKinematics(plan.bodies, positionsAt(plan.joints, time));
+      points.set(compose(poses[tcp.body], tcp).xyz, 3 * i);
+    });
+    const attribute = new THREE.BufferAttribute(points, 3);
+    this.whole = new THREE.BufferGeometry().setAttribute("position", attribute);
+    this.recent = new THREE.BufferGeometry().setAttribute("position", attribute);
+    this.lines = [
+      new THREE.Line(this.whole, materials.lineOf(`${arm}-trace`, 0.25)),
+      new THREE.Line(this.recent, materials.lineOf(`${arm}-trace`)),
+    ];
+    this.lines[1].frustumCulled = false;
+  }
+
+  /** @param {number} time */
+  setTime(time) {
+    const first = Math.max(countUpTo(this.times, time - TAIL) - 1, 0);
+    const end = countUpTo(this.times, time);
+    this.recent.setDrawRange(first, Math.max(end - first, 0));
+  }
+
+  /** @param {boolean} visible */
+  setVisible(visible) {
+    for (const line of this.lines) line.visible = visible;
+  }
+
+  bounds() {
+    this.whole.computeBoundingBox();
+    return /** @type {THREE.Box3} */ (this.whole.boundingBox);
+  }
+}
+
+const STRIPE = 0.12;
+const THICK = 0.012;
+
+/** A belt with stripes that run with it. */
+export class Belt {
+  /** @param {import("./types.js").Conveyor} conveyor @param {Materials} materials */
+  constructor(conveyor, materials) {
+    this.group = new THREE.Group();
+    this.speed = Math.hypot(...conveyor.velocity);
+    this.length = conveyor.length;
+    const belt = new THREE.Mesh(
+      new THREE.BoxGeometry(conveyor.length, conveyor.width, THICK),
+      materials.solidOf("belt"),
+    );
+    belt.position.z = -THICK / 2;
+    belt.name = conveyor.name;
+    const stripe = new THREE.BoxGeometry(0.012, conveyor.width, 0.002);
+    const count = Math.floor(conveyor.length / STRIPE);
+    this.stripes = Array.from({ length: count }, () => new THREE.Mesh(stripe, materials.solidOf("stripe")));
+    this.group.add(belt, ...this.stripes);
+    place(this.group, conveyor);
+    this.setTime(0);
+  }
+
+  /** @param {number} time */
+  setTime(time) {
+    const period = this.stripes.length * STRIPE;
+    this.stripes.forEach((stripe, i) => {
+      stripe.position.x = ((i * STRIPE + this.speed * time) % period) - period / 2;
+    });
+  }
+}

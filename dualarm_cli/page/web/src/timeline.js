@@ -1,0 +1,292 @@
+// The timeline: Gantt chart and curves on one axis of time, under one cursor.
+
+import { colour } from "./colours.js";
+import { clearancePlot, curveStyle, jointPlots } from "./curves.js";
+import { button, element, toggle } from "./dom.js";
+import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
+import { QUANTITIES, stateAt } from "./trajectory.js";
+import { jointValue, millimetres } from "./units.js";
+import { clearanceAt } from "./clearance.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./trajectory.js").Quantity} Quantity */
+
+/**
+ * Returns the joints whose curves are shown at first: the platform's, and each arm's most frequent bottleneck.
+ * @param {Plan} plan
+ * @returns {string[]}
+ */
+export function firstJoints(plan) {
+  const often = Object.entries(plan.report.bottlenecks ?? {}).sort((a, b) => b[1] - a[1]);
+  const groups = [...new Set(plan.joints.map((joint) => joint.group))];
+  return groups.flatMap((group) => {
+    const own = plan.joints.filter((joint) => joint.group === group).map((joint) => joint.name);
+    return often.find(([name]) => own.includes(name))?.[0] ?? own[0] ?? [];
+  });
+}
+
+/** Heights of a plot [px]. */
+const LEAST_HEIGHT = 96;
+const MOST_HEIGHT = 220;
+
+/** Gantt chart, curves, and what is chosen of them. */
+export class Timeline {
+  /**
+   * @param {Plan} plan
+   * @param {import("./clock.js").Clock} clock
+   * @param {import("./clock.js").TimeWindow} shown
+   */
+  constructor(plan, clock, shown) {
+    this.plan = plan;
+    this.clock = clock;
+    this.shown = shown;
+    this.gantt = new Gantt(plan, shown);
+    this.joints = firstJoints(plan);
+    /** @type {string[]} */
+    this.quantities = ["velocity", ...(plan.clearance ? ["clearance"] : [])];
+    /** @type {import("./curves.js").Plot[]} */
+    this.plots = [];
+    this.cursor = element("div", { class: "cursor" });
+    this.hint = element("div", { class: "hint", hidden: true });
+    this.plotArea = element("div", { class: "plots" });
+    this.stack = element("div", { class: "stack" }, this.gantt.canvas, this.plotArea, this.cursor);
+    this.scroll = element("div", { class: "timeline-scroll" }, this.stack);
+    this.legend = this.makeLegend();
+    this.choices = element("div", { class: "choices" });
+    /** @type {Map<string, HTMLElement>} */
+    this.readings = new Map();
+    this.element = element(
+      "section",
+      { class: "timeline", "aria-label": "Timeline" },
+      element("div", { class: "timeline-head" }, this.choices, this.legend),
+      this.scroll,
+      this.hint,
+    );
+    this.makeChoices();
+    this.listen();
+    clock.onChange(() => this.moveCursor());
+    shown.onChange(() => this.redraw());
+    new ResizeObserver(() => this.resize()).observe(this.scroll);
+  }
+
+  makeLegend() {
+    const used = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => `${b.kind} ${b.family}`)));
+    const kinds = new Set(this.gantt.rows.flatMap((row) => row.bars.map((b) => b.kind)));
+    const entries = LEGEND.filter(({ label, bar }) => {
+      const general = ["approach", "retract", "transfer", "wait", "return"].includes(label);
+      return general ? kinds.has(bar.kind) : used.has(`${bar.kind} ${bar.family}`);
+    });
+    return element(
+      "div",
+      { class: "legend" },
+      ...entries.map(({ label, bar }) => {
+        const canvas = element("canvas", { class: "swatch" });
+        canvas.entry = bar;
+        return element("span", {}, canvas, label);
+      }),
+    );
+  }
+
+  makeChoices() {
+    const names = [...QUANTITIES, ...(this.plan.clearance ? ["clearance"] : [])];
+    const quantities = names.map((name) =>
+      toggle(name, `Show ${name} over time`, this.quantities.includes(name), (on) => {
+        this.quantities = names.filter((n) => (n === name ? on : this.quantities.includes(n)));
+        this.rebuild();
+      }),
+    );
+    const joints = this.plan.joints.map((joint) => {
+      const reading = element("span", { class: "reading" });
+      this.readings.set(joint.name, reading);
+      const made = toggle(joint.name, `Curves of ${joint.name}`, this.joints.includes(joint.name), (on) => {
+        this.joints = on
+          ? [...this.joints, joint.name]
+          : this.joints.filter((name) => name !== joint.name);
+        this.rebuild();
+      });
+      made.classList.add("joint");
+      made.dataset.joint = joint.name;
+      made.append(reading);
+      return made;
+    });
+    this.choices.append(
+      element("div", { class: "group", role: "group", "aria-label": "Curves" }, ...quantities),
+      element(
+        "details",
+        { class: "joints" },
+        element("summary", { title: "Choose joints" }, "joints"),
+        element("div", { class: "joint-list" }, ...joints),
+      ),
+      (this.chosen = element("div", { class: "chosen" })),
+      button("whole", "Show the whole plan (0)", () => this.shown.showAll()),
+    );
+  }
+
+  listen() {
+    const { stack, shown } = this;
+    stack.addEventListener(
+      "wheel",
+      (/** @type {WheelEvent} */ event) => {
+        if (event.altKey) return;
+        event.preventDefault();
+        const length = shown.to - shown.from;
+        if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
+          const by = ((event.deltaX || event.deltaY) / stack.clientWidth) * length;
+          shown.show(shown.from + by, shown.to + by);
+        } else {
+          shown.zoom(this.timeAt(event), Math.exp(event.deltaY * 0.0015));
+        }
+      },
+      { passive: false },
+    );
+    /** @type {{x: number, from: number, to: number, scrubs: boolean, moved: boolean} | null} */
+    let drag = null;
+    stack.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
+      if (event.button !== 0) return;
+      const y = event.clientY - stack.getBoundingClientRect().top;
+      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < 38, moved: false };
+      stack.setPointerCapture(event.pointerId);
+      if (drag.scrubs) this.clock.setTime(this.timeAt(event));
+    });
+    stack.addEventListener("pointermove", (/** @type {PointerEvent} */ event) => {
+      if (!drag) return this.showHint(event);
+      if (Math.abs(event.clientX - drag.x) > 3) drag.moved = true;
+      if (drag.scrubs) {
+        this.clock.setTime(this.timeAt(event));
+      } else if (drag.moved) {
+        const wide = stack.clientWidth - GUTTER - MARGIN;
+        const by = ((drag.x - event.clientX) / wide) * (drag.to - drag.from);
+        shown.show(drag.from + by, drag.to + by);
+      }
+    });
+    stack.addEventListener("pointerup", (/** @type {PointerEvent} */ event) => {
+      if (drag && !drag.moved) this.clock.setTime(this.timeAt(event));
+      drag = null;
+    });
+    stack.addEventListener("pointercancel", () => (drag = null));
+    stack.addEventListener("pointerleave", () => (this.hint.hidden = true));
+    stack.addEventListener("dblclick", (/** @type {MouseEvent} */ event) => {
+      const time = this.timeAt(event);
+      const stage = this.plan.stages.find((s) => s.start <= time && time <= s.end);
+      if (stage) {
+        const room = 0.25 * (stage.end - stage.start);
+        shown.show(stage.start - room, stage.end + room);
+      }
+    });
+  }
+
+  /** @param {MouseEvent} event @returns {number} s */
+  timeAt(event) {
+    const box = this.stack.getBoundingClientRect();
+    const share = (event.clientX - box.left - GUTTER) / (box.width - GUTTER - MARGIN);
+    return this.shown.from + share * (this.shown.to - this.shown.from);
+  }
+
+  /** @param {PointerEvent} event */
+  showHint(event) {
+    const box = this.gantt.canvas.getBoundingClientRect();
+    const bar = this.gantt.barAt(this.timeAt(event), event.clientY - box.top);
+    this.hint.hidden = !bar;
+    if (!bar) return;
+    this.hint.textContent = bar.text;
+    const home = this.element.getBoundingClientRect();
+    const left = event.clientX - home.left + 12;
+    this.hint.style.left = `${Math.min(left, home.width - this.hint.offsetWidth - 8)}px`;
+    this.hint.style.top = `${event.clientY - home.top + 16}px`;
+  }
+
+  /** Makes the plots anew: other curves or other colours are wanted. */
+  rebuild() {
+    for (const plot of this.plots) plot.destroy();
+    const size = this.plotSize();
+    const chosen = this.joints.map((name, number) => ({
+      joint: /** @type {import("./types.js").Joint} */ (this.plan.joints.find((j) => j.name === name)),
+      number,
+    }));
+    this.plots = this.quantities.flatMap((name) =>
+      name === "clearance"
+        ? [clearancePlot(this.plan, this.shown, size)]
+        : jointPlots(/** @type {Quantity} */ (name), chosen, this.shown, size),
+    );
+    this.plotArea.replaceChildren(...this.plots.map((plot) => plot.element));
+    this.showChosen();
+  }
+
+  showChosen() {
+    this.chosenReadings = this.joints.map((name, number) => {
+      const { colour: stroke, dash } = curveStyle(number);
+      const line = element("span", { class: "line" });
+      line.style.borderTopColor = stroke;
+      line.style.borderTopStyle = dash.length ? "dashed" : "solid";
+      const reading = element("span", { class: "reading" });
+      return { name, reading, element: element("span", { class: "curve" }, line, name, reading) };
+    });
+    if (this.quantities.includes("clearance")) {
+      const line = element("span", { class: "line" });
+      line.style.borderTopColor = colour("clearance");
+      const reading = element("span", { class: "reading" });
+      const made = element("span", { class: "curve" }, line, "clearance", reading);
+      this.chosenReadings.push({ name: "", reading, element: made });
+    }
+    this.chosen.replaceChildren(...this.chosenReadings.map((entry) => entry.element));
+    this.showReadings();
+  }
+
+  showReadings() {
+    const shownFirst = QUANTITIES.find((name) => this.quantities.includes(name)) ?? "position";
+    for (const { name, reading } of this.chosenReadings ?? []) {
+      const joint = this.plan.joints.find((j) => j.name === name);
+      if (joint) {
+        const value = stateAt(joint.knots, this.clock.time)[shownFirst];
+        reading.textContent = jointValue(value, joint.slides, shownFirst);
+      } else {
+        reading.textContent = millimetres(clearanceAt(this.plan.clearance, this.clock.time)?.distance);
+      }
+    }
+    if (!this.choices.querySelector("details")?.open) return;
+    for (const joint of this.plan.joints) {
+      const { position } = stateAt(joint.knots, this.clock.time);
+      const reading = /** @type {HTMLElement} */ (this.readings.get(joint.name));
+      reading.textContent = jointValue(position, joint.slides, "position");
+    }
+  }
+
+  /** Returns the size of a plot: together they fill what the Gantt chart leaves, as far as they are readable. */
+  plotSize() {
+    const room = this.scroll.clientHeight - this.gantt.height - 4;
+    const height = Math.floor(room / Math.max(this.quantities.length, 1));
+    return {
+      width: this.stack.clientWidth,
+      height: Math.min(Math.max(height, LEAST_HEIGHT), MOST_HEIGHT),
+    };
+  }
+
+  resize() {
+    const { width, height } = this.plotSize();
+    if (width <= GUTTER + MARGIN) return;
+    if (width !== this.gantt.width) this.gantt.resize(width);
+    for (const plot of this.plots) plot.resize(width, height);
+    this.moveCursor();
+  }
+
+  /** Draws in the colours of the theme that is shown now. */
+  recolour() {
+    for (const canvas of this.legend.querySelectorAll("canvas")) drawLegendEntry(canvas, canvas.entry);
+    this.gantt.draw();
+    this.rebuild();
+  }
+
+  redraw() {
+    this.gantt.draw();
+    for (const plot of this.plots) plot.update();
+    this.moveCursor();
+  }
+
+  moveCursor() {
+    const { time } = this.clock;
+    const inside = time >= this.shown.from - 1e-9 && time <= this.shown.to + 1e-9;
+    this.cursor.hidden = !inside;
+    if (inside) this.cursor.style.transform = `translateX(${this.gantt.x(time)}px)`;
+    this.showReadings();
+  }
+}

@@ -1,0 +1,142 @@
+// Play, speed, scrub, step; and what each arm does now.
+
+import { neighbour, SPEEDS } from "./clock.js";
+import { button, element } from "./dom.js";
+import { armsOf } from "./data.js";
+import { doing, waitsFor } from "./gantt_layout.js";
+import { actionOn, fixed, word } from "./units.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+
+/**
+ * Returns the times that steps lead to.
+ * @param {Plan} plan
+ * @param {string} kind stage, task or event
+ * @returns {number[]}
+ */
+export function stepTimes(plan, kind) {
+  if (kind === "event") return [...new Set(plan.events.map((event) => event.time))];
+  if (kind === "stage") return [...new Set([...plan.stages.map((stage) => stage.start), plan.duration])];
+  /** @type {Map<string, number>} */
+  const first = new Map();
+  for (const { task, start } of plan.segments) {
+    if (task) first.set(task, Math.min(start, first.get(task) ?? Infinity));
+  }
+  return [...new Set([...first.values(), plan.duration])];
+}
+
+/** The row of controls under the 3-D view. */
+export class Transport {
+  /**
+   * @param {Plan} plan
+   * @param {import("./clock.js").Clock} clock
+   * @param {import("./clock.js").TimeWindow} shown
+   */
+  constructor(plan, clock, shown) {
+    this.plan = plan;
+    this.clock = clock;
+    this.shown = shown;
+    this.kind = "stage";
+    this.statusKey = "none";
+    this.times = stepTimes(plan, this.kind);
+    this.play = button("", "Play or pause (space)", () => clock.toggle(), { class: "play" });
+    this.readout = element("output", { class: "time" });
+    this.scrub = element("input", {
+      type: "range", min: 0, max: plan.duration, step: "any", "aria-label": "Time", class: "scrub",
+      oninput: () => clock.setTime(Number(this.scrub.value)),
+    });
+    this.speeds = element(
+      "select",
+      { "aria-label": "Speed", title: "Speed (−, +)", onchange: () => clock.setSpeed(Number(this.speeds.value)) },
+      ...SPEEDS.map((speed) => element("option", { value: speed, selected: speed === 1 }, `× ${speed}`)),
+    );
+    this.kinds = element(
+      "select",
+      { "aria-label": "Step to", title: "Step to (s, t, e)", onchange: () => this.setKind(this.kinds.value) },
+      ...["stage", "task", "event"].map((kind) => element("option", { value: kind }, kind)),
+    );
+    this.jump = element(
+      "select",
+      { class: "jump", "aria-label": "Go to a task", title: "Go to a task", onchange: () => this.goToTask() },
+      element("option", { value: "" }, "go to task …"),
+      ...plan.events.map((event, i) => element("option", { value: i }, actionOn(event.action, event.task))),
+    );
+    this.element = element(
+      "div",
+      { class: "transport", role: "group", "aria-label": "Playback" },
+      this.play,
+      button("|◀", "Previous (↓)", () => this.step(-1)),
+      button("▶|", "Next (↑)", () => this.step(1)),
+      this.kinds,
+      this.readout,
+      this.scrub,
+      this.speeds,
+      this.jump,
+    );
+    this.status = element("div", { class: "status" });
+    clock.onChange(() => this.update());
+    this.update();
+  }
+
+  /** @param {string} kind */
+  setKind(kind) {
+    this.kind = kind;
+    this.kinds.value = kind;
+    this.times = stepTimes(this.plan, kind);
+  }
+
+  /** @param {1 | -1} direction */
+  step(direction) {
+    this.go(neighbour(this.times, this.clock.time, direction));
+  }
+
+  goToTask() {
+    if (this.jump.value !== "") this.go(this.plan.events[Number(this.jump.value)].time);
+    this.jump.value = "";
+  }
+
+  /** @param {number} time */
+  go(time) {
+    this.clock.setTime(time);
+    this.shown.reveal(time);
+  }
+
+  /** @param {1 | -1} direction */
+  changeSpeed(direction) {
+    const i = SPEEDS.indexOf(this.clock.speed) + direction;
+    if (i >= 0 && i < SPEEDS.length) this.clock.setSpeed(SPEEDS[i]);
+    this.speeds.value = String(this.clock.speed);
+  }
+
+  update() {
+    const { clock } = this;
+    const text = clock.playing ? "❚❚" : "▶";
+    if (this.play.textContent !== text) this.play.textContent = text;
+    this.readout.textContent = `${fixed(clock.time, 3)} / ${fixed(this.plan.duration, 3)} s`;
+    this.scrub.value = String(clock.time);
+    this.showStatus();
+  }
+
+  showStatus() {
+    const now = doing(this.plan, this.clock.time);
+    const key = armsOf(this.plan).map((arm) => now[arm]?.start).join();
+    if (key === this.statusKey) return;
+    this.statusKey = key;
+    const rows = armsOf(this.plan).map((arm) => {
+      const segment = now[arm];
+      const text = segment ? this.segmentText(segment) : "–";
+      return element("div", {}, element("b", { class: `arm-${arm}` }, arm), text);
+    });
+    this.status.replaceChildren(...rows);
+  }
+
+  /** @param {import("./types.js").Segment} segment */
+  segmentText(segment) {
+    if (segment.kind === "wait") {
+      const whom = waitsFor(this.plan, segment);
+      return `waits (${word(segment.reason ?? "")})${whom ? ` for ${whom}` : ""}`;
+    }
+    if (!segment.task) return word(segment.kind);
+    return `${actionOn(segment.action, segment.task)}: ${word(segment.kind)}`;
+  }
+}

@@ -1,0 +1,109 @@
+// Types of the page's data (format dualarm.page/1). SI units; quaternions are x, y, z, w.
+
+/** @typedef {[number, number, number]} Vector */
+/** @typedef {[number, number, number, number]} Quaternion */
+/** @typedef {{xyz: Vector, quat: Quaternion}} Pose */
+
+/**
+ * @typedef {object} Knots Motion of one joint; between two knots its jerk is constant.
+ * @property {Float64Array} time s
+ * @property {Float64Array} position rad or m
+ * @property {Float64Array} velocity per s
+ * @property {Float64Array} acceleration per s²
+ */
+
+/**
+ * @typedef {object} Limits Null where there is none.
+ * @property {number | null} lower
+ * @property {number | null} upper
+ * @property {number | null} velocity
+ * @property {number | null} acceleration
+ * @property {number | null} jerk
+ * @property {string} source datasheet, measured, urdf or assumed
+ */
+
+/** @typedef {{name: string, group: string, slides: boolean, limits: Limits, knots: Knots}} Joint */
+
+/**
+ * @typedef {object} BodyData A body that moves with a joint; its parent comes first.
+ * @property {string} name
+ * @property {number} parent number of its parent, -1: the world
+ * @property {number} joint number of its joint, -1: fixed
+ * @property {Vector} axis
+ * @property {boolean} slides
+ */
+/** @typedef {BodyData & Pose} Body */
+
+/**
+ * @typedef {object} SolidData
+ * @property {number} [body] number of the body that it is on, -1: the world
+ * @property {string} [name]
+ * @property {"link" | "tool" | "obstacle"} [role]
+ * @property {string} [arm]
+ * @property {"box" | "sphere" | "cylinder" | "capsule" | "mesh" | "half_space"} kind
+ * @property {number[]} size box: full sides; sphere: radius; cylinder and capsule: radius, length [m]
+ * @property {number | null} hull
+ */
+/** @typedef {SolidData & Pose} Solid */
+
+/** @typedef {{corners: Float32Array, triangles: Uint32Array}} Hull */
+
+/** @typedef {{time: number, body: number | null, velocity: Vector} & Pose} Keyframe */
+/** @typedef {{name: string, role: "part" | "tool", solids: Solid[], keyframes: Keyframe[]}} Thing */
+/** @typedef {{name: string, length: number, width: number, velocity: Vector} & Pose} Conveyor */
+
+/**
+ * @typedef {object} Segment
+ * @property {string} arm
+ * @property {string} kind transfer, approach, dwell, retract, wait, return, path or seam
+ * @property {string} task
+ * @property {string} action
+ * @property {number} start s
+ * @property {number} end s
+ * @property {string} [reason] why the arm waits
+ */
+
+/** @typedef {{time: number, arm: string, task: string, action: string, xyz: Vector, dwell: number}} Event */
+
+/**
+ * @typedef {object} Stage
+ * @property {number} start
+ * @property {number} end
+ * @property {string[]} tasks
+ * @property {string} bottleneck
+ * @property {string} [arm] empty where it is both arms'
+ */
+
+/**
+ * @typedef {object} Clearance Samples of the least distance.
+ * @property {Float64Array} time
+ * @property {Float32Array} distance m
+ * @property {Uint32Array} pair number of the pair
+ * @property {Float32Array} points nearest points in the world, six numbers per sample
+ * @property {[string, string][]} pairs
+ * @property {number[]} required m, of each pair
+ */
+
+/**
+ * @typedef {object} Plan Everything that the page shows.
+ * @property {string} title
+ * @property {string} robot
+ * @property {string} version
+ * @property {number} duration s
+ * @property {boolean} closes
+ * @property {Joint[]} joints
+ * @property {Body[]} bodies
+ * @property {Solid[]} solids
+ * @property {Hull[]} hulls
+ * @property {Object<string, {body: number} & Pose>} tcps
+ * @property {Thing[]} things
+ * @property {Conveyor[]} conveyors
+ * @property {Segment[]} segments
+ * @property {Event[]} events
+ * @property {Stage[]} stages
+ * @property {Clearance | null} clearance
+ * @property {any} report report.json as it is
+ * @property {Object<string, string>} task_lines
+ */
+
+export {};

@@ -1,0 +1,75 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { barAt, doing, familyOf, ganttRows, segmentText, visits, waitsFor } from "../src/gantt_layout.js";
+
+const segment = (arm, kind, task, action, start, end, more = {}) => ({ arm, kind, task, action, start, end, ...more });
+
+const SEGMENTS = [
+  segment("left", "transfer", "a-1", "pick", 0, 1),
+  segment("left", "approach", "a-1", "pick", 1, 2),
+  segment("left", "dwell", "a-1", "pick", 2, 2.5),
+  segment("left", "retract", "a-1", "pick", 2.5, 3),
+  segment("left", "transfer", "a-1", "place", 3, 4),
+  segment("left", "dwell", "a-1", "place", 4, 5),
+  segment("left", "return", "", "", 5, 6),
+  segment("right", "transfer", "b", "take_tool", 0, 2),
+  segment("right", "wait", "", "", 2, 3, { reason: "partner" }),
+];
+
+const PLAN = /** @type {any} */ ({
+  tcps: { left: {}, right: {} },
+  segments: SEGMENTS,
+  joints: [
+    {
+      name: "torso", group: "platform",
+      knots: {
+        time: Float64Array.of(0, 1, 2), position: Float64Array.of(0, 1, 1),
+        velocity: Float64Array.of(1, 0, 0), acceleration: Float64Array.of(0, 0, 0),
+      },
+    },
+  ],
+  report: { waits: [{ arm: "right", start: 2, for: { arm: "left", task: "a-1" } }] },
+});
+
+test("there is a row per arm and one for the platform", () => {
+  const rows = ganttRows(PLAN);
+  assert.deepEqual(rows.map((row) => row.name), ["left", "right", "platform"]);
+  assert.deepEqual(rows.map((row) => row.bars.length), [7, 2, 1]);
+  assert.deepEqual([rows[2].bars[0].start, rows[2].bars[0].end], [0, 1]);
+});
+
+test("a platform that stands still, or none, has no row", () => {
+  assert.deepEqual(ganttRows({ ...PLAN, joints: [] }).map((row) => row.name), ["left", "right"]);
+});
+
+test("pick and place of one task are two visits", () => {
+  const found = visits(SEGMENTS.filter((s) => s.arm === "left"));
+  assert.deepEqual(found.map((v) => [v.start, v.end, v.action]), [[0, 3, "pick"], [3, 5, "place"]]);
+});
+
+test("families tell what is done apart", () => {
+  const actions = ["pick", "place", "give", "take", "seam_start", "path_end"];
+  assert.equal(new Set(actions.map((action) => familyOf(action))).size, actions.length);
+  assert.equal(familyOf("take_tool"), familyOf("leave_tool"));
+  assert.equal(familyOf("", "seam"), "seam");
+});
+
+test("the bar at a time is the one that lasts then, or the nearest within the tolerance", () => {
+  const [left] = ganttRows(PLAN);
+  assert.equal(barAt(left.bars, 2.2)?.kind, "dwell");
+  assert.equal(barAt(left.bars, 6.1)?.kind, undefined);
+  assert.equal(barAt(left.bars, 6.1, 0.2)?.kind, "return");
+});
+
+test("a wait tells its reason and whom it is for", () => {
+  const wait = SEGMENTS[8];
+  assert.equal(waitsFor(PLAN, wait), "the left arm, a-1");
+  assert.match(segmentText(wait, waitsFor(PLAN, wait)), /^right: wait \(partner\), for the left arm, a-1, 2\.000–3\.000 s/);
+  assert.equal(ganttRows(PLAN)[1].bars[1].label, "partner");
+});
+
+test("what each arm does at a time", () => {
+  assert.equal(doing(PLAN, 1.5).left?.kind, "approach");
+  assert.equal(doing(PLAN, 2.5).left?.kind, "retract");
+  assert.equal(doing(PLAN, 4.5).right, undefined);
+});

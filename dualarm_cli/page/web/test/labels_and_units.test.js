@@ -1,0 +1,84 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { commonLevel, commonPrefix, fitting, forms } from "../src/labels.js";
+import { actionOn, fixed, jointUnit, jointValue, millimetres, percent, rulerTimes, seconds, significant, word } from "../src/units.js";
+
+const width = (/** @type {string} */ text) => [...text].length;
+
+test("what all ids share is counted up to a separator", () => {
+  assert.equal(commonPrefix(["left-01", "left-02", "left-12"]), 5);
+  assert.equal(commonPrefix(["left-01", "right-01"]), 0);
+  assert.equal(commonPrefix(["screw1", "screw2"]), 0);
+  assert.equal(commonPrefix(["a-1", "a-1"]), 0);
+  assert.equal(commonPrefix(["a-", "a-1"]), 0);
+  assert.equal(commonPrefix([]), 0);
+});
+
+test("forms of an id grow shorter and keep what tells it apart", () => {
+  const found = forms("left-01", "pick left-01", 5);
+  assert.deepEqual(found, ["pick left-01", "left-01", "01"]);
+  for (const id of ["left-01", "a very long name of a task 17", "é", "🤖🤖🤖🤖🤖🤖🤖🤖🤖🤖"]) {
+    const lengths = forms(id, `place ${id}`, 0).map(width);
+    for (let i = 1; i < lengths.length; i++) assert.ok(lengths[i] < lengths[i - 1], String(lengths));
+  }
+});
+
+test("the longest form that fits is taken, or none", () => {
+  assert.equal(fitting(["pick left-01", "left-01", "01"], 8, width), "left-01");
+  assert.equal(fitting(["pick left-01", "left-01", "01"], 2, width), "01");
+  assert.equal(fitting(["pick left-01", "left-01", "01"], 1, width), "");
+});
+
+test("most labels decide how all are shortened", () => {
+  const candidates = ["pick left-01", "left-01", "01"];
+  const rooms = (/** @type {number[]} */ all) => all.map((room) => ({ candidates, room }));
+  assert.equal(commonLevel(rooms([20, 20, 20, 3]), width), 0);
+  assert.equal(commonLevel(rooms([20, 8, 8, 8]), width), 1);
+  assert.equal(commonLevel(rooms([1, 1]), width), 2);
+  assert.equal(commonLevel([], width), 0);
+});
+
+test("numbers have a real minus sign, and none for zero", () => {
+  assert.equal(fixed(-1.25, 1), "\u22121.3");
+  assert.equal(fixed(-0.0001, 2), "0.00");
+  assert.equal(fixed(2, 0), "2");
+});
+
+test("lengths, times and shares have units", () => {
+  assert.equal(seconds(1.23456), "1.235\u202fs");
+  assert.equal(seconds(null), "–");
+  assert.equal(millimetres(0.0117), "11.7\u202fmm");
+  assert.equal(percent(0.317), "31.7\u202f%");
+  assert.equal(significant(6.8319e-8), "6.83e\u22128");
+  assert.equal(significant(0.30874), "0.3087");
+});
+
+test("turning joints are shown in degrees, sliding ones in millimetres", () => {
+  assert.equal(jointUnit(false, "jerk").name, "°/s³");
+  assert.equal(jointUnit(true, "velocity").name, "mm/s");
+  assert.equal(jointValue(Math.PI / 2, false, "position"), "90.00°");
+  assert.equal(jointValue(0.25, true, "position"), "250.0\u202fmm");
+});
+
+test("a ruler has round times within its range, no more than asked", () => {
+  for (const [from, to] of [[0, 37.6], [1.234, 1.239], [10, 500]]) {
+    const { times, decimals } = rulerTimes(from, to, 10);
+    assert.ok(times.length >= 3 && times.length <= 11, String(times));
+    assert.ok(times.every((t) => t >= from - 1e-9 && t <= to + 1e-9));
+    const texts = times.map((t) => t.toFixed(decimals));
+    assert.equal(new Set(texts).size, times.length);
+    times.forEach((t, i) => assert.ok(Math.abs(Number(texts[i]) - t) < 1e-9));
+  }
+});
+
+test("an action is said once", () => {
+  assert.equal(actionOn("pick", "left-01"), "pick left-01");
+  assert.equal(actionOn("take_tool", "take suction (plate-1)"), "take suction (plate-1)");
+  assert.equal(actionOn("take_tool", "takeaway"), "take tool takeaway");
+  assert.equal(actionOn("", "seam"), "seam");
+});
+
+test("names of the schedule are words", () => {
+  assert.equal(word("take_tool"), "take tool");
+  assert.equal(word("shared_zone"), "shared zone");
+});
