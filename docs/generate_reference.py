@@ -91,11 +91,14 @@ def _index() -> str:
             ]
         ),
         "## Quantities",
-        "A plain number is in the first unit of its quantity; text names its unit: `80 mm`, `30 deg`, `80%`.",
+        "A plain number is in the first unit of its quantity; text names its unit: `80 mm`, `30 deg`, `80%`. "
+        "A plain number beyond the last column is refused, as its writer meant another unit: `150` for a length is "
+        "150 m. Some keys have a lower limit, which their page names; with its unit any size is read.",
         "\n".join(
-            ["| quantity | units |", "| --- | --- |"]
+            ["| quantity | units | plain number |", "| --- | --- | --- |"]
             + [
-                f"| {dimension.name} | {', '.join(f'`{unit}`' for unit in dimension.units if unit)} |"
+                f"| {dimension.name} | {', '.join(f'`{unit}`' for unit in dimension.units if unit)} "
+                f"| {_plain(dimension.plain)} |"
                 for dimension in vars(quantities).values()
                 if isinstance(dimension, Dimension)
             ]
@@ -230,7 +233,8 @@ def _annotated(annotation: Any, notes: Iterable[Any], sections: dict[type[BaseMo
     flat = [part for note in notes for part in getattr(note, "metadata", [note])]
     for note in flat:
         if isinstance(note, Quantity):
-            return _quantity(note.dimension) + _range(note.low, note.high)
+            plain = f"; {_plain(note.plain)} without a unit" if math.isfinite(note.plain) else ""
+            return _quantity(note.dimension) + _range(note.low, note.high) + plain
     takes = _takes(annotation, sections)
     for note in flat:
         if isinstance(note, ShortForm):
@@ -264,6 +268,11 @@ def _range(low: float, high: float) -> str:
     if high < math.inf:
         bounds.append(f"at most {_number(high)}")
     return "".join(f", {bound}" for bound in bounds)
+
+
+def _plain(limit: float) -> str:
+    """Returns how far a plain number may be from zero; empty where it may be anything."""
+    return f"at most {_number(limit)}" if math.isfinite(limit) else ""
 
 
 def _number(value: float) -> str:

@@ -136,7 +136,7 @@ def test_points_on_a_line_are_3_and_millimetres_without_unit_too(points: Path, c
     points.write_text(f"dualarm: points/1\npoints:\n{lines}")
     assert run(["calibrate", "points.yaml"]) == 3
     assert "touch a point far from that line" in capsys.readouterr().err
-    points.write_text(COORDINATES.replace("left: {xyz: [1, 0, 0]}", "left: {xyz: [900, 0, 0]}", 1))
+    points.write_text(COORDINATES.replace("left: {xyz: [1, 0, 0]}", "left: {xyz: [40, 0, 0]}", 1))
     assert run(["calibrate", "points.yaml", "--json"]) == 3
     words = capsys.readouterr()
     assert json.loads(words.out)["exit_code"] == 3

@@ -110,7 +110,14 @@ def test_defaults_and_choices_that_help_prints_are_in_the_page(
     ("page", "section", "key", "takes", "good", "bad"),
     [
         ("tasks.md", "defaults", "dwell", "time, at least 0, or mapping", "0.2 s", "0.2 mm"),
-        ("tasks.md", "defaults", "approach", "length, at least 0", "0 mm", "-1 mm"),
+        (
+            "tasks.md",
+            "defaults",
+            "approach",
+            "length, at least 0; at most 5 without a unit",
+            5,
+            5.1,
+        ),
         ("tasks.md", "The file", "speed", "fraction, at least 0.001, at most 1", "100%", "101%"),
         ("tasks.md", "tasks[].pick", "symmetry", "whole number, at least 1, at most 360", 360, 361),
         ("cell.md", "obstacles.<name>", "sphere", "length, above 0, or mapping", "1 mm", "0 mm"),

@@ -80,6 +80,13 @@ def test_units_become_si(value: object, dimension: Dimension, expected: float) -
             q.ANGLE,
             "'-90' without a unit is rad, and more than a turn; did you mean '-90 deg'?",
         ),
+        (150, q.LENGTH, "150 without a unit is m, and more than 50 m; did you mean '150 mm'?"),
+        (
+            -50.5,
+            q.LENGTH,
+            "-50.5 without a unit is m, and more than 50 m; did you mean '-50.5 mm'?",
+        ),
+        (250, q.SPEED, "250 without a unit is m/s, and more than 20 m/s; did you mean '250 mm/s'?"),
         ("1e6 rad", q.ANGLE, "'1e6 rad' is outside the range of angle: -1000 to 1000 rad"),
     ],
 )
@@ -105,7 +112,17 @@ def test_any_text_is_a_number_or_refused(text: str) -> None:
         assert math.isfinite(parse_quantity(text, q.ANGLE))
 
 
-@given(st.floats(-999, 999).filter(lambda x: x == 0 or abs(x) > 1e-90))
+def test_a_plain_number_at_the_limit_and_any_with_its_unit_are_read() -> None:
+    """What is meant in metres can always be written so."""
+    assert parse_quantity(50, q.LENGTH) == 50
+    assert parse_quantity("150 m", q.LENGTH) == 150
+    assert parse_quantity("1 m", q.LENGTH, plain=0.5) == 1
+    assert parse_quantity(20, q.SPEED) == 20
+    with pytest.raises(QuantityError, match=r"more than 0.5 m; did you mean '1 mm'"):
+        parse_quantity(1, q.LENGTH, plain=0.5)
+
+
+@given(st.floats(-50, 50).filter(lambda x: x == 0 or abs(x) > 1e-90))
 def test_plain_numbers_and_their_text_mean_the_same(x: float) -> None:
     """A number, its text and its text with the SI unit agree to the last bit."""
     assert parse_quantity(x, q.LENGTH) == parse_quantity(f"{x!r} m", q.LENGTH) == x

@@ -19,7 +19,16 @@ from dualarm_cli.files.robots.robots import build_robot, find_robot
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.documents import read_document, validate
-from dualarm_cli.files.source.fields import Name, Pose, Quantity, Section, Vector3, refuse, to_se3
+from dualarm_cli.files.source.fields import (
+    Name,
+    Pose,
+    Quantity,
+    Section,
+    ToolVector3,
+    Vector3,
+    refuse,
+    to_se3,
+)
 from dualarm_cli.files.source.projects import BadReferenceError, Project
 from dualarm_cli.files.source.quantities import LENGTH, QuantityError, parse_quantity
 from dualarm_cli.files.source.text_source import quote, suggest
@@ -34,7 +43,7 @@ Noise = Annotated[float, Quantity(LENGTH, 1e-9, 0.1)]
 class TipSection(Section):
     """The touching tip of a tool."""
 
-    xyz: Vector3 = Field(description="Tip in the flange frame [m].")
+    xyz: ToolVector3 = Field(description="Tip in the flange frame [m].")
 
 
 class ToucherSection(Section):

@@ -10,7 +10,7 @@ from pydantic_core import core_schema
 
 from dualarm_cli.files.source.fields import (
     BodyPair,
-    Distance,
+    Clearance,
     FramedPose,
     Mass,
     Name,
@@ -18,6 +18,7 @@ from dualarm_cli.files.source.fields import (
     Scale,
     Section,
     Size,
+    ToolPose,
     ToolSpeed,
     refuse,
 )
@@ -125,13 +126,13 @@ class ClearanceSection(Section):
     between: BodyPair = Field(
         description="Two bodies: links, left_tool, right_tool, parts or obstacles."
     )
-    clearance: Distance = Field(description="Least distance between them [m].")
+    clearance: Clearance = Field(description="Least distance between them [m].")
 
 
 class ToolSection(Section):
     """What an arm carries on its flange."""
 
-    tcp: Pose = Field(default=Pose(), description="Tool centre point in the flange frame.")
+    tcp: ToolPose = Field(default=ToolPose(), description="Tool centre point in the flange frame.")
     mass: Mass = Field(default=0.0, description="Mass [kg].")
     shapes: list[ToolShapeSection] = Field(
         default_factory=list, description="Solids in the flange frame."
@@ -208,7 +209,7 @@ class CellFile(Section):
     obstacles: Annotated[dict[Name, ObstacleSection], ByName("obstacle")] = Field(
         default_factory=dict, description="Fixed obstacles, by name."
     )
-    clearance: Distance = Field(
+    clearance: Clearance = Field(
         default=0.0, description="Least distance between bodies that may not touch [m]."
     )
     clearances: list[ClearanceSection] = Field(

@@ -11,7 +11,7 @@ from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     Angle,
     BodyPair,
-    Length,
+    LinkLength,
     Name,
     Pose,
     Quantity,
@@ -28,9 +28,9 @@ class RowSection(Section):
     """One row of a table: a joint that turns, and the link that it moves."""
 
     joint: Name = Field(description="The joint's name; its link is called `<joint>_link`.")
-    a: Length = Field(default=0.0, description="Length of the common normal [m].")
+    a: LinkLength = Field(default=0.0, description="Length of the common normal [m].")
     alpha: Angle = Field(default=0.0, description="Twist about the common normal [rad].")
-    d: Length = Field(default=0.0, description="Offset along the joint's axis [m].")
+    d: LinkLength = Field(default=0.0, description="Offset along the joint's axis [m].")
     theta: Angle = Field(default=0.0, description="What is added to the joint's position [rad].")
     lower: Angle = Field(description="Lowest position [rad].")
     upper: Angle = Field(description="Highest position [rad].")

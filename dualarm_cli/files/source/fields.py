@@ -15,12 +15,15 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    WithJsonSchema,
     model_validator,
 )
+from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError, core_schema
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.quantities import Dimension, QuantityError, parse_quantity
+from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import quote
 
 MAX_NAME_LENGTH = 120
@@ -29,6 +32,10 @@ QUATERNION_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from 1."""
 SMALLEST_POSITIVE = 1e-9
 """Least size, rate or duration that counts as positive [SI]."""
+LONGEST_CLEARANCE = 1.0
+"""Longest clearance, stand-off or tolerance that is written without a unit [m]."""
+LONGEST_REACH = 5.0
+"""Longest tool, link, approach or retract that is written without a unit [m]."""
 
 
 def refuse(message: str, key: str = "", code: str = "E200") -> PydanticCustomError:
@@ -52,11 +59,13 @@ class Quantity:
     """Least value [SI]."""
     high: float = math.inf
     """Greatest value [SI]."""
+    plain: float = math.inf
+    """Greatest plain number, where it is less than that of the dimension."""
 
     def read(self, value: object) -> float:
         """Returns the SI value; raises what pydantic reports."""
         try:
-            number = parse_quantity(value, self.dimension)
+            number = parse_quantity(value, self.dimension, plain=self.plain)
         except QuantityError as error:
             raise refuse(str(error)) from None
         if number < self.low:
@@ -75,15 +84,18 @@ class Quantity:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """Returns the JSON Schema: a number, or text with a unit."""
-        units = ", ".join(unit for unit in self.dimension.units if unit)
-        plain = f"a plain number is {self.dimension.unit}" if self.dimension.unit else "a number"
-        note = f"{self.dimension.name}: {plain}" + (f"; units: {units}" if units else "")
-        return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": note}
+        """Returns the JSON Schema: a number within the range, or text with a unit."""
+        most = min(self.plain, self.dimension.plain)
+        return quantity_schema(
+            [self.dimension], max(self.low, -most), min(self.high, most, self.dimension.limit)
+        )
 
 
 Length = Annotated[float, Quantity(quantities.LENGTH)]
 Distance = Annotated[float, Quantity(quantities.LENGTH, 0.0)]
+Clearance = Annotated[float, Quantity(quantities.LENGTH, 0.0, plain=LONGEST_CLEARANCE)]
+StraightLine = Annotated[float, Quantity(quantities.LENGTH, 0.0, plain=LONGEST_REACH)]
+LinkLength = Annotated[float, Quantity(quantities.LENGTH, plain=LONGEST_REACH)]
 Size = Annotated[float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE)]
 Angle = Annotated[float, Quantity(quantities.ANGLE)]
 Duration = Annotated[float, Quantity(quantities.TIME, 0.0)]
@@ -106,9 +118,17 @@ def check_name(text: str) -> str:
     return text
 
 
-Name = Annotated[str, AfterValidator(check_name)]
+NAME_SCHEMA: JsonDict = {
+    "type": "string",
+    "minLength": 1,
+    "maxLength": MAX_NAME_LENGTH,
+    "pattern": r"^\S(.*\S)?$",
+}
+"""JSON Schema of what `check_name` accepts; which characters can be printed, a schema cannot say."""
+Name = Annotated[str, AfterValidator(check_name), WithJsonSchema(NAME_SCHEMA)]
 BodyPair = Annotated[list[Name], Field(min_length=2, max_length=2)]
 Vector3 = Annotated[list[Length], Field(min_length=3, max_length=3)]
+ToolVector3 = Annotated[list[LinkLength], Field(min_length=3, max_length=3)]
 BeltSpeed = Annotated[float, Quantity(quantities.SPEED, -10.0, 10.0)]
 Velocity3 = Annotated[list[BeltSpeed], Field(min_length=3, max_length=3)]
 Angles3 = Annotated[list[Angle], Field(min_length=3, max_length=3)]
@@ -145,6 +165,12 @@ class Pose(Section):
         if self.rpy is not None and self.quat is not None:
             raise refuse("rpy and quat both give the rotation; keep one", "quat")
         return self
+
+
+class ToolPose(Pose):
+    """A pose on a tool or flange: translation, then rotation given by `rpy` or `quat`; what is missing is zero."""
+
+    xyz: ToolVector3 | None = Field(default=None, description="Translation [m]; default zero.")
 
 
 class FramedPose(Pose):

@@ -17,7 +17,6 @@ _MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\u2014\ufe63\uff0d"
 _SPELLING = str.maketrans({"²": "^2", "³": "^3", "µ": "u", "μ": "u", "°": "deg", "\xa0": " "})
 _SMALLEST = 1e-100
 _DEG = math.pi / 180.0
-_TURN = 6.29  # rounded values of 2 pi are turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +29,10 @@ class Dimension:
     """SI value of one of each unit; the first is what a plain number means."""
     limit: float
     """Largest magnitude that is taken seriously [first unit]."""
+    plain: float = math.inf
+    """Largest magnitude of a plain number [first unit]: beyond it, its writer meant another unit."""
+    meant: str = ""
+    """That other unit."""
 
     @property
     def unit(self) -> str:
@@ -37,13 +40,16 @@ class Dimension:
         return next(iter(self.units))
 
 
-LENGTH = Dimension("length", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}, 1e3)
-ANGLE = Dimension("angle", {"rad": 1.0, "mrad": 1e-3, "deg": _DEG}, 1e3)
+LENGTH = Dimension(
+    "length", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}, 1e3, 50.0, "mm"
+)
+# Rounded values of 2 pi are turns.
+ANGLE = Dimension("angle", {"rad": 1.0, "mrad": 1e-3, "deg": _DEG}, 1e3, 6.29, "deg")
 TIME = Dimension("time", {"s": 1.0, "ms": 1e-3, "min": 60.0}, 1e5)
 MASS = Dimension("mass", {"kg": 1.0, "g": 1e-3}, 1e5)
 TORQUE = Dimension("torque", {"Nm": 1.0, "kNm": 1e3}, 1e7)
 FRACTION = Dimension("fraction", {"": 1.0, "%": 0.01}, 1e3)
-SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3)
+SPEED = Dimension("speed", {"m/s": 1.0, "mm/s": 1e-3}, 1e3, 20.0, "mm/s")
 ACCELERATION = Dimension("acceleration", {"m/s^2": 1.0, "mm/s^2": 1e-3}, 1e6)
 JERK = Dimension("jerk", {"m/s^3": 1.0, "mm/s^3": 1e-3}, 1e9)
 ANGULAR_VELOCITY = Dimension("angular velocity", {"rad/s": 1.0, "deg/s": _DEG}, 1e4)
@@ -55,21 +61,28 @@ class QuantityError(ValueError):
     """A quantity that cannot be read, or that is out of range; its text is the whole message."""
 
 
-def parse_quantity(value: object, dimension: Dimension, example: str = "") -> float:
+def parse_quantity(
+    value: object, dimension: Dimension, example: str = "", plain: float = math.inf
+) -> float:
     """Returns the SI value of a number or of text such as `120 mm`.
 
     Args:
         value: a number, or text with a unit; a plain number is SI.
         dimension: what it must be.
         example: what to write instead of one that cannot be read; one of the dimension where it is not given.
+        plain: largest magnitude of a plain number where it is less than that of the dimension [first unit].
 
     Raises:
         QuantityError: no number, an unknown or foreign unit, or an absurd size.
     """
     number, unit = _split(value, example or _example(dimension))
-    if dimension is ANGLE and abs(number) > _TURN and not unit:
+    most = min(plain, dimension.plain)
+    sensible = abs(number) * dimension.units.get(dimension.meant, 0.0) < dimension.limit
+    if abs(number) > most and not unit and sensible:
+        much = "a turn" if dimension is ANGLE else f"{most:g} {dimension.unit}"
         raise QuantityError(
-            f"{quote(value)} without a unit is rad, and more than a turn; did you mean '{number:g} deg'?"
+            f"{quote(value)} without a unit is {dimension.unit}, and more than {much}; "
+            f"did you mean '{number:g} {dimension.meant}'?"
         )
     unit = unit or dimension.unit
     if unit not in dimension.units:

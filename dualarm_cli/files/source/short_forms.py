@@ -80,7 +80,8 @@ class ByName:
         mapping = handler(schema)
         inside = handler.resolve_ref_schema(mapping)
         by_key = inside.get("properties", {}).values()
-        entries = [inside["additionalProperties"]] if not by_key else [_present(e) for e in by_key]
+        of_any = [*inside.get("patternProperties", {}).values(), inside.get("additionalProperties")]
+        entries = [_present(entry) for entry in by_key] or of_any
         entry = dict(handler.resolve_ref_schema(entries[0]))
         name = {"type": "string", "description": f"Name of the {self.what}."}
         entry["properties"] = {NAME: name, **entry["properties"]}

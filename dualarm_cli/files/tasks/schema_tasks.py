@@ -11,13 +11,14 @@ from dualarm_cli.files.cells.schema_cell import LimitsSection
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     SMALLEST_POSITIVE,
-    Distance,
+    Clearance,
     Duration,
     FramedPose,
     Name,
     Quantity,
     Section,
     SpeedFraction,
+    StraightLine,
     refuse,
 )
 from dualarm_cli.files.source.short_forms import ShortForm
@@ -32,7 +33,7 @@ class BudgetSection(Section):
     """What every plan of the job must keep: a plan that does not ends with exit code 1."""
 
     cycle_time: _LongestTime | None = Field(default=None, description="Longest cycle time [s].")
-    clearance: Distance | None = Field(
+    clearance: Clearance | None = Field(
         default=None,
         description="Least distance of any two bodies that must keep apart [m].",
     )
@@ -149,10 +150,10 @@ class TaskSection(TaskHead):
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
-    approach: Distance | None = Field(
+    approach: StraightLine | None = Field(
         default=None, description="Straight approach along the tool's z axis [m]."
     )
-    retract: Distance | None = Field(
+    retract: StraightLine | None = Field(
         default=None, description="Straight retract along the tool's z axis [m]."
     )
     dwell: Dwell | None = Field(
@@ -163,17 +164,17 @@ class TaskSection(TaskHead):
 class DefaultsSection(Section):
     """What holds for every pick and place that does not say otherwise."""
 
-    approach: Distance = Field(
+    approach: StraightLine = Field(
         default=0.0, description="Straight approach along the tool's z axis [m]."
     )
-    retract: Distance = Field(
+    retract: StraightLine = Field(
         default=0.0, description="Straight retract along the tool's z axis [m]."
     )
     dwell: Dwell = Field(default=DwellSection(), description="Time at each target [s].")
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
-    straight: Distance | None = Field(
+    straight: StraightLine | None = Field(
         default=None, description="How much of a line must be straight [m]."
     )
     dwell_motion: Literal["allowed", "forbidden"] | None = Field(

@@ -8,7 +8,7 @@ from typing import Any
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from dualarm_cli.files.source.fields import FramedPose, Name, Pose, refuse, to_se3
+from dualarm_cli.files.source.fields import FramedPose, Name, ToolPose, refuse, to_se3
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.files.tasks.schema_tasks import TaskHead, TaskSection, TasksFile
 from dualarm_cli.files.tasks.task_reader import KindReading, TaskReader
@@ -29,7 +29,7 @@ class HandoverSection(FramedPose):
     at: Name | None = Field(
         default=None, description="Named frame that the pose is given in; same as `in`."
     )
-    grip: Pose = Field(
+    grip: ToolPose = Field(
         description="Pose of the taking tool's centre point in the frame of the giving tool's."
     )
 

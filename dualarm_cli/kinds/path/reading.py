@@ -11,13 +11,14 @@ from pydantic import Field, model_validator
 
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
+    LONGEST_CLEARANCE,
+    SMALLEST_POSITIVE,
     Angle,
     Distance,
     Length,
     Name,
     Quantity,
     Section,
-    Size,
     ToolSpeed,
     Vector3,
     refuse,
@@ -31,6 +32,9 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Dwell, PoseTarget, Stop, Task
 from dualarm_cli.model.path_work import PathWork
 
+Tolerance = Annotated[
+    float, Quantity(quantities.LENGTH, SMALLEST_POSITIVE, plain=LONGEST_CLEARANCE)
+]
 PathJerk = Annotated[float, Quantity(quantities.JERK, 1e-6)]
 Stiffness = Annotated[float, Quantity(Dimension("stiffness", {"": 1.0}, 1e3), 0.0)]
 
@@ -91,7 +95,9 @@ class PathSection(CurveSection):
         default="forbidden",
         description="Whether the speed may be reduced where the joints' limits need it.",
     )
-    tolerance: Size = Field(default=1e-4, description="How far the tools may leave the path [m].")
+    tolerance: Tolerance = Field(
+        default=1e-4, description="How far the tools may leave the path [m]."
+    )
     redundancy: Name | None = Field(default=None, description="Method that finds the joints.")
     posture: Name | None = Field(
         default=None,

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import (
     Angle,
-    Distance,
+    Clearance,
     Duration,
     FramedPose,
     Length,
@@ -19,6 +19,7 @@ from dualarm_cli.files.source.fields import (
     Quantity,
     Section,
     Size,
+    StraightLine,
     ToolSpeed,
     Vector3,
     refuse,
@@ -126,7 +127,7 @@ class FeatureSection(Pose):
 class SeamToolSection(Section):
     """How the tool stands on the curve."""
 
-    standoff: Distance = Field(
+    standoff: Clearance = Field(
         default=0.0, description="Distance of the tool centre point from the curve [m]."
     )
     work_angle: Angle = Field(
@@ -189,7 +190,9 @@ Hold = Annotated[HoldSection, ShortForm("mode")]
 class EntrySection(Section):
     """How the tool comes to the curve."""
 
-    approach: Distance = Field(default=0.0, description="Straight line along the tool's axis [m].")
+    approach: StraightLine = Field(
+        default=0.0, description="Straight line along the tool's axis [m]."
+    )
     dwell: Duration = Field(default=0.0, description="Dwell at the start of the curve [s].")
     duration: WorkDuration | None = Field(
         default=None,
@@ -203,7 +206,9 @@ class ExitSection(Section):
     """How the tool leaves the curve."""
 
     dwell: Duration = Field(default=0.0, description="Dwell at the end of the curve [s].")
-    retract: Distance = Field(default=0.0, description="Straight line along the tool's axis [m].")
+    retract: StraightLine = Field(
+        default=0.0, description="Straight line along the tool's axis [m]."
+    )
 
 
 class CoordinateSection(Section):

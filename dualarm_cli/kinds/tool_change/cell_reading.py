@@ -15,11 +15,11 @@ from dualarm_cli.files.cells.cells import AddedToCell, CellReader, KindCell
 from dualarm_cli.files.cells.schema_cell import CellFile, ShapeSection, ToolSection
 from dualarm_cli.files.source.diagnostics import Findings
 from dualarm_cli.files.source.fields import (
-    Distance,
     Duration,
     FramedPose,
     Name,
     Section,
+    StraightLine,
     refuse,
     to_se3,
 )
@@ -65,10 +65,10 @@ class ArmChangesSection(Section):
         description="How long the arm stands still at a stand [s], each time it takes a tool and each time it leaves "
         "one: a change from one tool to another is two of these.",
     )
-    approach: Distance = Field(
+    approach: StraightLine = Field(
         default=0.0, description="Straight approach to a stand along the own tool's z axis [m]."
     )
-    retract: Distance = Field(
+    retract: StraightLine = Field(
         default=0.0, description="Straight retract from a stand along the own tool's z axis [m]."
     )
     tools: Annotated[dict[Name, ChangedToolSection], Field(min_length=1)] = Field(
