@@ -20,22 +20,17 @@ import typer
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
-from result_fields import REPORT, SCHEDULE
 
 from dualarm_cli.cli.commands import app
 from dualarm_cli.cli.solvers import families
 from dualarm_cli.explanations import EXPLANATIONS
-from dualarm_cli.files.calibration.points import BaseFile, PointsFile
-from dualarm_cli.files.cells.cells import cell_schema
 from dualarm_cli.files.cells.schema_cell import PairSection
-from dualarm_cli.files.robots.schema_robot import RobotFile
 from dualarm_cli.files.source import quantities
 from dualarm_cli.files.source.fields import Pose, Quantity
 from dualarm_cli.files.source.quantities import Dimension
 from dualarm_cli.files.source.short_forms import OneOrMore, ShortForm
-from dualarm_cli.files.studies.schema_study import StudyFile
-from dualarm_cli.files.tasks.task_reader import schemas_of
-from dualarm_cli.kinds import of_kinds
+from dualarm_cli.schemas.input_files import INPUT_FILES
+from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
 
 FOLDER = Path(__file__).parent / "reference"
 ALSO = {"robot": PairSection, "base": Pose}
@@ -47,23 +42,17 @@ NOTE = "<!-- Written by docs/generate_reference.py: change the code, not this pa
 
 def pages() -> dict[str, str]:
     """Returns the text of every page of the reference by its file name."""
-    tasks = schemas_of(tuple(of_kinds("reading"))).file
-    cell = cell_schema(tuple(of_kinds("cell_reading")))
     files = {
-        "tasks": (tasks, "Task file", "What the arms do: tasks, their order and their mode."),
-        "cell": (cell, "Cell file", "What is in the cell: robot, tools, frames, parts, obstacles."),
-        "robot": (RobotFile, "Robot file", "What the URDF does not say of a robot."),
-        "study": (StudyFile, "Study file", "What a layout study changes, and what it compares."),
-        "points": (PointsFile, "Points file", "Points that both robots have touched."),
-        "base": (
-            BaseFile,
-            "Base file",
-            "Where a robot's base stands: `dualarm calibrate` writes it.",
-        ),
+        "tasks": ("Task file", "What the arms do: tasks, their order and their mode."),
+        "cell": ("Cell file", "What is in the cell: robot, tools, frames, parts, obstacles."),
+        "robot": ("Robot file", "What the URDF does not say of a robot."),
+        "study": ("Study file", "What a layout study changes, and what it compares."),
+        "points": ("Points file", "Points that both robots have touched."),
+        "base": ("Base file", "Where a robot's base stands: `dualarm calibrate` writes it."),
     }
     return {
         "index.md": _index(),
-        **{f"{name}.md": _file_page(*page) for name, page in files.items()},
+        **{f"{name}.md": _file_page(INPUT_FILES[name](), *page) for name, page in files.items()},
         "schedule.md": _schedule_page(),
         "report.md": _report_page(),
         "commands.md": _commands_page(),

@@ -16,6 +16,7 @@ from dualarm_cli.cli.init import init_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
 from dualarm_cli.cli.robot import robot_app
+from dualarm_cli.cli.schema import schema_command
 from dualarm_cli.cli.score import score_command
 from dualarm_cli.cli.solvers import solvers_command
 from dualarm_cli.cli.sweep import sweep_command
@@ -63,5 +64,6 @@ app.command("check")(check_command)
 app.command("verify")(verify_command)
 app.command("solvers")(solvers_command)
 app.command("explain")(explain_command)
+app.command("schema")(schema_command)
 
 __all__ = ["app"]

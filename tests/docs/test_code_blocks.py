@@ -26,8 +26,12 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from jsonschema import Draft202012Validator
 
 from dualarm_cli.cli.commands import app
+from dualarm_cli.files.source.text_source import read_text
+from dualarm_cli.files.source.yaml_source import parse_yaml
+from dualarm_cli.schemas import schema_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -166,6 +170,9 @@ def check_yaml(block: Block, folder: Path) -> None:
         path, text = folder / block.notes["file"], block.text
         path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
+    content = parse_yaml(read_text(path, path.name)).data
+    kind = content["dualarm"].partition("/")[0]
+    assert [e.message for e in Draft202012Validator(schema_of(kind)).iter_errors(content)] == []
     run_shell(Block("sh", f"dualarm check {path.relative_to(folder)}", {}), folder)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field, model_validator
+from pydantic import Field, WithJsonSchema, model_validator
 
 from dualarm_cli.errors import InputError
 from dualarm_cli.files.robots.robot_joints import POSITION_SLACK
@@ -31,12 +31,15 @@ from dualarm_cli.files.source.fields import (
 )
 from dualarm_cli.files.source.projects import BadReferenceError, Project
 from dualarm_cli.files.source.quantities import LENGTH, QuantityError, parse_quantity
+from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document, Loc
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.touches import Touches, TouchSide
 
+JointReading = Annotated[Any, WithJsonSchema(quantity_schema([quantities.ANGLE], -6.29, 6.29))]
+"""Read once the robot is known."""
 Noise = Annotated[float, Quantity(LENGTH, 1e-9, 0.1)]
 
 
@@ -62,7 +65,7 @@ class ReadingSection(Section):
     xyz: Vector3 | None = Field(
         default=None, description="Coordinates in the robot's base frame [m]."
     )
-    joints: list[Any] | None = Field(
+    joints: list[JointReading] | None = Field(
         default=None, description="Joint readings, base to flange [rad]; needs the robot above."
     )
 

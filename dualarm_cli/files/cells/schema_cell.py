@@ -59,7 +59,9 @@ def _half_space(value: object) -> object:
     return value
 
 
-HALF_SPACE: JsonDict = {"anyOf": [{"const": True}, {"type": "object", "maxProperties": 0}]}
+HALF_SPACE: JsonDict = {
+    "anyOf": [{"const": True}, {"type": "object", "maxProperties": 0}, {"type": "null"}]
+}
 """JSON Schema of what `_half_space` takes."""
 
 

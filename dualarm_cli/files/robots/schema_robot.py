@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic.config import JsonDict
 
 from dualarm_cli.files.source import quantities
@@ -19,6 +20,8 @@ from dualarm_cli.files.source.fields import (
     Size,
     refuse,
 )
+from dualarm_cli.files.source.quantities import Dimension
+from dualarm_cli.files.source.quantity_schemas import quantity_schema, text_pattern
 
 JointSpeed = Annotated[float, Quantity(quantities.ANGULAR_VELOCITY, 1e-6)]
 Torque = Annotated[float, Quantity(quantities.TORQUE, 0.0)]
@@ -89,11 +92,46 @@ class DhSection(Section):
 
 JERK_RULE = "acceleration in 0.1 s"
 """Jerk limit of joints for which neither robot file nor URDF has one."""
-RATE: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+_NULL: JsonDict = {"type": "null"}
+
+
+def _rate_schema(rates: Sequence[Dimension], words: Sequence[str]) -> JsonDict:
+    """Returns the JSON Schema of a limit: a quantity, a rule, or nothing."""
+    return {"anyOf": [quantity_schema(rates, 1e-6, words=words), _NULL]}
+
+
+ACCELERATION = _rate_schema(
+    [quantities.ANGULAR_ACCELERATION, quantities.ACCELERATION],
+    [rf"\s*top speed in {text_pattern([quantities.TIME])}"],
+)
+JERK = _rate_schema(
+    [quantities.ANGULAR_JERK, quantities.JERK],
+    ["none", rf"\s*acceleration in {text_pattern([quantities.TIME])}"],
+)
+Position = Annotated[
+    Any, WithJsonSchema(quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0))
+]
+"""Of a joint that turns or slides; read once the joint is known."""
+
+
+def _named_by_tables(schema: JsonDict) -> None:
+    """Leaves joints and flange of an arm out of what the schema requires: with dh they have defaults."""
+    schema.pop("required", None)
+
+
+def _with_tables_or_urdf(schema: JsonDict) -> None:
+    """Requires joints and flange of arms where there is no dh, and one of dh and URDF."""
+    arm: JsonDict = {"required": ["joints", "flange"]}
+    sides: JsonDict = {"left": arm, "right": arm}
+    tables: JsonDict = {"required": ["dh"], "properties": {"dh": {"type": "object"}}}
+    schema["if"] = {"not": tables}
+    schema["then"] = {"required": ["urdf"], "properties": {"arms": {"properties": sides}}}
 
 
 class ArmSection(Section):
     """One arm of the robot."""
+
+    model_config = ConfigDict(json_schema_extra=_named_by_tables)
 
     joints: Annotated[list[Name], Field(min_length=1, max_length=12)] = Field(
         description="Its joints from base to flange, by their names in the URDF; with dh: by default its rows'."
@@ -123,14 +161,14 @@ class LimitSection(Section):
         description=f"Largest acceleration; a plain number is {quantities.ANGULAR_ACCELERATION.unit} "
         f"({quantities.ACCELERATION.unit} for a joint that slides). A rule takes it from the velocity limit: "
         "`top speed in 0.3 s`.",
-        json_schema_extra=RATE,
+        json_schema_extra=ACCELERATION,
     )
     jerk: Any = Field(
         default=None,
         description=f"Largest jerk; a plain number is {quantities.ANGULAR_JERK.unit} "
         f"({quantities.JERK.unit} for a joint that slides). A rule takes it from the acceleration limit: "
         f"`acceleration in 0.1 s`. `none`: not limited. Without any, `{JERK_RULE}` is assumed.",
-        json_schema_extra=RATE,
+        json_schema_extra=JERK,
     )
     source: Literal["datasheet", "measured", "assumed"] = Field(
         default="assumed",
@@ -140,6 +178,8 @@ class LimitSection(Section):
 
 class RobotFile(Section):
     """A robot: its URDF or its tables of parameters, platform, arms, limits and named postures."""
+
+    model_config = ConfigDict(json_schema_extra=_with_tables_or_urdf)
 
     dualarm: Literal["robot/1"] = Field(description="Kind and version of the file.")
     name: Name = Field(description="The robot's name.")
@@ -159,11 +199,11 @@ class RobotFile(Section):
         default_factory=dict,
         description="Acceleration and jerk of the moving joints, by name; `default`: of all others.",
     )
-    frozen: dict[Name, Any] = Field(
+    frozen: dict[Name, Position] = Field(
         default_factory=dict,
         description="Positions [rad, or m] of joints that neither platform nor arms name; 0 where it is not given.",
     )
-    postures: dict[Name, dict[Name, Any]] = Field(
+    postures: dict[Name, dict[Name, Position]] = Field(
         default_factory=dict,
         description="Named postures: joint positions [rad, or m]; joints not named are 0.",
     )

@@ -38,17 +38,18 @@ def quantity_schema(
         number["minimum"] = low
     if high < math.inf:
         number["maximum"] = high
-    pattern = (
-        f"^\\s*{NUMBER}\\s*({'|'.join(map(_unit, units))})?\\s*$"
-        if units
-        else f"^\\s*{NUMBER}\\s*$"
-    )
     text: JsonDict = {
         "type": "string",
         "title": f"with a unit: {', '.join(units)}" if units else "number as text",
-        "pattern": "|".join([pattern, *(f"^{word}$" for word in words)]),
+        "pattern": "|".join(f"^{one}$" for one in (text_pattern(dimensions), *words)),
     }
     return {"anyOf": [number, text]}
+
+
+def text_pattern(dimensions: Sequence[Dimension]) -> str:
+    """Returns the pattern of a number as text, with or without a unit of some dimensions."""
+    units = [_unit(unit) for dimension in dimensions for unit in dimension.units if unit]
+    return rf"\s*{NUMBER}\s*" + (rf"({'|'.join(units)})?\s*" if units else "")
 
 
 def _unit(unit: str) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
-from pydantic.config import JsonDict
+from pydantic import Field, WithJsonSchema, model_validator
 
+from dualarm_cli.files.source.amounts import DIMENSIONS
 from dualarm_cli.files.source.fields import Name, Section, refuse
+from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.short_forms import OneOrMore
 
 ROLE_KEYS = {
@@ -20,8 +21,10 @@ ROLE_KEYS = {
     "base_right": "base.right",
 }
 """Fields of a target to what the files are to a job."""
-NUMBER: JsonDict = {"anyOf": [{"type": "number"}, {"type": "string"}]}
-LEVELS: JsonDict = {"type": "array", "items": {"type": ["number", "string", "boolean"]}}
+NUMBER = quantity_schema(DIMENSIONS)
+Number = Annotated[Any, WithJsonSchema(NUMBER)]
+"""A number with any unit; its dimension is that of the value that it changes."""
+Level = Annotated[Any, WithJsonSchema({"type": ["number", "string", "boolean"]})]
 MOST_LEVELS = 10_000
 """Most values of one parameter."""
 
@@ -81,16 +84,12 @@ class OneTargetSection(StudyTargetSection):
 class RangeSection(Section):
     """Numbers from one to another; without step and count all between, for sampling and searching."""
 
-    from_: Any = Field(
-        alias="from",
-        description="First value; a number, with its unit if need be.",
-        json_schema_extra=NUMBER,
+    from_: Number = Field(
+        alias="from", description="First value; a number, with its unit if need be."
     )
-    to: Any = Field(description="Last value.", json_schema_extra=NUMBER)
-    step: Any = Field(
-        default=None,
-        description="From one value to the next; must lead to the last one.",
-        json_schema_extra=NUMBER,
+    to: Number = Field(description="Last value.")
+    step: Annotated[Any, WithJsonSchema({"anyOf": [NUMBER, {"type": "null"}]})] = Field(
+        default=None, description="From one value to the next; must lead to the last one."
     )
     count: Annotated[int, Field(ge=2, le=MOST_LEVELS)] | None = Field(
         default=None, description="How many values, evenly spread, both ends among them."
@@ -110,10 +109,9 @@ class ParameterSection(StudyTargetSection):
         default=None, description="Several values of the files that move together."
     )
     range: RangeSection | None = Field(default=None, description="Numbers from one to another.")
-    values: Annotated[list[Any], Field(min_length=1, max_length=MOST_LEVELS)] | None = Field(
+    values: Annotated[list[Level], Field(min_length=1, max_length=MOST_LEVELS)] | None = Field(
         default=None,
         description="The values themselves: quantities, names, true or false.",
-        json_schema_extra=LEVELS,
     )
 
     @model_validator(mode="after")

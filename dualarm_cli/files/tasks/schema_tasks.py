@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
-from pydantic.config import JsonDict
+from pydantic import Field, WithJsonSchema, model_validator
 
 from dualarm_cli.files.cells.schema_cell import LimitsSection
 from dualarm_cli.files.source import quantities
@@ -21,6 +20,7 @@ from dualarm_cli.files.source.fields import (
     StraightLine,
     refuse,
 )
+from dualarm_cli.files.source.quantity_schemas import quantity_schema
 from dualarm_cli.files.source.short_forms import ShortForm
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.budget import Budget
@@ -56,10 +56,11 @@ def read_budget(document: Document, section: BudgetSection | None) -> Budget | N
     return Budget(section.cycle_time, section.clearance, places["cycle_time"], places["clearance"])
 
 
-CONFIGURATIONS: JsonDict = {
-    "description": "Joint positions [rad] of one configuration, or a list of alternatives.",
-    "type": "array",
-}
+_POSITION = quantity_schema([quantities.ANGLE, quantities.LENGTH], -50.0, 50.0)
+PositionOrRow = Annotated[
+    Any, WithJsonSchema({"anyOf": [_POSITION, {"type": "array", "items": _POSITION}]})
+]
+"""One joint position of a configuration, or one of several configurations; read once the arm is known."""
 
 
 class DwellSection(Section):
@@ -87,10 +88,9 @@ class TargetSection(FramedPose):
     symmetry: Annotated[int, Field(ge=1, le=360)] | None = Field(
         default=None, description="Turns by a full turn divided by this number are equally good."
     )
-    joints: Annotated[list[Any], Field(min_length=1, max_length=1000)] | None = Field(
+    joints: Annotated[list[PositionOrRow], Field(min_length=1, max_length=1000)] | None = Field(
         default=None,
         description="Joint positions [rad] of one configuration, or a list of alternatives, instead of a pose.",
-        json_schema_extra=CONFIGURATIONS,
     )
     posture: Name | None = Field(
         default=None,

@@ -31,7 +31,8 @@ _CHECKS = {
 _STAGES = {
     "stages[].start": (
         "s",
-        "Start of the stage: both arms start it together. With `mode: free` a stage is one arm's stop.",
+        "Start of the stage: both arms start it together. With `mode: free` a stage is one arm's stop. Members that "
+        "name a stage count from 0; tables of the terminal, and `dualarm platform --stage`, count from 1.",
     ),
     "stages[].end": ("s", "When the last of its arms is done."),
     "stages[].tasks": ("", "Tasks worked on, the left arm's first; empty for the return."),
@@ -45,7 +46,9 @@ _STAGES = {
     "stages[].joint_times.<joint>": ("s", "How long each joint alone would need for its transfer."),
     "stages[].bottleneck": (
         "",
-        "Joint that decides the transfer; `tool_speed` or `duration` where a cap or the task file does.",
+        "Joint that needs longest for the stage's transfers and so decides how long they take; `tool_speed` where "
+        "the cap on the tools' speed decides, `duration` where the task file gives the time; empty where nothing "
+        "moves.",
     ),
 }
 
@@ -77,7 +80,9 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "duration": ("s", "Length of the motion: the period where it returns to the start."),
     "lower_bound": (
         "s",
-        "No rest-to-rest plan of the same stages is shorter; none where none was computed.",
+        "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives "
+        "the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was "
+        "computed.",
     ),
     "grid_gap": (
         "",
@@ -193,7 +198,9 @@ REPORT: dict[str, tuple[str, str]] = {
     "parts_per_hour": ("1/h", "Throughput; none for a motion too short to mean anything."),
     "lower_bound": (
         "s",
-        "No rest-to-rest plan of the same stages is shorter; none where none was computed.",
+        "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives "
+        "the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was "
+        "computed.",
     ),
     "gap": ("", "Share of the cycle time that lies above the lower bound."),
     "grid_gap": SCHEDULE["grid_gap"],
@@ -204,7 +211,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "collisions": ("", "What was proven about collisions, in a sentence."),
     "smallest_clearance.stage": (
         "",
-        "Stage, from 0, that has the least clearance compared with what is required.",
+        "Stage, counted from 0, that has the least clearance compared with what is required.",
     ),
     "smallest_clearance.clearance": ("m", "Least distance of its two bodies."),
     "smallest_clearance.margin": ("m", "That less what is required."),
@@ -212,10 +219,14 @@ REPORT: dict[str, tuple[str, str]] = {
     "smallest_clearance.bodies": ("", "The two bodies."),
     "smallest_clearance.time": ("s", "When."),
     "clearance_cost": SCHEDULE["clearance_cost"],
-    "budget": (
-        "",
-        "What the task file's `budget` asks for: a row each with name, measured, allowed, kept and text.",
-    ),
+    "budget[].name": ("", "cycle_time or clearance: what the task file's `budget` asks for."),
+    "budget[].allowed": ("s or m", "Most time, or least clearance."),
+    "budget[].measured": ("s or m", "What the plan has; none where no clearance is proven."),
+    "budget[].kept": ("", "Whether the plan meets it."),
+    "budget[].file": ("", "Task file, as the command names it."),
+    "budget[].line": ("", "Its line."),
+    "budget[].column": ("", "Its column."),
+    "budget[].text": ("", "All that in a sentence."),
     **{f"paths[].{name}": row for name, row in _FOLLOWED.items()},
     "paths[].arms": ("", "Arms that follow it."),
     "paths[].tool_error": ("m", "Largest distance of a tool from its path."),
@@ -302,7 +313,7 @@ REPORT: dict[str, tuple[str, str]] = {
     "sensitivity[].lower": ("s", "Cycle time with the limit 10 % lower."),
     "sensitivity[].higher": ("s", "Cycle time with the limit 10 % higher."),
     **_CHECKS,
-    "verification.clearances[].stage": ("", "Stage, from 0."),
+    "verification.clearances[].stage": ("", "Stage, counted from 0."),
     "verification.clearances[].clearance": (
         "m",
         "Least distance of the two bodies, proven over the whole stage.",

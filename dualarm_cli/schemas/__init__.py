@@ -1,0 +1,52 @@
+"""JSON Schema of all files that are read and written: for editors, and for programs that read results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from dualarm_cli.schemas.input_files import INPUT_FILES, input_schema
+from dualarm_cli.schemas.result_fields import REPORT, SCHEDULE
+from dualarm_cli.schemas.result_files import result_schema
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+"""The version of JSON Schema."""
+
+_SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
+    **{kind: partial(input_schema, kind) for kind in INPUT_FILES},
+    "schedule": partial(
+        result_schema, "schedule", "What a plan writes to schedule.json.", SCHEDULE
+    ),
+    "report": partial(result_schema, "report", "What a plan writes to report.json.", REPORT),
+}
+KINDS = tuple(_SCHEMAS)
+"""Kinds of files that have a schema."""
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Returns the JSON Schema of a kind of file.
+
+    Args:
+        kind: one of KINDS.
+    """
+    return {"$schema": DIALECT, **_SCHEMAS[kind]()}
+
+
+def schema_text(kind: str) -> str:
+    """Returns the JSON Schema of a kind of file as the text of a file.
+
+    Args:
+        kind: one of KINDS.
+    """
+    return json.dumps(schema_of(kind), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def editor_line(schema: str) -> str:
+    """Returns the first line of a YAML file by which editors find its schema.
+
+    Args:
+        schema: path of the schema's file, relative to the YAML file's folder.
+    """
+    return f"# yaml-language-server: $schema={schema}\n"

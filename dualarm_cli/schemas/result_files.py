@@ -1,0 +1,104 @@
+"""JSON Schema of the files that a plan writes, from the tables of their members."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+_NUMBERS = {"type": "array", "items": {"type": "number"}}
+_TYPES: Mapping[str, dict[str, Any]] = {
+    "text": {"type": "string"},
+    "texts": {"type": "array", "items": {"type": "string"}},
+    "number": {"type": "number"},
+    "numbers": _NUMBERS,
+    "three numbers": {**_NUMBERS, "minItems": 3, "maxItems": 3},
+    "four numbers": {**_NUMBERS, "minItems": 4, "maxItems": 4},
+    "rows": {"type": "array", "items": _NUMBERS},
+    "whole": {"type": "integer"},
+    "flag": {"type": "boolean"},
+}
+"""JSON Schema of each type of a member."""
+_MEMBERS: Mapping[str, str] = {
+    "texts": r"notes|assumed_limits|without_jerk_limit|sliding_joints|robot\.platform|.*\.(joints|tasks|bodies|arms)",
+    "number": r"gap|grid_gap|order_grid_gap|elbow_imbalance|speed|.*\.(utilisation|speed_share|measured|allowed|value)|"
+    r".*manipulability(_together|\.<arm>)|limits_used\..*",
+    "numbers": r"trajectory\.time|.*\.ramps",
+    "three numbers": r".*\.(xyz|part_xyz|part_rpy)|events\[\]\.velocity",
+    "four numbers": r".*\.quat_xyzw",
+    "rows": r"trajectory\.(position|velocity|acceleration)",
+    "whole": r"parts|(.*\.)?seed|.*\.stage|bottlenecks\..*|.*\.(changes|visits|capacity|initial|final|most)|"
+    r"budget\[\]\.(line|column)",
+    "flag": r"closes|open|platform_slides|.*\.(passed|kept|platform_slides|limit_slides)",
+}
+"""Patterns of the members of each type; others are numbers where they have a unit, else text."""
+_MAY_BE_NONE = (
+    r"lower_bound|gap|grid_gap|order_grid_gap|clearance_cost|parts_per_hour|elbow_imbalance|tool_speed_cap|"
+    r"smallest_clearance|verification|robot\.tool_speed|robot\.limits\.<joint>\.(lower|upper|jerk)|"
+    r"stages\[\]\.platform_angle|.*settings\.(follower|seam_solver|time_limit)|.*\.(measured|allowed)|"
+    r"waits\[\]\.(task|for|for\.task)|sensitivity\[\]\.(joint|value)|(paths|seams)\[\]\.(clearance|master)|"
+    r"paths\[\]\.(least_)?(elbow_distance|manipulability_together)"
+)
+"""Pattern of the members that may be none."""
+_REQUIRED = (
+    r"format|robot|trajectory|robot\.(urdf|joints|base|arms)|.*\.base\.(xyz|quat_xyzw)|trajectory\..*|"
+    r"(segments|stages|waits)\[\]\.(start|end)|events\[\]\.(time|xyz|quat_xyzw)"
+)
+"""Pattern of the members without which a file means nothing."""
+
+
+def result_schema(
+    kind: str, description: str, members: Mapping[str, tuple[str, str]]
+) -> dict[str, Any]:
+    """Returns the JSON Schema of a file that a plan writes.
+
+    Args:
+        kind: schedule or report.
+        description: what the file is.
+        members: unit and meaning by member; `<name>` stands for a name that is a key, `[]` for entries of a list.
+    """
+    root = _object()
+    for path, (unit, text) in members.items():
+        steps, node = path.split("."), root
+        for k, step in enumerate(steps[:-1]):
+            node = _inside(node, step, ".".join(steps[: k + 1]))
+        meaning = f"{text} [{unit}]" if unit else text
+        _put(node, steps[-1], path, {**_type(path, unit), "description": meaning})
+    version = {"const": f"dualarm.{kind}/1", "description": "Kind and version of the file."}
+    root["properties"]["format"] = version
+    return {"title": f"dualarm {kind}", "description": description, **root}
+
+
+def _object() -> dict[str, Any]:
+    return {"type": "object", "properties": {}, "additionalProperties": False}
+
+
+def _inside(node: dict[str, Any], step: str, path: str) -> dict[str, Any]:
+    """Returns the schema of an object inside another one, or of the entries of a list, made where there is none yet."""
+    name = step.removesuffix("[]")
+    found = node["additionalProperties"] if step.startswith("<") else node["properties"].get(name)
+    if not found:
+        found = {"type": "array", "items": _object()} if step.endswith("[]") else _object()
+        _put(node, name, path.removesuffix("[]"), found)
+    inside: dict[str, Any] = found["items"] if step.endswith("[]") else found
+    return inside
+
+
+def _put(node: dict[str, Any], step: str, path: str, schema: dict[str, Any]) -> None:
+    """Adds a member to an object."""
+    if re.fullmatch(_MAY_BE_NONE, path):
+        schema["type"] = [schema["type"], "null"]
+    if step.startswith("<"):
+        node["additionalProperties"] = schema
+        return
+    node["properties"][step] = schema
+    if re.fullmatch(_REQUIRED, path):
+        node.setdefault("required", []).append(step)
+
+
+def _type(path: str, unit: str) -> dict[str, Any]:
+    """Returns the schema of a member's values."""
+    for name, pattern in _MEMBERS.items():
+        if re.fullmatch(pattern, path):
+            return dict(_TYPES[name])
+    return dict(_TYPES["number" if unit and unit != "`unit`" else "text"])
