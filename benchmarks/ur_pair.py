@@ -70,7 +70,7 @@ def urdf() -> str:
     return "".join([*parts, "</robot>"])
 
 
-def write_job(folder: Path, kind: str, picks: int, seed: int) -> Path:
+def write_job(folder: Path, kind: str, picks: int, seed: int, free: bool = False) -> Path:
     """Writes robot, cell and tasks; returns the task file.
 
     Args:
@@ -78,6 +78,7 @@ def write_job(folder: Path, kind: str, picks: int, seed: int) -> Path:
         kind: of both arms.
         picks: how many in all, an even number.
         seed: of the targets.
+        free: whether picks leave their yaw free.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dualarm.toml").write_text("")
@@ -115,6 +116,8 @@ def write_job(folder: Path, kind: str, picks: int, seed: int) -> Path:
                 }
                 for xyz, yaw in zip((pick, place), yaws, strict=True)
             ]
+            if free:
+                poses[0]["free"] = "yaw"
             tasks.append({"id": f"{arm}-{k}", "arm": arm, "pick": poses[0], "place": poses[1]})
     line = {"approach": "80 mm", "retract": "80 mm", "dwell": "0.15 s"}
     job = {
@@ -148,12 +151,13 @@ def main() -> None:
     parser.add_argument("--picks", type=int, default=12)
     parser.add_argument("--jobs", type=int, default=3)
     parser.add_argument("--effort", default="normal")
+    parser.add_argument("--free-yaw", action="store_true")
     arguments = parser.parse_args()
     print("job  kind            cycle      bound      processor time")
     for seed in range(arguments.jobs):
         for kind in ("general", "parallel_axes"):
             with tempfile.TemporaryDirectory() as folder:
-                tasks = write_job(Path(folder), kind, arguments.picks, seed)
+                tasks = write_job(Path(folder), kind, arguments.picks, seed, arguments.free_yaw)
                 cycle, bound, spent = planned(tasks, arguments.effort)
             told = "none      " if bound is None else f"{bound:7.3f} s "
             print(f"{seed:3d}  {kind:14s}  {cycle:7.3f} s  {told} {spent:7.1f} s", flush=True)

@@ -8,6 +8,7 @@ from dualarm_cli.bound.cells import ROUNDING, Cells, free_cells
 from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.stages.search.problem import ArmWork, StopTarget
+from dualarm_cli.stages.search.transfer_table import TransferTable
 
 SINGULAR = 1e-4
 """Least singular value of the Jacobian, lengths over the arm's, below which a pose's postures count as unknown."""
@@ -20,6 +21,7 @@ HERE = np.zeros(2)
 
 def branch_cells(
     work: ArmWork,
+    table: TransferTable,
     stop: StopTarget,
     pose: tuple[FloatArray, FloatArray, FloatArray],
     free_last: bool,
@@ -31,6 +33,7 @@ def branch_cells(
 
     Args:
         work: an arm with closed forms.
+        table: its transfer times.
         stop: what it does.
         pose: of the flange at the target, and the tool's direction, as of `flange_poses`, shape (1, ...).
         free_last: whether the last joint is free.
@@ -48,7 +51,8 @@ def branch_cells(
         branch, low, high = found
         line = np.zeros(len(low))
         if length and target is not None:
-            line = _least_line(work, (low, high), target[1:])
+            # What is free may be anywhere in either cell.
+            line = table.gap_times(*table.box(low, high), *table.box(*target[1:])).min(axis=1)
         here = np.zeros((len(low), 1))
         number = np.zeros(len(low), dtype=np.int64)
         ends.append(Cells(number, branch, np.hstack([low, here]), np.hstack([high, here]), line))
@@ -83,14 +87,3 @@ def _postures(
         low[:, joint] += shift
         high[:, joint] += shift
     return (branch, low, high) if len(low) else None
-
-
-def _least_line(
-    work: ArmWork, outer: tuple[FloatArray, FloatArray], target: tuple[FloatArray, FloatArray]
-) -> FloatArray:
-    """Returns the least rest-to-rest times from cells (n, 6) to the nearest of others (m, 6) [s], shape (n,)."""
-    least = np.empty(len(outer[0]))
-    for k, (low, high) in enumerate(zip(*outer, strict=True)):
-        gap = np.maximum(np.maximum(target[0] - high, low - target[1]), 0.0)
-        least[k] = work.law.duration(gap).min()
-    return least

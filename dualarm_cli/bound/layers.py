@@ -272,7 +272,7 @@ def stop_boxes(
         if isinstance(work.kinematics, SrsArm):
             parts = [_pose_cells(work, stop, pose, edges, resolution, free_last) for pose in poses]
         else:
-            parts = [branch_cells(work, stop, pose, free_last) for pose in poses]
+            parts = [branch_cells(work, table, stop, pose, free_last) for pose in poses]
         ends = [Cells.joined([part[end] for part in parts]) for end in (0, 1)]
     approach, retract = (PostureBoxes.of(table, cells, columns) for cells in ends)
     return StopBoxes(approach, retract, still, stop.dwell, work.joints - 1 if free_last else None)

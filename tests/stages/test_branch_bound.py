@@ -15,6 +15,7 @@ from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.plan.job_bound import job_bound
 from dualarm_cli.plan.planner import plan, plan_without_bound
+from dualarm_cli.stages.search.potentials import transfer_table
 from dualarm_cli.stages.search.problem import ArmWork
 from dualarm_cli.stages.search.stops import StopTable, flange_poses
 from dualarm_cli.stages.sequence_problem import sequence_problem
@@ -58,7 +59,9 @@ def test_every_posture_and_turn_at_a_line_s_ends_is_in_a_cell(general_robots, tm
         # The posture is where the approach begins; the target is ahead of it, and other postures reach that.
         pose = R[None], (p + 0.05 * z)[None], z[None]
         own = replace(stop, approach=0.05, retract=0.0)
-        approach, retract = branch_cells(work, own, pose, free_last=False)
+        approach, retract = branch_cells(
+            work, transfer_table(problem, work), own, pose, free_last=False
+        )
         inside = ((q >= approach.low[:, :6]) & (q <= approach.high[:, :6])).all(axis=1)
         assert inside.any()
         if not arm.solve(*(x[0] for x in pose[:2])).reachable.any():
@@ -197,11 +200,13 @@ def test_there_is_no_bound_on_a_platform_that_turns(general_robots, tmp_path):
 def test_a_singular_pose_leaves_the_joints_free(general_robots, tmp_path):
     """The wrist aligned: one cell from limit to limit."""
     job = load_job(general_robots.write_cell(tmp_path, "ur5"))
-    work = sequence_problem(CellModel.from_cell(job.cell), job).arms[0]
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    work = problem.arms[0]
     R, p = work.kinematics.forward(np.array([0.3, -1.2, 1.4, -0.5, 0.0, 0.8]))
     z = R @ work.R_tool_flange.T[:, 2]
     stop = replace(work.stops[0], approach=0.0, retract=0.0)
-    for cells in branch_cells(work, stop, (R[None], p[None], z[None]), free_last=False):
+    table, pose = transfer_table(problem, work), (R[None], p[None], z[None])
+    for cells in branch_cells(work, table, stop, pose, free_last=False):
         assert cells.low[:, :6].tolist() == [work.limits.lower.tolist()]
         assert cells.high[:, :6].tolist() == [work.limits.upper.tolist()]
         assert not cells.line.any()
