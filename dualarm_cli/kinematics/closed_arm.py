@@ -9,7 +9,7 @@ import numpy as np
 
 from dualarm_cli.errors import UnsupportedError
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
-from dualarm_cli.kinematics.general_arm import GeneralArm, ReachedPostures, pose_error
+from dualarm_cli.kinematics.general_arm import LEAST_JOINTS, GeneralArm, ReachedPostures, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL, polished
 from dualarm_cli.kinematics.srs import srs_limits
 
@@ -41,10 +41,15 @@ class ClosedArm(GeneralArm):
         """Freezes the arrays.
 
         Raises:
-            UnsupportedError: the arm does not have six axes, or not these.
+            UnsupportedError: the arm does not have six revolute axes, or not these.
         """
         super().__post_init__()
-        problem = f"it has {self.axes} axes instead of 6" if self.axes != 6 else self._problem()
+        if self.axes != LEAST_JOINTS:
+            problem = f"it has {self.axes} axes instead of {LEAST_JOINTS}"
+        elif self.slides:
+            problem = f"joint {self.slides[0] + 1} slides"
+        else:
+            problem = self._problem()
         if problem:
             raise UnsupportedError(
                 f"there are no closed forms for this arm: {problem}; use numeric inverse kinematics"

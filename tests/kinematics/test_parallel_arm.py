@@ -215,3 +215,9 @@ def test_arms_without_closed_forms_say_why(wrist_arms):
         with pytest.raises(UnsupportedError, match=words):
             ParallelArm.of(arm)
         assert with_closed_forms(ParallelArm, arm) is arm
+
+
+def test_a_first_joint_that_slides_has_no_closed_form(ur5):
+    """The same six frames, the first of them a rail."""
+    with pytest.raises(UnsupportedError, match="joint 1 slides"):
+        ParallelArm.of(replace(ur5.without_limits, slides=(0,)))

@@ -215,3 +215,33 @@ def test_arms_of_six_and_of_seven_joints_share_a_waist(general_robots, tmp_path,
     schedule = plan_without_bound(job, PlanSettings(effort="quick"), clear=False)
     assert verify(schedule, job).passed
     assert {len(one.columns) for one in model.arms.values()} == {6, 7}
+
+
+def test_too_many_turns_leave_every_posture_with_those_nearest_to_the_start(
+    general_robots, tmp_path
+):
+    """A UR5, any yaw, room for four turns of each posture: against all turns within limits, by the way from start."""
+    file = general_robots.write_cell(tmp_path, "ur5", tasks=1)
+    file.write_text(
+        file.read_text().replace("rpy: [180 deg, 0, 0]}", "free: yaw, rpy: [180 deg, 0, 0]}")
+    )
+    job = load_job(file)
+    problem = sequence_problem(CellModel.from_cell(job.cell), job)
+    work, table = problem.arms[0], StopTable.of(problem.arms[0])
+    every = grid_nodes(problem, 0, table, 0, Grid(np.zeros(1), 12, 100_000)).q_target
+    turn = 2.0 * np.pi
+
+    def by_posture(q):
+        found = {}
+        for row in q:
+            found.setdefault(tuple(np.round(np.mod(row, turn), 6)), []).append(row)
+        return found
+
+    everyone = by_posture(every)
+    most = 5 * len(everyone) - 1
+    kept = by_posture(grid_nodes(problem, 0, table, 0, Grid(np.zeros(1), 12, most)).q_target)
+    assert len(every) > most
+    assert kept.keys() == everyone.keys()
+    for key, rows in kept.items():
+        away = np.sort([np.abs(q - work.start).sum() for q in everyone[key]])
+        assert sorted(np.abs(q - work.start).sum() for q in rows) == pytest.approx(away[:4])

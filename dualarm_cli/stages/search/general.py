@@ -163,7 +163,7 @@ def grid_nodes(
     nodes = Nodes(index, rows, ends[0], ends[1], time, False)
     nodes = nodes.take(np.flatnonzero(ok))
     if stop.configurations is None:
-        nodes = _with_turns(work, nodes)
+        nodes = _with_turns(work, nodes, grid.most)
     return thinned(_by_angle(nodes), grid.most)
 
 
@@ -365,26 +365,40 @@ def _branch(work: ArmWork, q: FloatArray) -> IntArray:
     return np.asarray(upper @ (1 << np.arange(upper.shape[1])), dtype=np.int64)
 
 
-def _with_turns(work: ArmWork, nodes: Nodes) -> Nodes:
-    """Returns nodes together with the same ones whole turns away, as far as limits allow."""
+def _with_turns(work: ArmWork, nodes: Nodes, most: int) -> Nodes:
+    """Returns nodes together with the same ones whole turns away, as far as limits allow.
+
+    Where these are more than `most`, every node keeps its share of them, those nearest to the start: of a joint with
+    limits of a turn either way that is next to the start its own turn, of one half a turn away the other way, too.
+    """
+    n = len(nodes.work)
+    row, shift = np.arange(n), np.zeros((n, work.joints))
+    places = np.stack([nodes.q_target, nodes.q_approach, nodes.q_retract])
     for joint in sorted(set(range(work.joints)) - set(_general(work).slides)):
         # Of joints without limits one turn each way will do.
         low = max(work.limits.lower[joint], -1.5 * TURN)
         high = min(work.limits.upper[joint], 1.5 * TURN)
         if high - low < TURN:
             continue
-        found = nodes
+        least, largest = places[:, :, joint].min(axis=0), places[:, :, joint].max(axis=0)
+        rows, shifts = [row], [shift]
         for turn in (-2.0 * TURN, -TURN, TURN, 2.0 * TURN):
-            shift = np.where(np.arange(work.joints) == joint, turn, 0.0)
-            moved = replace(
-                nodes,
-                decisions=nodes.decisions.at(nodes.decisions.near + shift),
-                q_approach=nodes.q_approach + shift,
-                q_retract=nodes.q_retract + shift,
-            )
-            places = (moved.decisions.near, moved.q_approach, moved.q_retract)
-            at = np.stack([q[:, joint] for q in places])
-            inside = ((at >= low) & (at <= high)).all(axis=0)
-            found = together(found, moved.take(np.flatnonzero(inside)))
-        nodes = found
-    return nodes
+            inside = (least[row] + turn >= low) & (largest[row] + turn <= high)
+            moved = shift[inside]
+            moved[:, joint] = turn
+            rows.append(row[inside])
+            shifts.append(moved)
+        row, shift = np.concatenate(rows), np.concatenate(shifts)
+    if len(row) > most:
+        away = np.abs(nodes.q_target[row] + shift - work.start).sum(axis=1)
+        order = np.lexsort((away, row))
+        rank = np.arange(len(row)) - np.searchsorted(row[order], row[order])
+        kept = np.sort(order[rank < max(1, most // n)])
+        row, shift = row[kept], shift[kept]
+    found = nodes.take(row)
+    return replace(
+        found,
+        decisions=found.decisions.at(found.q_target + shift),
+        q_approach=found.q_approach + shift,
+        q_retract=found.q_retract + shift,
+    )
