@@ -91,10 +91,10 @@ def _axis(model: pin.Model, joint: int) -> FloatArray:
 
 def _twist(model: pin.Model, joint: int) -> FloatArray:
     """Returns how a joint moves in its own frame: linear and angular, shape (6,)."""
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    twist: FloatArray = pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
-    return twist
+    joint_model = model.joints[joint]
+    data = joint_model.createData()
+    joint_model.calc(data, pin.neutral(model))
+    return np.asarray(data.S, dtype=np.float64).reshape(6)
 
 
 def _distance(point: FloatArray, solid: Solid) -> float:

@@ -68,13 +68,20 @@ def fill(
     done = np.zeros(grid.size, dtype=np.bool_)
     tried = np.zeros((len(TURNS), 2 * len(grid.shape), grid.size), dtype=np.bool_)
 
-    def keep(found: Postures) -> IntArray:
-        """Keeps the first accepted posture of each node; returns these nodes."""
-        good = found.take(accept(found))
-        first = np.unique(good.node, return_index=True)[1]
-        good = good.take(first[~done[good.node[first]]])
-        q[good.node], yaw[good.node], done[good.node] = good.q, good.yaw, True
-        return good.node
+    def keep(found: Postures) -> bool:
+        """Keeps the first accepted posture of each node; returns whether there is one."""
+        some = False
+        left = found.take(~done[found.node])
+        while len(left.node):
+            # One of each node at a time: most are accepted, and then the others need not be looked at.
+            first = np.unique(left.node, return_index=True)[1]
+            tested = left.take(first)
+            good = tested.take(accept(tested))
+            q[good.node], yaw[good.node], done[good.node] = good.q, good.yaw, True
+            some |= len(good.node) > 0
+            left = left.take(np.delete(np.arange(len(left.node)), first))
+            left = left.take(~done[left.node])
+        return some
 
     keep(seeds(model, arm, grid))
     turn = 0
@@ -99,7 +106,7 @@ def fill(
         reached, error = descend(numeric, R, p, starts.q)
         good = (error <= RESIDUAL).all(axis=1)
         good &= np.abs(reached - starts.q).max(axis=1, initial=0.0) <= _most(TURNS[turn])
-        if len(keep(Postures(starts.node, starts.yaw, reached).take(good))):
+        if keep(Postures(starts.node, starts.yaw, reached).take(good)):
             turn = 0
     nodes = np.flatnonzero(done)
     return Postures(nodes, yaw[nodes], q[nodes])

@@ -54,9 +54,8 @@ def start_project(folder: Path, source: RobotSource) -> StartedProject:
         InfeasibleError: no table and targets were found for the robot.
     """
     refuse_used_folder(folder)
-    beside = folder if folder.is_dir() else folder.absolute().parent
+    beside = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
     try:
-        beside.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".dualarm-init-", dir=beside) as hidden:
             # The robot's files may lead as far up as the folder of their own.
             made = Path(hidden) / "project"
@@ -73,6 +72,7 @@ def start_project(folder: Path, source: RobotSource) -> StartedProject:
                 for name in names:
                     (made / name).rename(folder / name)
             else:
+                folder.parent.mkdir(parents=True, exist_ok=True)
                 made.rename(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None

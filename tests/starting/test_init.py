@@ -161,10 +161,9 @@ def stiff():
 
 def test_a_robot_that_reaches_no_table_is_told_so(stiff, capsys):
     """Exit code 3, one sentence, nothing written."""
-    assert run(["init", "demo", "--robot", str(stiff)]) == 3
+    assert run(["init", "new/demo", "--robot", str(stiff)]) == 3
     text = capsys.readouterr().err
     assert "error[E680]: no table was found for stiff/robot.yaml" in text
-    assert not Path("demo").exists()
     assert [path.name for path in Path().iterdir()] == ["stiff"]
 
 
