@@ -15,6 +15,7 @@ from dualarm_cli.files.cells.cells import load_cell
 from dualarm_cli.files.studies.studies import load_study
 from dualarm_cli.files.tasks.tasks import load_job
 from dualarm_cli.reachability.proposed_tool import ProposedTool
+from dualarm_cli.schemas import editor_line, schema_text
 from dualarm_cli.starting.layout import PICKS, Layout, Row, find_layout
 from dualarm_cli.starting.robot_source import RobotSource
 from dualarm_cli.starting.workflow import WORKFLOW
@@ -88,14 +89,24 @@ def _write(folder: Path, files: Mapping[str, bytes]) -> None:
 def _files(source: RobotSource, layout: Layout) -> dict[str, bytes]:
     """Returns the files that do not come with the robot."""
     texts = {
-        "cell.yaml": cell_text(source, layout),
-        "tasks.yaml": tasks_text(layout),
-        "study.yaml": study_text(layout),
+        "cell.yaml": _editor_line("cell") + cell_text(source, layout),
+        "tasks.yaml": _editor_line("tasks") + tasks_text(layout),
+        "study.yaml": _editor_line("study") + study_text(layout),
+        **{_schema_file(kind): schema_text(kind) for kind in ("cell", "tasks", "study")},
         ".github/workflows/score.yaml": WORKFLOW,
         "requirements.txt": "# Installs dualarm in CI: the version that scores.json was made with.\n"
         f"dualarm=={__version__}\n",
     }
     return {name: text.encode() for name, text in texts.items()}
+
+
+def _schema_file(kind: str) -> str:
+    """Returns where editors find the schema of a kind of file."""
+    return f".dualarm/{kind}.schema.json"
+
+
+def _editor_line(kind: str) -> str:
+    return editor_line(_schema_file(kind))
 
 
 def _bare_cell(source: RobotSource) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
 from dualarm_cli import __version__
 from dualarm_cli.cli.run import run
@@ -25,6 +27,9 @@ FILES = {
     "study.yaml",
     "requirements.txt",
     ".github/workflows/score.yaml",
+    ".dualarm/cell.schema.json",
+    ".dualarm/tasks.schema.json",
+    ".dualarm/study.schema.json",
 }
 QUICK = "iiwa7"
 """The robot that is planned quickest."""
@@ -186,6 +191,16 @@ def test_a_robot_file_that_reads_elsewhere_is_refused(capsys):
     assert run(["init", "demo", "--robot", "robot"]) == 2
     assert "which is not in its folder" in capsys.readouterr().err
     assert not Path("demo").exists()
+
+
+def test_editors_find_the_schema_of_each_file():
+    """The first line names it, and by it the file is valid."""
+    assert run(["init", "demo", "--robot", QUICK]) == 0
+    for kind in ("cell", "tasks", "study"):
+        text = Path(f"demo/{kind}.yaml").read_text()
+        schema = text.splitlines()[0].partition("$schema=")[2]
+        validator = Draft202012Validator(json.loads((Path("demo") / schema).read_text()))
+        assert list(validator.iter_errors(yaml.safe_load(text))) == []
 
 
 def test_the_workflow_is_that_of_the_docs():
