@@ -15,6 +15,7 @@ from dualarm_cli.cli.explain import explain_command
 from dualarm_cli.cli.init import init_command
 from dualarm_cli.cli.plan import plan_command
 from dualarm_cli.cli.platform import platform_command
+from dualarm_cli.cli.report import report_command
 from dualarm_cli.cli.robot import robot_app
 from dualarm_cli.cli.schema import schema_command
 from dualarm_cli.cli.score import score_command
@@ -62,6 +63,7 @@ app.command("calibrate")(calibrate_command)
 app.command("score")(score_command)
 app.command("check")(check_command)
 app.command("verify")(verify_command)
+app.command("report")(report_command)
 app.command("solvers")(solvers_command)
 app.command("explain")(explain_command)
 app.command("schema")(schema_command)

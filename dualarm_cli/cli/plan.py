@@ -25,9 +25,11 @@ from dualarm_cli.cli.parts.output import (
     JsonOption,
     QuietOption,
     print_json,
+    print_message,
     stderr_console,
     stdout_console,
 )
+from dualarm_cli.cli.report import PAGE, title_of, write_page
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -76,6 +78,9 @@ def plan_command(
             show_default=False,
         ),
     ] = None,
+    page: Annotated[
+        bool, typer.Option("--page/--no-page", help="Write report.html, in which the cell moves.")
+    ] = True,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -108,6 +113,8 @@ def plan_command(
     schedule = replace(schedule, notes=(*schedule.notes, *notes))
     report = build_report(schedule, job)
     write_results(folder, schedule, report, rate, force)
+    if page:
+        _write_page(folder, schedule, job, report, title_of(tasks))
     if plot is not None:
         _draw(plot, schedule, job)
     if json_output:
@@ -117,6 +124,18 @@ def plan_command(
     verified = schedule.verification is not None and schedule.verification.passed
     if not verified or not all(line["kept"] for line in report["budget"]):
         raise typer.Exit(1)
+
+
+def _write_page(
+    folder: Path, schedule: Schedule, job: Job, report: dict[str, Any], title: str
+) -> None:
+    """Writes the page beside a schedule, or says why there is none: the plan is whole without it."""
+    from dualarm_cli.page.page import PageNotBuiltError
+
+    try:
+        write_page(folder, schedule, job, report, title)
+    except PageNotBuiltError as error:
+        print_message(f"no {PAGE}: {error}")
 
 
 def _draw(plot: Path, schedule: Schedule, job: Job) -> None:

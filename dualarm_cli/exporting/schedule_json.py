@@ -39,9 +39,9 @@ def to_json(schedule: Schedule, urdf: str, files: Mapping[str, str]) -> Iterator
         "clearance_cost": schedule.clearance_cost,
     }
     yield _encoded("{\n" + ",\n".join(_member(key, value) for key, value in head.items()))
-    yield from _rows("stages", map(_stage, schedule.stages))
-    yield from _rows("segments", map(_segment, schedule.segments))
-    yield from _rows("events", map(_event, schedule.events))
+    yield from _rows("stages", map(stage_row, schedule.stages))
+    yield from _rows("segments", map(segment_row, schedule.segments))
+    yield from _rows("events", map(event_row, schedule.events))
     yield from _tables(
         "trajectory",
         {
@@ -97,7 +97,8 @@ def _tables(key: str, tables: Mapping[str, FloatArray]) -> Iterator[bytes]:
     yield b"]}"
 
 
-def _event(event: Event) -> dict[str, Any]:
+def event_row(event: Event) -> dict[str, Any]:
+    """Returns an event as the file has it."""
     return {
         "time": event.time,
         "arm": event.arm,
@@ -156,11 +157,13 @@ def _pose(pose: pin.SE3) -> dict[str, list[float]]:
     }
 
 
-def _stage(stage: Stage) -> dict[str, Any]:
+def stage_row(stage: Stage) -> dict[str, Any]:
+    """Returns a stage as the file has it."""
     return asdict(stage) | {"tasks": list(stage.tasks)}
 
 
-def _segment(segment: Segment) -> dict[str, Any]:
+def segment_row(segment: Segment) -> dict[str, Any]:
+    """Returns a segment as the file has it."""
     row = asdict(segment)
     if segment.dwell is None:
         del row["dwell"]

@@ -89,12 +89,7 @@ def check_clearance(
     """
     if job is None:
         return not_checked(COLLISIONS, NO_JOB), ()
-    # Robot and tools are the job's, whatever the schedule states.
-    schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
-    model = pin.buildModelFromXML(job.cell.robot.urdf)
-    solids = cell_solids(job.cell, model, job.carried())
-    spans = line_spans(schedule, job, ToolModel(schedule))
-    pairs, windows = _pairs_and_windows(model, solids, schedule, job, spans)
+    model, solids, pairs, windows = watched_pairs(schedule, job)
     if not pairs:
         return not_checked(COLLISIONS, "no two bodies can touch: nothing has a shape"), ()
     # Parts that may lie on something have no clearance to speak of: they count where they reach into it.
@@ -120,6 +115,23 @@ def check_clearance(
         f"{'are required' if worst.required >= 0.0 else 'are allowed'}"
     )
     return judge(COLLISIONS, -worst.margin, tol.CLEARANCE_SLACK, "m", where), tuple(stages)
+
+
+def watched_pairs(
+    schedule: Schedule, job: Job
+) -> tuple[pin.Model, list[Solid], list[Pair], list[Windows]]:
+    """Returns the robot's model, the solids of the cell, the pairs that must keep apart, and when each pair counts.
+
+    Args:
+        schedule: with finite numbers and rising times.
+        job: cell and tasks, each with the arm that did it.
+    """
+    # Robot and tools are the job's, whatever the schedule states.
+    schedule = replace(schedule, robot=ScheduleRobot.of_job(job))
+    model = pin.buildModelFromXML(job.cell.robot.urdf)
+    solids = cell_solids(job.cell, model, job.carried())
+    spans = line_spans(schedule, job, ToolModel(schedule))
+    return model, solids, *_pairs_and_windows(model, solids, schedule, job, spans)
 
 
 def check_shapes(job: Job) -> list[Check]:

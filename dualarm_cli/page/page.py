@@ -1,0 +1,77 @@
+"""One HTML file that needs nothing else: the data of a plan and the built code of the page."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping
+from importlib import resources
+from importlib.resources.abc import Traversable
+from typing import Any
+
+from dualarm_cli.errors import MissingDependencyError
+
+BUILT = ("page.css", "page.js")
+"""Files that `web/build_page.py` makes when the package is built."""
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
+    "base-uri 'none'; form-action 'none'"
+)
+"""What the page may load: nothing but itself."""
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{css}</style>
+</head>
+<body>
+<div id="page"></div>
+<noscript>This page shows a plan in motion and needs JavaScript.</noscript>
+<script type="application/json" id="data">{data}</script>
+<script>{js}</script>
+</body>
+</html>
+"""
+
+
+class PageNotBuiltError(MissingDependencyError):
+    """The page's own code is not in this installation."""
+
+    def __init__(self) -> None:
+        """Says what to do."""
+        Exception.__init__(
+            self,
+            "the page was not built into this installation, as Node's packages could not be reached then; "
+            "install dualarm again with a network, or from a wheel",
+        )
+
+
+def built_folder() -> Traversable:
+    """Returns the folder of the page's own code, which need not exist."""
+    return resources.files("dualarm_cli.page") / "built"
+
+
+def page_html(data: Mapping[str, Any]) -> bytes:
+    """Returns the page of some data (`page_data`).
+
+    Raises:
+        PageNotBuiltError: this installation has no code of the page.
+    """
+    folder = built_folder()
+    if not all((folder / name).is_file() for name in BUILT):
+        raise PageNotBuiltError
+    css, js = ((folder / name).read_text(encoding="utf-8") for name in BUILT)
+    # `<` begins nothing within a script then, whatever the names in the data are.
+    text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    text = text.replace("<", "\\u003c")
+    page = _PAGE.format(
+        title=html.escape(str(data["title"])),
+        policy=POLICY,
+        css=css.replace("</style", "<\\/style"),
+        js=js.replace("</script", "<\\/script"),
+        data=text,
+    )
+    return page.encode("utf-8", "backslashreplace")

@@ -1,0 +1,149 @@
+"""What there is to see in a cell: bodies that move with joints, and the solids on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.collision.solids import link_solids
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.robot import Robot
+from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.page.packed import packed
+
+WORLD_BODY = -1
+"""Number that stands for the world, which has no body of its own."""
+
+
+@dataclass
+class Hulls:
+    """Hulls of meshes, each written once."""
+
+    rows: list[dict[str, str]] = field(default_factory=list)
+    """As the page reads them."""
+    _numbers: dict[int, int] = field(default_factory=dict)
+    _kept: list[Hull] = field(default_factory=list)
+
+    def number(self, hull: Hull) -> int:
+        """Returns the number of a hull, which is added if it is new."""
+        if id(hull) not in self._numbers:
+            self._numbers[id(hull)] = len(self.rows)
+            self._kept.append(hull)  # so that no other hull gets its id
+            corners, triangles = packed(hull.corners, "f32"), packed(hull.triangles, "u32")
+            self.rows.append({"corners": corners, "triangles": triangles})
+        return self._numbers[id(hull)]
+
+
+def placed(pose: pin.SE3) -> dict[str, list[float]]:
+    """Returns a pose as the page reads it: position [m] and quaternion x, y, z, w."""
+    quaternion = pin.Quaternion(pose.rotation).coeffs()
+    return {"xyz": pose.translation.tolist(), "quat": quaternion.tolist()}
+
+
+def drawn(shape: Shape, holder: pin.SE3, hulls: Hulls) -> dict[str, Any]:
+    """Returns a solid as the page reads it.
+
+    Args:
+        shape: of the data model.
+        holder: the frame that it is posed in, in the body's frame.
+        hulls: where its hull is put, if it has one.
+    """
+    number = None if shape.hull is None else hulls.number(shape.hull)
+    row = {"kind": shape.kind, "size": list(shape.size), "hull": number}
+    return row | placed(holder * shape.pose)
+
+
+def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]]:
+    """Returns the root link and a body per moving joint, numbered as pinocchio numbers joints.
+
+    Args:
+        model: of the robot's URDF.
+        robot: whose joints move.
+        base: pose of its root link in the world.
+    """
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    root = {"name": "", "parent": WORLD_BODY, "joint": -1, "axis": [0.0, 0.0, 1.0], "slides": False}
+    found: list[dict[str, Any]] = [root | placed(base)]
+    for number in range(1, model.njoints):
+        motion = np.asarray(data.joints[number].S).ravel()
+        slides = bool(np.any(motion[:3]))
+        found.append(
+            {
+                "name": model.names[number],
+                "parent": int(model.parents[number]),
+                "joint": robot.joints.index(model.names[number]),
+                "axis": (motion[:3] if slides else motion[3:]).tolist(),
+                "slides": slides,
+            }
+            | placed(model.jointPlacements[number])
+        )
+    return found
+
+
+def solids(model: pin.Model, cell: Cell, hulls: Hulls) -> list[dict[str, Any]]:
+    """Returns links, tools that are always on, and obstacles.
+
+    Args:
+        model: of the robot's URDF.
+        cell: of the data model.
+        hulls: where hulls of meshes are put.
+    """
+    robot = cell.robot
+    side = {joint: arm.name for arm in robot.arms for joint in arm.joints}
+    found = []
+    for solid in link_solids(model, replace(robot, meshes={})):
+        shape = Shape(*_form(solid.geometry), solid.pose)
+        about = {"body": solid.joint, "name": solid.body, "role": "link"}
+        about["arm"] = side.get(model.names[solid.joint], "")
+        found.append(about | drawn(shape, pin.SE3.Identity(), hulls))
+    for name, shapes in robot.meshes.items():
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        about = {"body": frame.parentJoint, "name": name, "role": "link"}
+        about["arm"] = side.get(model.names[frame.parentJoint], "")
+        found += [about | drawn(shape, frame.placement, hulls) for shape in shapes]
+    for arm, tool in cell.tools.items():
+        frame = _flange(model, robot, arm)
+        about = {"body": frame.parentJoint, "name": f"{arm}_tool", "role": "tool", "arm": arm}
+        found += [about | drawn(shape, frame.placement, hulls) for shape in tool.shapes]
+    for obstacle in cell.obstacles:
+        about = {"body": WORLD_BODY, "name": obstacle.name, "role": "obstacle", "arm": ""}
+        found.append(about | drawn(obstacle.shape, pin.SE3.Identity(), hulls))
+    return found
+
+
+def tcp(model: pin.Model, cell: Cell, arm: str) -> tuple[int, pin.SE3]:
+    """Returns the body that carries an arm's own tool centre point, and where that is in the body's frame."""
+    frame = _flange(model, cell.robot, arm)
+    return frame.parentJoint, frame.placement * cell.tools[arm].tcp
+
+
+def _flange(model: pin.Model, robot: Robot, arm: str) -> Any:
+    return model.frames[model.getFrameId(robot.arm(arm).flange, pin.FrameType.BODY)]
+
+
+def _form(geometry: coal.CollisionGeometry) -> tuple[Any, tuple[float, ...]]:
+    """Returns the kind and the sizes of a primitive shape, as `Shape` has them."""
+    if isinstance(geometry, coal.Box):
+        return "box", tuple((2.0 * np.asarray(geometry.halfSide).ravel()).tolist())
+    if isinstance(geometry, coal.Sphere):
+        return "sphere", (geometry.radius,)
+    kind = "cylinder" if isinstance(geometry, coal.Cylinder) else "capsule"
+    return kind, (geometry.radius, 2.0 * geometry.halfLength)
+
+
+def poses_at(
+    model: pin.Model, robot: Robot, base: pin.SE3, positions: FloatArray
+) -> Sequence[pin.SE3]:
+    """Returns where all bodies are in the world at joint positions (joints,), numbered as pinocchio numbers joints."""
+    q = np.empty(model.nq)
+    q[[model.idx_qs[model.getJointId(name)] for name in robot.joints]] = positions
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return [base * pose for pose in data.oMi]

@@ -1,0 +1,126 @@
+"""Parts and changed tools: where each of them lies, and who carries it when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dualarm_cli.model.cell import Held
+from dualarm_cli.model.job import CHANGES, GIVES, TAKES, Job, Task
+from dualarm_cli.model.schedule import Event, Schedule
+from dualarm_cli.page.scene import WORLD_BODY, Hulls, drawn, placed, poses_at, tcp
+
+STILL = [0.0, 0.0, 0.0]
+
+
+def things(schedule: Schedule, job: Job, hulls: Hulls) -> list[dict[str, Any]]:
+    """Returns every part and every changed tool with the times from which it is fixed to a body.
+
+    Args:
+        schedule: who does what when.
+        job: as it was done (`job_as_done`).
+        hulls: where hulls of meshes are put.
+    """
+    follow = _Follower(schedule, job)
+    found = []
+    tasks: dict[str, list[Task]] = {}
+    for task in job.tasks:
+        if not task.is_change:
+            tasks.setdefault(task.id, []).append(task)
+    for name, shares in tasks.items():
+        events = [e for e in schedule.events if e.task == name and e.action in CHANGES]
+        if events:
+            shapes = job.cell.parts.get(shares[0].part, ())
+            rows = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
+            grips = {task.arm: job.cell.T_own_tool(task.arm, task.tool) for task in shares}
+            steps = follow.keyframes(events, grips)
+            found.append({"name": name, "role": "part", "solids": rows, "keyframes": steps})
+    for arm, changes in job.cell.tool_changes.items():
+        for tool, changed in changes.tools.items():
+            shapes, _ = job.cell.held_shapes(arm, Held(tool))
+            rows = [drawn(shape, pin.SE3.Identity(), hulls) for shape in shapes]
+            own = {t.id for t in job.tasks if t.is_change and (t.arm, t.tool) == (arm, tool)}
+            events = [e for e in schedule.events if e.arm == arm and e.task in own]
+            if changes.start == tool:
+                first = follow.carried(arm, pin.SE3.Identity(), 0.0)
+            else:
+                first = _lying(changed.stand, 0.0)
+            steps = follow.keyframes(events, {arm: pin.SE3.Identity()}, first)
+            found.append({"name": tool, "role": "tool", "solids": rows, "keyframes": steps})
+    return found
+
+
+class _Follower:
+    """Follows what changes hands."""
+
+    def __init__(self, schedule: Schedule, job: Job) -> None:
+        self.cell = job.cell
+        self.trajectory = schedule.trajectory.select(job.cell.robot.joints)
+        self.model = pin.buildModelFromXML(job.cell.robot.urdf)
+        self.arms = [arm.name for arm in job.cell.robot.arms]
+
+    def keyframes(
+        self,
+        events: Sequence[Event],
+        grips: dict[str, pin.SE3],
+        first: dict[str, Any] | None = None,
+    ) -> list[dict[str, Any]]:
+        """Returns where a thing is from which time on.
+
+        Args:
+            events: at which it changes hands.
+            grips: by arm, the thing's frame in that of the arm's own tool centre point.
+            first: where it is at the start; None where the first event tells.
+        """
+        steps: list[dict[str, Any]] = [] if first is None else [first]
+        for event in sorted(events, key=lambda e: e.changes_held):
+            time = event.changes_held
+            if not steps:
+                steps.append(self._before(event, grips[event.arm]))
+            pose = self._pose(steps[-1], time)
+            if event.action in TAKES:
+                T_tcp_thing = self._tcp_pose(event.arm, time).actInv(pose)
+                steps.append(self.carried(event.arm, T_tcp_thing, time))
+            elif event.action != "give":  # who gives lets go when the other one has it
+                steps.append(_lying(pose, time, event.velocity))
+        return steps
+
+    def carried(self, arm: str, T_tcp_thing: pin.SE3, time: float) -> dict[str, Any]:
+        """Returns that an arm carries it from a time on."""
+        body, T_body_tcp = tcp(self.model, self.cell, arm)
+        about = {"time": time, "body": body, "velocity": STILL}
+        return about | placed(T_body_tcp * T_tcp_thing)
+
+    def _before(self, event: Event, grip: pin.SE3) -> dict[str, Any]:
+        """Returns where it is at the start, as its first event tells: it lies there, or the arm has it."""
+        if event.action in GIVES:
+            return self.carried(event.arm, grip, 0.0)
+        pose = self._tcp_pose(event.arm, event.time) * grip
+        back = pin.SE3(np.eye(3), -event.time * np.array(event.velocity))
+        return _lying(back * pose, 0.0, event.velocity)
+
+    def _tcp_pose(self, arm: str, time: float) -> pin.SE3:
+        body, T_body_tcp = tcp(self.model, self.cell, arm)
+        return self._bodies(time)[body] * T_body_tcp
+
+    def _pose(self, step: dict[str, Any], time: float) -> pin.SE3:
+        """Returns where it is at a time in the world, as its last step says."""
+        own = pin.SE3(pin.Quaternion(np.array(step["quat"])).matrix(), np.array(step["xyz"]))
+        if step["body"] != WORLD_BODY:
+            return self._bodies(time)[step["body"]] * own
+        gone = (time - step["time"]) * np.array(step["velocity"])
+        return pin.SE3(np.eye(3), gone) * own
+
+    def _bodies(self, time: float) -> Sequence[pin.SE3]:
+        positions = self.trajectory.at(np.array([time]))[0][0]
+        return poses_at(self.model, self.cell.robot, self.cell.base, positions)
+
+
+def _lying(
+    pose: pin.SE3, time: float, velocity: Sequence[float] = (0.0, 0.0, 0.0)
+) -> dict[str, Any]:
+    about = {"time": time, "body": WORLD_BODY, "velocity": list(velocity)}
+    return about | placed(pose)
