@@ -112,7 +112,7 @@ def plan_command(
     rate, notes = served_rate(schedule.duration, rate or RATE)
     schedule = replace(schedule, notes=(*schedule.notes, *notes))
     report = build_report(schedule, job)
-    write_results(folder, schedule, report, rate, force)
+    write_results(folder, schedule, job, report, rate, force)
     if page:
         _write_page(folder, schedule, job, report, title_of(tasks))
     if plot is not None:
@@ -182,13 +182,22 @@ def refuse_existing(folder: Path, force: bool) -> None:
 
 
 def write_results(
-    folder: Path, schedule: Schedule, report: dict[str, Any], rate: float, force: bool
+    folder: Path,
+    schedule: Schedule,
+    job: Job,
+    report: dict[str, Any],
+    rate: float,
+    force: bool,
 ) -> None:
-    """Writes schedule, CSV, URDF and report, the schedule last."""
+    """Writes schedule, CSV, report, and the cell as a URDF, the schedule last."""
+    from dualarm_cli.exporting.cell_urdf import cell_urdf
     from dualarm_cli.exporting.files import write_schedule_set
 
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    write_schedule_set(folder, schedule, {"report.json": text.encode()}, rate, force)
+    cell = cell_urdf(job.cell)
+    shown = replace(schedule, robot=replace(schedule.robot, urdf=cell.text))
+    others = {"report.json": text.encode(), **cell.meshes}
+    write_schedule_set(folder, shown, others, rate, force)
 
 
 def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from dualarm_cli.files.robots.mesh_writer import stl_bytes
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import urdf_text
@@ -58,7 +56,7 @@ def described(
             kept = [c for c in solid.children if c.tag == "origin"]
             for hull in next(hulls):
                 path = f"meshes/{_safe(name)}_{len(files)}.stl"
-                files[path] = _stl(hull)
+                files[path] = stl_bytes(hull)
                 mesh = Element("mesh", {"filename": path})
                 geometry = Element("geometry", {}, children=[mesh])
                 clean.children.append(Element("collision", {}, children=[*kept, geometry]))
@@ -96,16 +94,6 @@ def _exact(rpy: str) -> tuple[str, int]:
         found.append(repr(quarter) if near else word)
         count += near and abs(value - quarter) > 1e-12
     return " ".join(found), count
-
-
-def _stl(hull: Hull) -> bytes:
-    """Returns a hull as a binary STL file."""
-    faces = hull.corners[hull.triangles]
-    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    rows = np.zeros(len(faces), dtype=[("vectors", "<f4", (12,)), ("more", "<u2")])
-    rows["vectors"] = np.concatenate([normals, faces.reshape(-1, 9)], axis=1)
-    return bytes(80) + struct.pack("<I", len(faces)) + rows.tobytes()
 
 
 def _safe(name: str) -> str:

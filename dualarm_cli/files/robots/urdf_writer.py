@@ -45,11 +45,9 @@ def write_pair(members: dict[str, tuple[Element, str, pin.SE3]]) -> str:
     parts = [Element("link", {"name": "world"})]
     for prefix, (root, root_link, base) in members.items():
         parts += [_prefixed(element, f"{prefix}_") for element in root.children]
-        xyz = " ".join(repr(float(v) + 0.0) for v in base.translation)
-        rpy = " ".join(repr(float(v) + 0.0) for v in pin.rpy.matrixToRpy(base.rotation))
         joint = Element("joint", {"name": f"world_to_{prefix}", "type": "fixed"})
         joint.children = [
-            Element("origin", {"xyz": xyz, "rpy": rpy}),
+            Element("origin", origin_words(base)),
             Element("parent", {"link": "world"}),
             Element("child", {"link": f"{prefix}_{root_link}"}),
         ]
@@ -134,11 +132,16 @@ def _displace(clean: Element, joint: Element, displacement: FloatArray) -> None:
         T = T * pin.SE3(np.eye(3), displacement)
     else:
         T = T * pin.SE3(pin.exp3(displacement), np.zeros(3))
-    words = {
-        key: " ".join(repr(float(v) + 0.0) for v in values)
-        for key, values in (("xyz", T.translation), ("rpy", pin.rpy.matrixToRpy(T.rotation)))
-    }
-    clean.children = [Element("origin", words), *(c for c in clean.children if c.tag != "origin")]
+    clean.children = [
+        Element("origin", origin_words(T)),
+        *(c for c in clean.children if c.tag != "origin"),
+    ]
+
+
+def origin_words(pose: pin.SE3) -> dict[str, str]:
+    """Returns a pose as the attributes of an `origin`."""
+    parts = (("xyz", pose.translation), ("rpy", pin.rpy.matrixToRpy(pose.rotation)))
+    return {key: " ".join(repr(float(v) + 0.0) for v in values) for key, values in parts}
 
 
 def _prefixed(element: Element, prefix: str) -> Element:
