@@ -286,7 +286,8 @@ def _members(fields: dict[str, tuple[str, str]]) -> str:
 def _schedule_page() -> str:
     return _joined(
         "# Schedule",
-        "`schedule.json` is the plan without loss, `schedule.csv` its samples, `robot.urdf` the cell with the robot that it moves. "
+        "`schedule.json` is the plan without loss, `schedule.csv` its samples, "
+        "`robot.urdf` the cell with the robot that it moves. "
         "`<name>` stands for a name, `[]` for each entry of a list.",
         "## `schedule.json`",
         "Between two knots of `trajectory` the jerk of every joint is constant: position, velocity and acceleration at "
@@ -297,8 +298,9 @@ def _schedule_page() -> str:
         "is `time` [s]; then each joint has `<joint>_position`, `<joint>_velocity` and `<joint>_acceleration` [rad, "
         "rad/s, rad/s²; m for joints that slide]. Reading a number gives the same double that was written.",
         "## `robot.urdf`",
-        "Exactly the joints of the schedule move. Tools, `left_tcp` and `right_tcp`, and obstacles are links fixed to flanges and to the root link. "
-        "A mesh is its convex hull, in `mesh_*.stl` beside the file. A half-space is a plate of 6 m. Changed tools and carried parts are left out.",
+        "Exactly the joints of the schedule move. Tools, `left_tcp` and `right_tcp`, and obstacles are links "
+        "fixed to flanges and to the root link. A mesh is its convex hull, in `mesh_*.stl` beside the file. "
+        "A half-space is a plate of 6 m. Changed tools and carried parts are left out.",
     )
 
 

@@ -69,7 +69,7 @@ class _Writer:
         self.meshes: dict[str, bytes] = {}
 
     def with_shapes(self, link: Element, shapes: tuple[Shape, ...], holder: pin.SE3) -> Element:
-        """Returns a link with solids added, to be seen and to be kept clear of.
+        """Returns a link with solids added, for viewers and for collision checking.
 
         Args:
             link: without them.

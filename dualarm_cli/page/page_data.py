@@ -13,7 +13,7 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
 from dualarm_cli.page.clearance_curve import clearance_curve
 from dualarm_cli.page.packed import joint_knots, packed
-from dualarm_cli.page.scene import Hulls, bodies, placed, solids, tcp
+from dualarm_cli.page.scene import DrawnHulls, bodies, placed, solids, tcp
 from dualarm_cli.page.things import things
 from dualarm_cli.verification.as_done import job_as_done
 
@@ -31,7 +31,7 @@ def page_data(
     """
     done = job_as_done(schedule, job)
     model = pin.buildModelFromXML(job.cell.robot.urdf)
-    hulls = Hulls()
+    hulls = DrawnHulls()
     tcps = {arm.name: tcp(model, job.cell, arm.name) for arm in job.cell.robot.arms}
     seen = solids(model, job.cell, hulls)
     moved = things(schedule, done, hulls)

@@ -22,8 +22,8 @@ WORLD_BODY = -1
 
 
 @dataclass
-class Hulls:
-    """Hulls of meshes, each written once."""
+class DrawnHulls:
+    """DrawnHulls of meshes, each written once."""
 
     rows: list[dict[str, str]] = field(default_factory=list)
     """As the page reads them."""
@@ -46,7 +46,7 @@ def placed(pose: pin.SE3) -> dict[str, list[float]]:
     return {"xyz": pose.translation.tolist(), "quat": quaternion.tolist()}
 
 
-def drawn(shape: Shape, holder: pin.SE3, hulls: Hulls) -> dict[str, Any]:
+def drawn(shape: Shape, holder: pin.SE3, hulls: DrawnHulls) -> dict[str, Any]:
     """Returns a solid as the page reads it.
 
     Args:
@@ -87,7 +87,7 @@ def bodies(model: pin.Model, robot: Robot, base: pin.SE3) -> list[dict[str, Any]
     return found
 
 
-def solids(model: pin.Model, cell: Cell, hulls: Hulls) -> list[dict[str, Any]]:
+def solids(model: pin.Model, cell: Cell, hulls: DrawnHulls) -> list[dict[str, Any]]:
     """Returns links, tools that are always on, and obstacles.
 
     Args:

@@ -11,12 +11,12 @@ import pinocchio as pin
 from dualarm_cli.model.cell import Held
 from dualarm_cli.model.job import CHANGES, GIVES, TAKES, Job, Task
 from dualarm_cli.model.schedule import Event, Schedule
-from dualarm_cli.page.scene import WORLD_BODY, Hulls, drawn, placed, poses_at, tcp
+from dualarm_cli.page.scene import WORLD_BODY, DrawnHulls, drawn, placed, poses_at, tcp
 
 STILL = [0.0, 0.0, 0.0]
 
 
-def things(schedule: Schedule, job: Job, hulls: Hulls) -> list[dict[str, Any]]:
+def things(schedule: Schedule, job: Job, hulls: DrawnHulls) -> list[dict[str, Any]]:
     """Returns every part and every changed tool with the times from which it is fixed to a body.
 
     Args:
