@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +30,7 @@ from dualarm_cli.cli.parts.output import (
     stderr_console,
     stdout_console,
 )
-from dualarm_cli.cli.report import PAGE, title_of, write_page
+from dualarm_cli.cli.report import PAGE, write_page
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
 
+Draw = Callable[["Schedule", "Job", str], bytes]
+"""Draws a figure of one of FIGURE_KINDS."""
 MAX_ROWS = 1_000_000
 """Most rows of the CSV file: about a gigabyte for fifteen joints."""
 RATE, MAX_RATE = 250.0, 10_000.0
@@ -74,7 +77,7 @@ def plan_command(
         Path | None,
         typer.Option(
             "--plot",
-            help="Figure to write (.png, .svg, .pdf): a Gantt chart, or the paths and seams of the job.",
+            help="Gantt chart to write (.png, .svg, .pdf); of paths and seams also FILE_paths, FILE_seams.",
             show_default=False,
         ),
     ] = None,
@@ -89,6 +92,7 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
+    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.plan.redundancy_choice import with_redundancy
@@ -104,6 +108,9 @@ def plan_command(
     if plot is not None:
         refuse_plot(plot, force)
     job = load_job(tasks)
+    figures = figures_of(plot, job) if plot is not None else {}
+    for file in figures:
+        refuse_plot(file, force)
     if rate is not None:
         refuse_rate(job, rate)
     settings = PlanSettings(timing=timing, effort=effort.value, seed=seed, time_limit=limit)
@@ -114,9 +121,9 @@ def plan_command(
     report = build_report(schedule, job)
     write_results(folder, schedule, job, report, rate, force)
     if page:
-        _write_page(folder, schedule, job, report, title_of(tasks))
-    if plot is not None:
-        _draw(plot, schedule, job)
+        _write_page(folder, schedule, job, report)
+    for file, draw in figures.items():
+        write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     if json_output:
         print_json(report)
     elif not quiet:
@@ -126,27 +133,28 @@ def plan_command(
         raise typer.Exit(1)
 
 
-def _write_page(
-    folder: Path, schedule: Schedule, job: Job, report: dict[str, Any], title: str
-) -> None:
+def _write_page(folder: Path, schedule: Schedule, job: Job, report: dict[str, Any]) -> None:
     """Writes the page beside a schedule, or says why there is none: the plan is whole without it."""
     from dualarm_cli.page.page import PageNotBuiltError
 
     try:
-        write_page(folder, schedule, job, report, title)
+        write_page(folder, schedule, job, report)
     except PageNotBuiltError as error:
         print_message(f"no {PAGE}: {error}")
 
 
-def _draw(plot: Path, schedule: Schedule, job: Job) -> None:
-    """Writes the figure of a job's paths, else of its seams, else of who does what when."""
-    from dualarm_cli.exporting.whole_files import write_file
+def figures_of(plot: Path, job: Job) -> dict[Path, Draw]:
+    """Returns the figures of a job by their files: the Gantt chart, and those of its paths and seams beside it."""
     from dualarm_cli.report.figures.gantt_figure import draw_gantt
     from dualarm_cli.report.figures.path_figure import draw_paths
     from dualarm_cli.report.figures.seam_figure import draw_seams
 
-    draw = draw_paths if job.has_paths else draw_seams if job.has_seams else draw_gantt
-    write_file(plot, draw(schedule, job, plot.suffix.lower().lstrip(".")), force=True)
+    figures: dict[Path, Draw] = {plot: draw_gantt}
+    if job.has_paths:
+        figures[plot.with_stem(f"{plot.stem}_paths")] = draw_paths
+    if job.has_seams:
+        figures[plot.with_stem(f"{plot.stem}_seams")] = draw_seams
+    return figures
 
 
 def refuse_rate(job: Job, rate: float) -> None:

@@ -47,7 +47,7 @@ def report_command(
     file = tasks if tasks is not None else tasks_of(schedule, folder)
     job = load_job(file)
     schedule = replace(schedule, verification=verify(schedule, job, clearance=True))
-    page = write_page(folder, schedule, job, build_report(schedule, job), title_of(file))
+    page = write_page(folder, schedule, job, build_report(schedule, job))
     if not quiet:
         print_message(f"written: {page}")
     if open_page:
@@ -61,9 +61,7 @@ def report_command(
         raise typer.Exit(1)
 
 
-def write_page(
-    folder: Path, schedule: Schedule, job: Job, report: dict[str, Any], title: str
-) -> Path:
+def write_page(folder: Path, schedule: Schedule, job: Job, report: dict[str, Any]) -> Path:
     """Writes the page beside a schedule, and returns its path.
 
     Raises:
@@ -75,13 +73,8 @@ def write_page(
     from dualarm_cli.page.page_data import page_data
 
     page = folder / PAGE
-    write_file(page, page_html(page_data(schedule, job, report, title)), force=True)
+    write_file(page, page_html(page_data(schedule, job, report)), force=True)
     return page
-
-
-def title_of(tasks: Path) -> str:
-    """Returns what the page of a task file is called: the file's name, or its folder's where that says nothing."""
-    return tasks.stem if tasks.stem != "tasks" else tasks.absolute().parent.name
 
 
 def tasks_of(schedule: Schedule, folder: Path) -> Path:

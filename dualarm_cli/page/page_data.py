@@ -15,19 +15,17 @@ from dualarm_cli.page.clearance_curve import clearance_curve
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, placed, solids, tcp
 from dualarm_cli.page.things import things
+from dualarm_cli.report.report import plan_title
 from dualarm_cli.verification.as_done import job_as_done
 
 
-def page_data(
-    schedule: Schedule, job: Job, report: Mapping[str, Any], title: str
-) -> dict[str, Any]:
+def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the page's data (format `dualarm.page/1`): the schedule itself, the cell, the report.
 
     Args:
         schedule: a verified one.
         job: what it does.
         report: of the two (`build_report`).
-        title: what the page is called.
     """
     done = job_as_done(schedule, job)
     model = pin.buildModelFromXML(job.cell.robot.urdf)
@@ -37,7 +35,7 @@ def page_data(
     moved = things(schedule, done, hulls)
     return {
         "format": "dualarm.page/1",
-        "title": title,
+        "title": plan_title(schedule),
         "robot": job.cell.robot.name,
         "version": schedule.provenance.version,
         "duration": schedule.duration,

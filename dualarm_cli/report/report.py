@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,13 @@ def throughput(schedule: Schedule, job: Job) -> float | None:
     """Returns parts per hour; None for a motion too short to mean anything."""
     duration = schedule.duration
     return 3600.0 * count_parts(job) / duration if duration > SHORTEST_CYCLE else None
+
+
+def plan_title(schedule: Schedule) -> str:
+    """Returns what a plan is called: its task file, or that one's folder where it is `tasks.yaml`; else the robot."""
+    name = PurePosixPath(next(iter(schedule.provenance.inputs), ""))
+    title = name.parent.name if name.stem == "tasks" else name.stem
+    return title or schedule.robot.name
 
 
 def relative_gap(schedule: Schedule) -> float | None:

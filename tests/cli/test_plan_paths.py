@@ -52,7 +52,8 @@ def test_plan_writes_the_measures_and_the_figure(seam, capsys):
     assert (found["task"], found["method"], found["arms"]) == ("seam", "arm_angle", ["left"])
     assert found["length"] == pytest.approx(0.01)
     assert found["tool_error"] < 1e-4
-    assert (seam / "paths.svg").read_bytes().startswith(b"<?xml")
+    assert "<!-- path -->" in (seam / "paths.svg").read_text()  # the legend of the Gantt chart
+    assert (seam / "paths_paths.svg").read_bytes().startswith(b"<?xml")
 
 
 def test_an_arm_that_follows_no_path_waits_for_the_end(seam):
@@ -85,17 +86,20 @@ def test_a_job_without_paths_has_its_chart_drawn(seam, tasks_folder):
     drawn = (seam / "chart.svg").read_text()
     assert drawn.startswith("<?xml")
     report = json.loads((seam / "plan" / "report.json").read_text())
-    assert f"<!-- {report['robot']}: " in drawn
+    assert f", {report['robot']}: " in drawn
     for lane in (*report["arms"], "platform"):
         assert f"<!-- {lane} -->" in drawn
 
 
 def test_a_figure_that_is_there_or_of_an_unknown_kind_is_refused_before_planning(seam, capsys):
     """Exit 2 and the old one stays; `--force` overwrites it."""
+    for name in ("paths.png", "paths_paths.png"):
+        (seam / name).write_text("mine")
+        assert run(["plan", "tasks.yaml", "--out", "plan", "--plot", "paths.png"]) == 2
+        assert name in _one_line(capsys)
+        assert (seam / name).read_text() == "mine"
+        (seam / name).unlink()
     (seam / "paths.png").write_text("mine")
-    assert run(["plan", "tasks.yaml", "--out", "plan", "--plot", "paths.png"]) == 2
-    assert "paths.png" in _one_line(capsys)
-    assert (seam / "paths.png").read_text() == "mine"
     assert run(["plan", "tasks.yaml", "--out", "plan", "--plot", "paths.gif"]) == 2
     assert ".png" in _one_line(capsys)
     assert not (seam / "plan").exists()

@@ -40,7 +40,7 @@ def shown(request: pytest.FixtureRequest) -> Shown:
     job = load_job(bundled_tasks()[request.param])
     schedule = plan(job, PlanSettings(effort="quick"))
     schedule = replace(schedule, verification=verify(schedule, job, clearance=True))
-    data = page_data(schedule, job, build_report(schedule, job), request.param)
+    data = page_data(schedule, job, build_report(schedule, job))
     return Shown(job, schedule, json.loads(json.dumps(data, allow_nan=False)))
 
 

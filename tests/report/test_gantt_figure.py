@@ -158,9 +158,46 @@ def test_words_never_reach_beyond_their_bars_and_are_of_one_size(ends, names, in
         assert text_width(label.text) * label.size <= (bar.end - bar.start) * inch * POINTS
 
 
-def test_where_only_few_words_fit_there_are_none():
-    """One long bar among nine short ones."""
-    lengths = [1.0, *[0.01] * 9]
-    words = [Wanted("task", 0, (Bar(0, 0.0, length, False),), True) for length in lengths]
-    assert labels(words, 2.0) == []
-    assert len(labels(words[:1], 2.0)) == 1
+def test_words_that_do_not_fit_are_shortened():
+    """One long bar among nine short ones: each says what differs from the others, or as many letters as fit."""
+    inch = (text_width("500") * SMALLEST + 1.05 * FREE) / POINTS / 0.25
+    two_letters = (text_width("9…") * SMALLEST + 1.05 * FREE) / POINTS / inch
+    words = [
+        Wanted(f"left-{k}00", 0, (Bar(0, k, k + length, False),), True, f"{k}00")
+        for k, length in enumerate([1.0, *[0.25] * 8, two_letters])
+    ]
+    found = {label.time: label.text for label in labels(words, inch)}
+    assert found[0.5] == "left-000"
+    assert [found[k + 0.125] for k in range(1, 9)] == [f"{k}00" for k in range(1, 9)]
+    assert found[9.0 + two_letters / 2.0] == "9…"
+    assert labels(words[-1:], 1e-3) == []
+
+
+def test_what_ids_of_a_lane_begin_with_is_what_is_left_out(by_hand):
+    """Up to a hyphen; an id that others begin with keeps its name, and one alone as well."""
+    steps = [("transfer", name, 1.0) for name in ("left-cup", "left-can")]
+    schedule = by_hand.schedule(by_hand.row("left", *steps))
+    assert [word.short for word in task_words(schedule, ["left"], 0.0, 2.0)] == ["cup", "can"]
+    alone = by_hand.schedule(by_hand.row("left", steps[0]))
+    assert [word.short for word in task_words(alone, ["left"], 0.0, 2.0)] == ["left-cup"]
+
+
+def test_picks_and_places_approaches_and_retracts_look_different(by_hand):
+    parts = ("transfer", "approach", "dwell", "retract")
+    row = by_hand.row("left", *((kind, "a", 1.0) for kind in 2 * parts))
+    actions = ["pick"] * 4 + ["place"] * 4
+    row = [dataclasses.replace(p, action=a) for p, a in zip(row, actions, strict=True)]
+    drawn = draw_gantt(by_hand.schedule(row), JOB, "svg").decode()
+    for name in ("approach", "retract", "dwell: pick", "dwell: place"):
+        assert f"<!-- {name} -->" in drawn
+
+
+def test_stages_are_numbered_where_both_arms_begin_them(by_hand):
+    """Stage 2 begins at 2 s; arms with clocks of their own have no common stages."""
+    schedule = by_hand.schedule(by_hand.row("left", ("transfer", "a", 2.0), ("transfer", "b", 2.0)))
+    stages = tuple(by_hand.stage(start, start + 2.0) for start in (0.0, 2.0))
+    drawn = draw_gantt(dataclasses.replace(schedule, stages=stages), JOB, "svg").decode()
+    assert drawn.count("<!-- 2 -->") > draw_gantt(schedule, JOB, "svg").decode().count("<!-- 2 -->")
+    own = tuple(dataclasses.replace(stage, arm="left") for stage in stages)
+    apart = draw_gantt(dataclasses.replace(schedule, stages=own), JOB, "svg")
+    assert apart == draw_gantt(dataclasses.replace(schedule, stages=()), JOB, "svg")

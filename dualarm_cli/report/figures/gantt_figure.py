@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, groupby
+from itertools import chain, groupby, takewhile
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,12 @@ from dualarm_cli.model.job import AT_STANDS, Job
 from dualarm_cli.model.schedule import Schedule, Segment
 from dualarm_cli.motion.waiting import MOVES
 from dualarm_cli.report.figures.figures import new_figure, rendered
-from dualarm_cli.report.report import relative_gap
+from dualarm_cli.report.report import plan_title, relative_gap
 
-SIZES = {8.0: 0.95, 7.0: 0.95, 6.0: 0.6}
-"""Sizes in which words are tried [points], and the share of them that must fit."""
+SIZES = (8.0, 7.0, 6.0)
+"""Sizes in which words are tried [points]."""
+MOST_FIT = 0.95
+"""Share of the words that must fit, or all are shortened."""
 FREE = 3.0
 """What is free beside a word in its bar, both sides together [points]."""
 POINTS = 72.0
@@ -71,6 +74,8 @@ class Wanted:
     """Where; the best of those that hold it is taken."""
     whole: bool
     """Whether nothing of them is cut off at the end of a row."""
+    short: str = ""
+    """A shorter word that says the same beside the others; empty for none."""
 
 
 def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
@@ -84,6 +89,7 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
     """
     words = []
     for lane, arm in enumerate(arms):
+        shared = _shared_begin({s.task for s in schedule.segments if s.arm == arm and s.task})
         own = [s for s in schedule.segments if s.arm == arm and s.end > start and s.start < end]
         own.sort(key=lambda part: part.start)
         for (task, action), run in groupby(own, key=lambda part: (part.task, part.action)):
@@ -101,42 +107,60 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
                 whole = parts[0].start >= start and parts[-1].end <= end
                 # What a tool is changed for is seen from what follows.
                 text = task.split(" (")[0] if action in AT_STANDS else task
-                words.append(Wanted(text, lane, bars, whole))
+                words.append(Wanted(text, lane, bars, whole, text.removeprefix(shared)))
     return words
 
 
-def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
-    """Returns the words that fit into their bars, all of one size: the largest in which nearly all of them fit.
+def _shared_begin(ids: Collection[str]) -> str:
+    """Returns what all ids begin with, up to a sign that parts words: `left-` of left-01 and left-02."""
+    if len(ids) < 2:
+        return ""
+    # What the first and the last in order have in common, all between them have.
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(min(ids), max(ids), strict=False))
+    begin = re.match(r".*[^A-Za-z0-9]", "".join(letter for letter, _ in same))
+    return begin[0] if begin is not None and begin[0] not in ids else ""
 
-    Where even in the smallest size only few do, there are none: the others would be looked for.
+
+def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
+    """Returns the words in their bars, all of one size: the largest in which nearly all of them fit.
+
+    Where even the smallest size is too large for many, they are shortened: to what differs from the others, then to
+    the letters that fit.
 
     Args:
         words: of all rows.
         inch: how long a second is [inch].
     """
     asked = sum(word.whole for word in words)
-    for size, share in SIZES.items():
-        placed = [(word, _place(word, inch, size)) for word in words]
-        if sum(word.whole and bar is not None for word, bar in placed) >= share * asked:
-            return [
-                Label(
-                    (bar.start + bar.end) / 2.0,
-                    word.lane,
-                    word.text,
-                    size,
-                    BRIGHT if bar.dark else DARK,
-                )
-                for word, bar in placed
-                if bar is not None
-            ]
-    return []
+    for size in SIZES:
+        placed = [_place(word.text, word, inch, size) for word in words]
+        fit = sum(w.whole and bar is not None for w, bar in zip(words, placed, strict=True))
+        if fit >= MOST_FIT * asked:
+            break
+    shown = [_longest(word, inch, size) for word in words]
+    return [
+        Label((b.start + b.end) / 2.0, word.lane, text, size, BRIGHT if b.dark else DARK)
+        for text, word, b in shown
+        if b is not None
+    ]
 
 
-def _place(word: Wanted, inch: float, size: float) -> Bar | None:
-    """Returns the best bar that holds a word of a size, or None."""
-    room = text_width(word.text) * size + FREE
+def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
+    """Returns the best of a word's bars that holds a text of a size, or None."""
+    room = text_width(text) * size + FREE
     large = [bar for bar in word.bars if (bar.end - bar.start) * inch * POINTS >= room]
     return min(large, key=lambda bar: (bar.rank, round(bar.start - bar.end, 6)), default=None)
+
+
+def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar | None]:
+    """Returns the longest form of a word that fits into one of its bars, and that bar; None where none does."""
+    short = word.short or word.text
+    forms = [word.text, short, *(f"{short[:count]}…" for count in range(len(short) - 1, 0, -1))]
+    for form in forms:
+        bar = _place(form, word, inch, size)
+        if bar is not None:
+            return form, word, bar
+    return short, word, None
 
 
 @lru_cache(maxsize=4096)
@@ -222,8 +246,11 @@ def place_text(value: float, slides: bool) -> str:
 
 WIDTH, LEFT, RIGHT = 15.0, 0.75, 0.15
 """Width of the figure and of what is free beside its axes [inch]."""
-LANE, BELOW, BETWEEN, TITLE, LEGEND = 0.36, 0.22, 0.12, 0.36, 0.42
-"""Heights: of a lane, of a row's time axis, of what is free between rows, of the title, of the legend [inch]."""
+LANE, ABOVE, BELOW, BETWEEN, TITLE, LEGEND = 0.36, 0.13, 0.22, 0.08, 0.36, 0.42
+"""Heights: of a lane, of a row's stage numbers, of its time axis, of what is free between rows, of the title, of the
+legend [inch]."""
+NUMBER_SIZE, NUMBER_COLOUR = 6.5, "0.4"
+"""How stage numbers look [points]."""
 COLUMNS, LINE = 10, 0.2
 """Names in a line of the legend, and the height of every further line [inch]."""
 BAR = 0.76
@@ -236,14 +263,18 @@ ROUNDING = 1e-6
 """Shorter parts are not drawn [s]."""
 KINDS = {
     "transfer": ("transfer", "#4c78a8"),
-    "approach": ("approach, retract", "#72b7b2"),
-    "retract": ("approach, retract", "#72b7b2"),
-    "dwell": ("dwell", "#f2a541"),
+    "approach": ("approach", "#4fa39d"),
+    "retract": ("retract", "#a9d6d2"),
+    "pick": ("dwell: pick", "#f2c14e"),
+    "place": ("dwell: place", "#d9730d"),
+    "dwell": ("dwell", "#e8a87c"),
     "path": ("path", "#9d6fb0"),
     "seam": ("seam", "#d45087"),
     "return": ("return", "#8a97a8"),
 }
-"""What bars are called in the legend, and their colours."""
+"""What bars are called in the legend, and their colours; a dwell's by its action."""
+PICKS: Mapping[str, str] = {"pick": "pick", "take": "pick", "place": "place", "give": "place"}
+"""What the dwells of actions are drawn as; others as `dwell`."""
 REASONS = {
     "platform": ("waits: platform", "#d9d9d9", "////"),
     "partner": ("waits: partner", "#dbe9f6", "\\\\\\\\"),
@@ -283,7 +314,7 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
     lanes = [*schedule.robot.arms, *(["platform"] if schedule.robot.platform else [])]
     count = row_count(schedule)
     span = max(schedule.duration / count, LEAST)
-    row = LANE * len(lanes) + BELOW
+    row = ABOVE + LANE * len(lanes) + BELOW
     bars, moving = _bars(schedule, lanes), platform_moves(schedule)
     present = {style.name: style for _, style in bars}
     legend = LEGEND + LINE * max(0, math.ceil(len(present) / COLUMNS) - 1)
@@ -303,6 +334,7 @@ def draw_gantt(schedule: Schedule, job: Job, kind: str) -> bytes:
         _draw_row(axes, bars, start, start + span, schedule.duration)
         _write(axes, [word for word in words if start <= word.time < start + span])
         _dress(axes, lanes, schedule, start, start + span)
+        _number_stages(axes, schedule, start, start + span, inch)
     _title_and_legend(figure, title(schedule, job), present, height)
     return rendered(figure, kind)
 
@@ -330,7 +362,9 @@ def _bars(schedule: Schedule, lanes: Sequence[str]) -> dict[tuple[int, _Style], 
 
 
 def _style(part: Segment) -> _Style:
-    return _Style(*(REASONS[part.reason] if part.kind == "wait" else KINDS[part.kind]))
+    if part.kind == "wait":
+        return _Style(*REASONS[part.reason])
+    return _Style(*KINDS[PICKS.get(part.action, "dwell") if part.kind == "dwell" else part.kind])
 
 
 def _draw_row(
@@ -366,8 +400,22 @@ def _write(axes: Any, words: Sequence[Label]) -> None:
         )
 
 
+def _number_stages(axes: Any, schedule: Schedule, start: float, end: float, inch: float) -> None:
+    """Draws where stages begin, with their numbers, where both arms begin them together."""
+    free_from = start
+    for number, stage in enumerate(schedule.stages, 1):
+        if stage.arm or not start <= stage.start < end:
+            continue
+        axes.axvline(stage.start, color="0.75", linewidth=0.6, zorder=0.5)
+        if stage.start >= free_from:
+            style = {"size": NUMBER_SIZE, "color": NUMBER_COLOUR, "clip_on": False}
+            axes.text(stage.start, -0.52, f"{number}", ha="left", va="bottom", **style)
+            width = text_width(f"{number}") * NUMBER_SIZE + FREE
+            free_from = stage.start + width / POINTS / inch
+
+
 def _dress(axes: Any, lanes: Sequence[str], schedule: Schedule, start: float, end: float) -> None:
-    """Sets a row's axes: lanes from top to bottom, time in s, thin lines where stages begin that do not overlap."""
+    """Sets a row's axes: lanes from top to bottom, time in s."""
     axes.set_xlim(start, end)
     axes.set_ylim(len(lanes) - 0.5, -0.5)
     axes.set_yticks(range(len(lanes)), lanes)
@@ -421,9 +469,10 @@ def _title_and_legend(figure: Any, heading: str, present: dict[str, _Style], hei
 
 
 def title(schedule: Schedule, job: Job) -> str:
-    """Returns the figure's heading: robot, time, bound and gap where there are such; a bound of 0 s says nothing."""
+    """Returns the figure's heading: job, robot, time, and bound and gap where the bound says something."""
     what = "cycle time" if job.returns else "time of one pass"
-    text = f"{schedule.robot.name}: {what} {schedule.duration:.3f} s"
+    names = dict.fromkeys((plan_title(schedule), schedule.robot.name))
+    text = f"{', '.join(names)}: {what} {schedule.duration:.3f} s"
     gap = relative_gap(schedule)
     if schedule.lower_bound and gap is not None:
         text += f", bound {schedule.lower_bound:.3f} s, gap {gap:.1%}"
