@@ -21,6 +21,8 @@ FRAMES = 12
 """Frames of the tool that are drawn along each seam."""
 AXIS = 0.15
 """Length of their axes, as a share of the seam's size."""
+BINS = 80
+"""Stretches of time whose largest residual is drawn."""
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 
 
@@ -43,11 +45,12 @@ def draw_seams(schedule: Schedule, job: Job, kind: str) -> bytes:
         for axes, arm in zip(np.atleast_1d(part.subplots(1, len(arms))), arms, strict=True):
             _draw_joints(axes, schedule, job, arm, rate, samples)
     for part, seam in zip(parts[2:], samples, strict=True):
-        part.suptitle(f"{seam.task} by {seam.method}")
-        _draw_in_part(part.add_subplot(1, 4, 1, projection="3d"), schedule, job, seam)
-        _draw_in_world(part.add_subplot(1, 4, 2, projection="3d"), seam)
-        _draw_speed(part.add_subplot(1, 4, 3), seam)
-        _draw_chain(part.add_subplot(1, 4, 4), seam)
+        part.suptitle(f"{seam.task}, by {seam.method}", fontsize=10)
+        grid = part.add_gridspec(1, 5, width_ratios=[1.0, 1.0, 0.1, 1.0, 1.0])
+        _draw_in_part(part.add_subplot(grid[0], projection="3d"), schedule, job, seam)
+        _draw_in_world(part.add_subplot(grid[1], projection="3d"), seam)
+        _draw_speed(part.add_subplot(grid[3]), seam)
+        _draw_chain(part.add_subplot(grid[4]), seam)
     return rendered(figure, kind)
 
 
@@ -68,9 +71,11 @@ def _draw_joints(
         if arm in seam.work.arms:
             axes.axvspan(*seam.span, color="0.92", zorder=0)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"{arm} {'[deg]' if rate == 'position' else '[deg/s]'}")
-    if rate == "position":
-        axes.legend(fontsize=6, loc="best", ncols=2)
+    axes.set_ylabel("[deg]" if rate == "position" else "[deg/s]")
+    axes.set_title(
+        f"{arm} arm: joint {'positions' if rate == 'position' else 'velocities'}", fontsize=9
+    )
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
 def _draw_in_part(axes: Any, schedule: Schedule, job: Job, seam: SeamSamples) -> None:
@@ -101,7 +106,7 @@ def _draw_in_world(axes: Any, seam: SeamSamples) -> None:
     axes.plot(*(1e3 * on.p_part.T), color="tab:blue", linewidth=1.0, label="part")
     axes.plot(*(1e3 * on.p_part[:1].T), "o", color="tab:blue", markersize=4)
     axes.plot(*(1e3 * tip[:1].T), "s", color="tab:red", markersize=4)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper left", frameon=False)
     _equal(axes, np.concatenate([tip, on.p_part]), "in the world [mm]")
 
 
@@ -121,18 +126,25 @@ def _draw_speed(axes: Any, seam: SeamSamples) -> None:
         axes.axhline(1e3 * seam.work.speed, color="0.5", linestyle="--")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("speed along the seam [mm/s] (dashed: required)")
+    axes.set_ylabel("[mm/s]")
+    axes.set_title("speed along the seam (dashed: required)", fontsize=9)
 
 
 def _draw_chain(axes: Any, seam: SeamSamples) -> None:
+    """Draws how far the chain is open: the largest value of each of BINS stretches, as it swings quickly."""
     time = seam.on.time - seam.on.time[0]
-    axes.semilogy(time, np.maximum(seam.on.distance, 1e-16), label="distance [m]")
-    axes.semilogy(time, np.maximum(seam.on.angle, 1e-16), label="angle [rad]")
+    residuals = (("distance [m]", seam.on.distance), ("angle [rad]", seam.on.angle))
+    for name, residual in residuals:
+        parts = zip(
+            *(np.array_split(row, min(BINS, len(time))) for row in (time, residual)), strict=True
+        )
+        middles, largest = np.array([(t.mean(), r.max()) for t, r in parts]).T
+        axes.semilogy(middles, np.maximum(largest, 1e-16), label=name, linewidth=1.2)
     axes.axhline(1e-6, color="0.5", linestyle="--")
     axes.set_ylim(1e-14, 1e-5)
     # Powers as plain numbers: raised ones ask for fonts that may be missing.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
     axes.minorticks_off()
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("residual of the closed chain")
-    axes.legend(fontsize=7)
+    axes.set_title("residual of the closed chain", fontsize=9)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
