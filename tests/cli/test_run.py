@@ -50,7 +50,7 @@ def planned(tmp_path_factory, tasks_folder):
 
 
 def test_plan_writes_its_files_and_says_what_a_reader_needs(planned):
-    """Exit 0, its files (the page only where it was built), a table, cycle time, assumed limits, collisions not checked, verified."""
+    """Exit 0, its files (no page where none was built), table, cycle time, assumed limits, no collisions checked."""
     result, out = planned
     assert result.returncode == 0, result.stderr
     assert sorted(f.name for f in out.iterdir() if f.suffix != ".html") == [
