@@ -55,7 +55,8 @@ class WholeBody:
             model.getJointId(joints[elbow_joint(len(joints))])
             for joints in ([j for j in arm.joints if j not in robot.sliding] for arm in robot.arms)
         ]
-        self._slides = np.isin(robot.joints, list(robot.sliding))
+        self.slides: BoolArray = np.isin(robot.joints, list(robot.sliding))
+        """Which joints slide, shape (n,)."""
         self._carrier = model.getJointId(robot.platform[-1]) if robot.platform else 0
         self._base = cell.base
         self._model, self._data = model, model.createData()
@@ -145,7 +146,7 @@ class WholeBody:
         carried = data.oMi[self._carrier] if self._carrier else self._base
         places, lengths = np.empty((len(self.arms), 3)), np.empty(len(self.arms))
         for a, (elbow, moved) in enumerate(zip(self._elbows, self.moves, strict=True)):
-            own = np.flatnonzero(moved & ~self.moves_carried & ~self._slides)
+            own = np.flatnonzero(moved & ~self.moves_carried & ~self.slides)
             second = sorted(self._model.getJointId(self.joints[j]) for j in own)[1]
             places[a] = carried.actInv(data.oMi[second].translation)
             lengths[a] = np.linalg.norm(data.oMi[elbow].translation - data.oMi[second].translation)

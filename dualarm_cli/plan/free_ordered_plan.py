@@ -84,7 +84,7 @@ def plan_by_own_clocks(
             best = replace(found, order_grid_gap=grid_gap(orders.bound, one.total))
             total = one.total
             watch.keep(_noted(best, free_notes(orders, total, None)))
-    epochs = None
+    epochs, rail = None, problem.model.platform.is_rail
     if (best is None or not watch.stop()) and _turns(problem.model):
         most = np.inf if best is None else (1.0 + PROMISING) * orders.found[0].total
         for several in epoch_orders(order, settings.effort, settings.seed, watch, EPOCHS):
@@ -99,7 +99,7 @@ def plan_by_own_clocks(
                 continue
             if best is None or found.duration < best.duration:
                 best, epochs = found, several
-                watch.keep(_noted(best, epoch_notes(several, None)))
+                watch.keep(_noted(best, epoch_notes(several, None, rail=rail)))
     together = None
     why = [_why_together(best)]
     if best is None or (not watch.enough() and _may_be_quicker(problem.model, best)):
@@ -113,8 +113,9 @@ def plan_by_own_clocks(
     if best is None or (together is not None and together.duration < best.duration):
         assert together is not None
         return _noted(together, why)
-    notes = free_notes(orders, total, together) if epochs is None else epoch_notes(epochs, together)
-    return _noted(best, notes)
+    if epochs is None:
+        return _noted(best, free_notes(orders, total, together))
+    return _noted(best, epoch_notes(epochs, together, rail=rail))
 
 
 def _noted(schedule: Schedule, notes: list[str]) -> Schedule:
@@ -169,12 +170,13 @@ def _worth_planning(orders: FreeOrders) -> list[FreeOrder]:
     ][:TRIES]
 
 
-def epoch_notes(found: FreeEpochs, together: Schedule | None) -> list[str]:
-    """Returns what a reader should know of a plan in which the platform stands at several angles."""
+def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> list[str]:
+    """Returns what a reader should know of a plan in which the platform stands at several angles or places."""
     counts = [sum(not task.is_change for task in tasks) for _, tasks in found.epochs]
     stands = ", then ".join(
-        f"at {np.degrees(angle[0]):.0f} deg for {count} {'task' if count == 1 else 'tasks'}"
-        for (angle, _), count in zip(found.epochs, counts, strict=True)
+        f"at {1e3 * place[0] if rail else np.degrees(place[0]):.0f} {'mm' if rail else 'deg'} "
+        f"for {count} {'task' if count == 1 else 'tasks'}"
+        for (place, _), count in zip(found.epochs, counts, strict=True)
     )
     notes = [
         f"mode: free: the platform stands {stands}; meanwhile the arms run asynchronously; {found.total:.2f} s by "

@@ -54,9 +54,11 @@ class Joined:
         allowed = np.stack([limits.velocity, limits.acceleration, limits.jerk])
         shares = (needed / allowed[:, None]) ** (1.0 / np.arange(1.0, 4.0))[:, None, None]
         kind, knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
+        slides = bool(problem.body.slides[joint])
+        unit, factor = (SLIDING_UNITS[kind], 1e3) if slides else (UNITS[kind], 1.0)
         reason = (
-            f"joint {limits.joints[joint]} would need {needed[kind, knot, joint]:.4g} {UNITS[kind]}, "
-            f"allowed {allowed[kind, joint]:.4g}"
+            f"joint {limits.joints[joint]} would need {factor * needed[kind, knot, joint]:.4g} {unit}, "
+            f"allowed {factor * allowed[kind, joint]:.4g}"
         )
         # Between knots velocity may be larger: the spline's own extrema decide.
         exact = largest_rates(time, v, a)
@@ -112,8 +114,9 @@ class Joined:
         knot, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         if share[knot, joint] <= 1.0:
             return self
+        unit = "N" if problem.body.slides[joint] else "N m"
         reason = (
-            f"joint {problem.limits.joints[joint]} would need {abs(torques[knot, joint]):.4g} N m, "
+            f"joint {problem.limits.joints[joint]} would need {abs(torques[knot, joint]):.4g} {unit}, "
             f"allowed {problem.torque[joint]:.4g}"
         )
         holding = np.abs(problem.dynamics(motion.position[knot], np.zeros(len(problem.free)))[1])
@@ -157,6 +160,7 @@ def _farthest(problem: PathProblem, position: FloatArray, there: FloatArray | No
 
 BEYOND = "a joint reaches its position limit between instants"
 UNITS = ("rad/s", "rad/s²", "rad/s³")
+SLIDING_UNITS = ("mm/s", "mm/s²", "mm/s³")
 
 
 def instants(count: int, step: float) -> FloatArray:
