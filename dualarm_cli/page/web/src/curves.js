@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import { CURVES, DASHES, colour } from "./colours.js";
-import { GUTTER, MARGIN } from "./gantt.js";
+import { FONT, GUTTER, MARGIN, SMALL } from "./gantt.js";
 import { sampleCurves } from "./trajectory.js";
 import { jointUnit } from "./units.js";
 
@@ -64,12 +64,13 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
   const holder = document.createElement("div");
   holder.className = "plot";
   holder.dataset.name = name;
-  const axis = { stroke: colour("muted"), font: "10px system-ui, sans-serif" };
+  const axis = { stroke: colour("muted"), font: SMALL };
   const grid = { stroke: colour("grid"), width: 1 };
   const levels = limits.map((limit) => limit.value);
   const plot = new uPlot(
     {
       ...size,
+      pxAlign: 0,
       padding: [8, MARGIN, 6, 0],
       legend: { show: false },
       cursor: { show: false },
@@ -95,7 +96,7 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
           ticks: { show: false },
           label: title,
           labelSize: LABEL,
-          labelFont: "11px system-ui, sans-serif",
+          labelFont: FONT,
           space: 20,
           gap: 6,
         },

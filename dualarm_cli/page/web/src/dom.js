@@ -50,6 +50,15 @@ export function toggle(text, title, on, action) {
   return made;
 }
 
+/** Texts longer than this may break anywhere. */
+const LONG = 20;
+
+/** @param {string | Node} cell @param {boolean} numeric */
+function cellClass(cell, numeric) {
+  if (numeric) return "number";
+  return typeof cell === "string" && cell.length > LONG ? "long" : null;
+}
+
 /**
  * @typedef {object} Row
  * @property {(string | Node)[]} cells
@@ -74,7 +83,7 @@ export function table(heads, rows, go) {
     const made = element(
       "tr",
       { class: [row.mark, leads ? "leads" : ""].filter(Boolean).join(" ") || null },
-      ...row.cells.map((cell, i) => element("td", { class: numeric[i] ? "number" : null }, cell)),
+      ...row.cells.map((cell, i) => element("td", { class: cellClass(cell, numeric[i]) }, cell)),
     );
     if (leads) {
       made.tabIndex = 0;

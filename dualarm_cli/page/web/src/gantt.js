@@ -9,17 +9,23 @@ import { actionOn, rulerTimes } from "./units.js";
 /** @typedef {import("./gantt_layout.js").GanttRow} GanttRow */
 /** @typedef {import("./gantt_layout.js").Bar} Bar */
 
-export const GUTTER = 92;
-export const MARGIN = 14;
+/** How much larger everything is on very wide screens; the style sheet has the same bound. */
+const SCALE = globalThis.innerWidth >= 2400 ? 1.4 : 1;
+const scaled = (/** @type {number} */ size) => Math.round(size * SCALE);
 
-const RULER = 20;
-const STAGES = 16;
-const TASKS = 17;
-const BARS = 24;
-const PLATFORM = 12;
-const GAP = 7;
-const FONT = "11px system-ui, sans-serif";
-const SMALL = "10px system-ui, sans-serif";
+export const GUTTER = scaled(92);
+export const MARGIN = 14;
+/** Height of what a drag scrubs in place of moving the stretch that is shown: ruler and stages. */
+export const HEAD = scaled(36);
+export const FONT = `${scaled(11)}px system-ui, sans-serif`;
+export const SMALL = `${scaled(10)}px system-ui, sans-serif`;
+
+const RULER = scaled(20);
+const STAGES = scaled(16);
+const TASKS = scaled(17);
+const BARS = scaled(24);
+const PLATFORM = scaled(12);
+const GAP = scaled(7);
 
 /** The chart on its canvas. */
 export class Gantt {
@@ -142,7 +148,7 @@ export class Gantt {
       g.fillStyle = colour("muted");
       const text = time.toFixed(decimals);
       const half = g.measureText(text).width / 2;
-      g.fillText(text, Math.max(x, GUTTER + half + 1), 9);
+      g.fillText(text, Math.max(x, GUTTER + half + 1), 0.45 * RULER);
       g.strokeStyle = colour("grid");
       g.beginPath();
       g.moveTo(x, RULER - 4);
@@ -154,6 +160,7 @@ export class Gantt {
   /** @param {CanvasRenderingContext2D} g */
   drawStages(g) {
     const arms = this.rows.filter((row) => row.arm).map((row) => row.arm);
+    let filled = -Infinity;
     g.font = SMALL;
     g.textAlign = "center";
     for (const [i, stage] of this.plan.stages.entries()) {
@@ -166,10 +173,12 @@ export class Gantt {
       g.fillStyle = colour(i % 2 ? "band-odd" : "band-even");
       g.fillRect(x, top, width, height - 1);
       const text = String(i + 1);
-      if (height >= 12 && g.measureText(text).width + 4 <= width) {
-        g.fillStyle = colour("muted");
-        g.fillText(text, x + width / 2, top + height / 2);
-      }
+      const half = g.measureText(text).width / 2 + 2;
+      const middle = x + width / 2;
+      if (height < 12 || middle - half < filled) continue;
+      filled = middle + half;
+      g.fillStyle = colour("muted");
+      g.fillText(text, middle, top + height / 2);
     }
   }
 
@@ -190,10 +199,17 @@ export class Gantt {
       }),
     );
     const level = commonLevel(labels, width);
+    let [row, end] = [-1, -Infinity];
     for (const { visit, from, to, candidates, room, top } of labels) {
+      if (top !== row) [row, end] = [top, -Infinity];
+      const allowed = candidates.slice(Math.min(level, candidates.length - 1));
+      // Where none fits, the shortest stands over its neighbours if these have none.
+      const text = fitting(allowed, room, width) || allowed[allowed.length - 1];
+      const half = width(text) / 2;
+      if ((from + to) / 2 - half < end + 4) continue;
+      end = (from + to) / 2 + half;
       g.fillStyle = colour(`${visit.family}-text`);
-      const text = fitting(candidates.slice(Math.min(level, candidates.length - 1)), room, width);
-      if (text) g.fillText(text, (from + to) / 2, top + TASKS / 2);
+      g.fillText(text, (from + to) / 2, top + TASKS / 2);
     }
   }
 
@@ -235,7 +251,7 @@ function drawBar(g, bar, x, width, top) {
     if (g.measureText(bar.label).width + 8 <= width) {
       const half = g.measureText(bar.label).width / 2 + 3;
       g.fillStyle = colour("panel");
-      g.fillRect(x + width / 2 - half, bottom - 0.31 * BARS - 6, 2 * half, 12);
+      g.fillRect(x + width / 2 - half, bottom - 0.56 * BARS, 2 * half, 0.5 * BARS);
       g.fillStyle = colour("text");
       g.fillText(bar.label, x + width / 2, bottom - 0.31 * BARS);
     }

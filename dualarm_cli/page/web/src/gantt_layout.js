@@ -29,6 +29,9 @@ const FAMILIES = /** @type {Object<string, string>} */ ({
   leave_tool: "tool",
 });
 
+/** Kinds of segments that say themselves what is done. */
+export const ALONG = ["path", "seam"];
+
 /**
  * Returns the family of a segment or an event, which decides its colour.
  * @param {string} action
@@ -49,9 +52,8 @@ export function segmentText(segment, waitsFor = "") {
   const length = `${fixed(segment.start, 3)}–${fixed(segment.end, 3)} s (${fixed(segment.end - segment.start, 3)} s)`;
   const parts = [word(segment.kind)];
   if (segment.kind === "wait") parts[0] = `wait (${word(segment.reason ?? "")})`;
-  if (segment.task && segment.kind !== "wait") {
-    parts.push(actionOn(segment.action, segment.task));
-  }
+  else if (ALONG.includes(segment.kind)) parts[0] = actionOn(segment.kind, segment.task);
+  else if (segment.task) parts.push(actionOn(segment.action, segment.task));
   if (waitsFor) parts.push(`for ${waitsFor}`);
   return `${segment.arm}: ${parts.join(", ")}, ${length}`;
 }
@@ -109,15 +111,17 @@ export function waitsFor(plan, segment) {
 }
 
 /**
- * Returns the visits of an arm: consecutive segments of one task and action, without the waits at their ends.
+ * Returns the visits of an arm: consecutive segments of one task and action, without the waits at their ends; paths and
+ * seams are their own.
  * @param {Segment[]} segments of one arm, in the order of time
  * @returns {Visit[]}
  */
 export function visits(segments) {
   /** @type {Visit[]} */
   const found = [];
-  for (const { task, action, kind, start, end } of segments) {
+  for (const { task, kind, start, end, ...segment } of segments) {
     if (!task || kind === "wait") continue;
+    const action = ALONG.includes(kind) ? kind : segment.action;
     const last = found.at(-1);
     if (last && last.task === task && last.action === action) last.end = end;
     else found.push({ start, end, task, action, family: familyOf(action, kind) });

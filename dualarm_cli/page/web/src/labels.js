@@ -25,12 +25,10 @@ export function commonPrefix(ids) {
  * @returns {string[]}
  */
 export function forms(id, full, prefix) {
-  const letters = [...id];
-  const found = [full, id];
-  if (prefix > 0) found.push(id.slice(prefix));
-  const rest = [...(prefix > 0 ? id.slice(prefix) : id)];
+  const rest = [...id.slice(prefix)];
+  const found = [full, id, id.slice(prefix)];
   if (rest.length > 8) found.push(`${rest.slice(0, 3).join("")}…${rest.slice(-3).join("")}`);
-  if (rest.length > 3) found.push(`…${letters.slice(-2).join("")}`);
+  if (rest.length > 5) found.push(`…${rest.slice(-3).join("")}`);
   return [...new Set(found)];
 }
 

@@ -63,11 +63,31 @@ function start(root) {
   timeline.recolour();
   scene?.recolour(colour);
   listenToKeys(commands);
-  window.addEventListener("beforeprint", () => {
-    scene?.render();
-  });
+  printLight(theme, timeline, scene);
   run(clock);
   expose(plan, clock);
+}
+
+/**
+ * Prints in light colours whatever the screen shows, and at the width of the paper.
+ * @param {ReturnType<typeof themes>} theme
+ * @param {Timeline} timeline
+ * @param {Scene | null} scene
+ */
+function printLight(theme, timeline, scene) {
+  let before = theme.name();
+  const picture = element("img", { class: "paper", alt: "3-D view" });
+  if (scene) scene.holder.append(picture);
+  window.addEventListener("beforeprint", () => {
+    before = theme.name();
+    theme.set("light");
+    timeline.print(true);
+    if (scene) picture.src = scene.picture();
+  });
+  window.addEventListener("afterprint", () => {
+    timeline.print(false);
+    theme.set(before === "dark" ? "dark" : "light");
+  });
 }
 
 /**

@@ -39,7 +39,7 @@ function shareBar(share, mark = "") {
 export function overview(plan, go) {
   const { report } = plan;
   const figures = [figure(seconds(report.cycle_time), report.closes ? "cycle time" : "duration")];
-  if (report.parts_per_hour !== null) {
+  if (report.parts_per_hour !== null && report.parts > 0) {
     figures.push(figure(fixed(report.parts_per_hour, 0), `parts per hour (${report.parts} per cycle)`));
   }
   if (report.lower_bound !== null) {
@@ -50,7 +50,7 @@ export function overview(plan, go) {
   if (nearest) figures.push(figure(millimetres(nearest.clearance), `least clearance (${millimetres(nearest.required)} required)`));
   const collisions = report.collisions ? [sentence(`Collisions: ${report.collisions}`, nearest?.time, go)] : [];
   const cost = report.clearance_cost;
-  if (cost !== null && cost !== undefined) {
+  if (cost > 5e-4) {
     collisions.push(paragraph(`Clearance costs ${seconds(cost)} compared with the plan without collision checking.`));
   }
   return [
@@ -226,18 +226,11 @@ export function checks(plan, go) {
   const rows = [...verification.checks]
     .sort((a, b) => order.indexOf(a.verdict) - order.indexOf(b.verdict))
     .map((check) => ({
-      cells: [check.verdict, word(check.name), measuredText(check), check.detail],
+      cells: [check.verdict, word(check.name), significant(check.measured), significant(check.allowed), check.unit, check.detail],
       mark: check.verdict.replace(" ", "-"),
       time: timeIn(check.detail),
     }));
-  return [table(["verdict", "check", "measured (allowed) #", "where"], rows, go)];
-}
-
-/** @param {any} check */
-function measuredText(check) {
-  if (check.measured === null) return "–";
-  const allowed = check.allowed === null ? "" : ` (${significant(check.allowed)})`;
-  return `${significant(check.measured)}${allowed} ${check.unit}`.trim();
+  return [table(["verdict", "check", "measured #", "allowed #", "unit", "where"], rows, go)];
 }
 
 /** @param {string} detail @returns {number | undefined} the time that a text names */

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { clearanceAt } from "./clearance.js";
-import { Belt, Skeleton, Trace } from "./scene_parts.js";
+import { Belt, Skeleton, traces } from "./scene_parts.js";
 import { Materials, UNKNOWN_SIDE, meshesOf, place } from "./shapes.js";
 import { WORLD, compose, forwardKinematics, thingPose } from "./poses.js";
 import { positionsAt } from "./trajectory.js";
@@ -18,8 +18,14 @@ const SLOW = 26;
 /** Pixels drawn per pixel of the page while things move slowly on this machine, and at first. */
 const COARSE = 0.6;
 const FIRST = 1;
+/** Length of the axes of a frame, and radii of the closest pair and what joins it, for a cell of 1 m. */
+const AXIS = 0.06;
+const DOT = 0.006;
+const ROD = 0.0025;
 /** Share of the view that the cell fills. */
-const FILLED = 0.94;
+const FILLED = 0.9;
+/** Pixels of a fine picture. */
+const MOST_PIXELS = 8e6;
 /** How long nothing must move before a fine picture is drawn [ms]. */
 const STILL = 300;
 
@@ -42,6 +48,7 @@ export class Scene {
     this.moving = FIRST;
     this.materials = new Materials();
     this.renderer = new THREE.WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
+    this.renderer.debug.checkShaderErrors = false;
     this.ratio = FIRST;
     this.renderer.setPixelRatio(this.ratio);
     this.renderer.domElement.className = "view";
@@ -52,7 +59,6 @@ export class Scene {
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => this.request());
     this.requested = false;
-    this.light();
     const { materials } = this;
     this.frames = plan.bodies.map(() => new THREE.Group());
     this.world.add(...this.frames);
@@ -62,7 +68,7 @@ export class Scene {
     }
     this.things = plan.things.map((thing) => {
       const group = new THREE.Group();
-      const material = materials.solidOf(thing.role === "part" ? "part" : "tool-solid");
+      const material = materials.solid(thing.role === "part" ? "part" : "tool-solid");
       const solids = thing.solids.length > 0 ? thing.solids : [unknownShape()];
       group.add(...meshesOf(solids, plan.hulls, material));
       for (const mesh of group.children) mesh.name = thing.name;
@@ -71,40 +77,35 @@ export class Scene {
     });
     this.belts = plan.conveyors.map((conveyor) => new Belt(conveyor, materials));
     this.skeleton = new Skeleton(plan, materials);
-    this.traces = armsOf(plan).map((arm) => new Trace(plan, arm, materials));
+    this.traces = traces(plan, materials);
     this.world.add(this.skeleton.group, ...this.belts.map((belt) => belt.group));
     this.world.add(...this.traces.flatMap((trace) => trace.lines));
-    this.tips = armsOf(plan).map(() => new THREE.AxesHelper(0.09));
+    this.tips = armsOf(plan).map(() => tripod(materials));
     this.world.add(...this.tips);
     this.pair = new THREE.Group();
-    this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(0.004, 0.004, 1, 8), materials.solidOf("clearance"));
-    this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(0.009, 12, 8), materials.solidOf("clearance")));
+    this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), materials.solid("clearance"));
+    this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), materials.solid("clearance")));
     this.pair.add(this.pairLine, ...this.pairEnds);
     for (const part of this.pair.children) part.renderOrder = 1;
     this.world.add(this.pair);
     const floor = new THREE.GridHelper(8, 32, 0xffffff, 0xffffff).rotateX(Math.PI / 2);
-    floor.material = materials.lineOf("floor");
+    floor.material = materials.line("floor");
     floor.position.z = -0.001;
     this.world.add(floor);
     this.floor = floor;
+    this.size = 1;
     this.setTime(0);
+    this.setSize();
     this.fitted = false;
     new ResizeObserver(() => this.resize()).observe(holder);
   }
 
-  light() {
-    this.world.add(new THREE.HemisphereLight(0xffffff, 0x8a8a92, 1.9));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.7);
-    sun.position.set(2, -3, 5);
-    this.world.add(sun);
-  }
-
   /** @param {Solid} solid */
   materialOf(solid) {
-    if (solid.kind === "half_space") return this.materials.solidOf("ground", { side: THREE.DoubleSide });
-    if (solid.role === "obstacle") return this.materials.solidOf("obstacle");
-    if (solid.role === "tool") return this.materials.solidOf("tool-solid");
-    return this.materials.solidOf(solid.arm ? `${solid.arm}-arm` : "link");
+    if (solid.kind === "half_space") return this.materials.solid("ground");
+    if (solid.role === "obstacle") return this.materials.solid("obstacle");
+    if (solid.role === "tool") return this.materials.solid("tool-solid");
+    return this.materials.solid(solid.arm ? `${solid.arm}-arm` : "link");
   }
 
   /** @param {(name: string) => string} colour */
@@ -147,7 +148,7 @@ export class Scene {
     this.pairLine.position.copy(a).add(b).multiplyScalar(0.5);
     const along = b.clone().sub(a);
     const length = along.length();
-    this.pairLine.scale.set(1, Math.max(length, 1e-6), 1);
+    this.pairLine.scale.set(ROD * this.size, Math.max(length, 1e-6), ROD * this.size);
     if (length > 1e-9) {
       this.pairLine.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.divideScalar(length));
     }
@@ -192,9 +193,21 @@ export class Scene {
     this.renderer.render(this.world, this.camera);
     clearTimeout(this.finer);
     this.finer = setTimeout(() => {
-      this.setRatio(2);
+      this.setRatio(this.fine());
       this.renderer.render(this.world, this.camera);
     }, STILL);
+  }
+
+  /** Returns what is seen now as the address of a picture, for paper. */
+  picture() {
+    this.renderer.render(this.world, this.camera);
+    return this.renderer.domElement.toDataURL();
+  }
+
+  /** Returns how finely what stands still is drawn: two by two pixels per pixel of the page, less on very large screens. */
+  fine() {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    return Math.min(Math.max(Math.sqrt(MOST_PIXELS / (width * height || 1)), 1), 2);
   }
 
   /** @param {number} ratio pixels drawn per pixel of the page */
@@ -215,17 +228,29 @@ export class Scene {
     this.render();
   }
 
-  /** Returns the box around robot, things and targets; what is much larger than these is left out. */
-  bounds() {
-    const box = new THREE.Box3();
-    this.setTime(this.time);
+  /** Returns points around robot, things and ways of the tools; what only stands in the cell may be much larger. */
+  outline() {
     this.world.updateMatrixWorld(true);
-    for (const frame of this.frames) box.expandByObject(frame);
-    for (const { group } of this.things) if (group.visible) box.expandByObject(group);
-    for (const event of this.plan.events) box.expandByPoint(new THREE.Vector3().fromArray(event.xyz));
-    for (const trace of this.traces) box.union(trace.bounds());
-    if (box.isEmpty()) box.set(new THREE.Vector3(-1, -1, 0), new THREE.Vector3(1, 1, 1.5));
-    return box;
+    /** @type {THREE.Vector3[]} */
+    const found = this.traces.flatMap((trace) => corners(trace.bounds()));
+    for (const group of [...this.frames, ...this.things.map((thing) => thing.group)]) {
+      for (const mesh of group.visible ? group.children : []) {
+        if (!(mesh instanceof THREE.Mesh)) continue;
+        mesh.geometry.computeBoundingBox();
+        found.push(...corners(/** @type {THREE.Box3} */ (mesh.geometry.boundingBox)).map((p) => p.applyMatrix4(mesh.matrixWorld)));
+      }
+    }
+    return found;
+  }
+
+  /** Draws what helps to see at the size of the cell. */
+  setSize() {
+    const box = new THREE.Box3().setFromPoints(this.outline());
+    this.size = box.getSize(new THREE.Vector3()).length() || 1;
+    for (const tip of this.tips) tip.scale.setScalar(AXIS * this.size);
+    for (const end of this.pairEnds) end.scale.setScalar(DOT * this.size);
+    this.floor.scale.setScalar(2 ** Math.round(Math.log2(this.size / 1.6)));
+    this.setTime(this.time);
   }
 
   /**
@@ -233,20 +258,18 @@ export class Scene {
    * @param {[number, number, number]} [direction] from the cell to the camera
    */
   fit(direction = [1.25, -0.95, 0.75]) {
-    const box = this.bounds();
-    const centre = box.getCenter(new THREE.Vector3());
+    const points = this.outline();
+    const centre = new THREE.Box3().setFromPoints(points).getCenter(new THREE.Vector3());
     const away = new THREE.Vector3(...direction).normalize();
     const right = new THREE.Vector3(0, 0, 1).cross(away).normalize();
     const up = away.clone().cross(right);
     const tall = Math.tan((this.camera.fov * Math.PI) / 360) * FILLED;
     const wide = tall * this.camera.aspect;
     let distance = 0;
-    for (let k = 0; k < 8; k++) {
-      const x = k & 1 ? box.max.x : box.min.x;
-      const y = k & 2 ? box.max.y : box.min.y;
-      const corner = new THREE.Vector3(x, y, k & 4 ? box.max.z : box.min.z).sub(centre);
-      const across = Math.max(Math.abs(corner.dot(right)) / wide, Math.abs(corner.dot(up)) / tall);
-      distance = Math.max(distance, across + corner.dot(away));
+    for (const point of points) {
+      const from = point.clone().sub(centre);
+      const across = Math.max(Math.abs(from.dot(right)) / wide, Math.abs(from.dot(up)) / tall);
+      distance = Math.max(distance, across + from.dot(away));
     }
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(away, distance);
@@ -263,11 +286,30 @@ export class Scene {
     const { clientWidth: width, clientHeight: height } = this.holder;
     const caster = new THREE.Raycaster();
     caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
-    const hit = caster.intersectObjects([...this.world.children], true).find((h) => {
-      return h.object instanceof THREE.Mesh && h.object.name && h.object.parent?.visible;
-    });
+    const hit = caster.intersectObjects([...this.world.children], true).find((h) => h.object.name !== "" && h.object.parent?.visible);
     return hit?.object.name ?? "";
   }
+}
+
+/** @param {THREE.Box3} box @returns {THREE.Vector3[]} */
+function corners({ min, max }) {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map(
+    (k) => new THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z),
+  );
+}
+
+/**
+ * Returns the axes of a frame as lines: x, y, z.
+ * @param {Materials} materials
+ */
+function tripod(materials) {
+  const group = new THREE.Group();
+  ["x", "y", "z"].forEach((name, i) => {
+    const end = new THREE.Vector3().setComponent(i, 1);
+    const line = new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), end]);
+    group.add(new THREE.Line(line, materials.line(`axis-${name}`)));
+  });
+  return group;
 }
 
 /** @returns {Solid} */

@@ -40,7 +40,7 @@ export class Skeleton {
     const bone = new THREE.CylinderGeometry(size, size, 1, 10).rotateX(Math.PI / 2);
     const dot = new THREE.SphereGeometry(size * 1.8, 14, 10);
     this.parts = this.bones.map(({ arm }) => {
-      const material = materials.solidOf(arm === "platform" ? "link" : `${arm}-arm`);
+      const material = materials.solid(arm === "platform" ? "link" : `${arm}-arm`);
       const parts = { line: new THREE.Mesh(bone, material), dot: new THREE.Mesh(dot, material) };
       this.group.add(parts.line, parts.dot);
       return parts;
@@ -72,24 +72,40 @@ export class Skeleton {
   }
 }
 
+/**
+ * Returns the ways of the tool centre points.
+ * @param {Plan} plan
+ * @param {Materials} materials
+ * @returns {Trace[]} one per arm
+ */
+export function traces(plan, materials) {
+  const count = Math.min(Math.ceil(plan.duration * PER_SECOND) + 1, MOST);
+  const times = Float64Array.from({ length: count }, (_, i) => (plan.duration * i) / (count - 1 || 1));
+  const arms = Object.entries(plan.tcps);
+  const points = arms.map(() => new Float32Array(3 * count));
+  times.forEach((time, i) => {
+    const poses = forwardKinematics(plan.bodies, positionsAt(plan.joints, time));
+    arms.forEach(([, tcp], k) => points[k].set(compose(poses[tcp.body], tcp).xyz, 3 * i));
+  });
+  return arms.map(([arm], k) => new Trace(times, points[k], arm, materials));
+}
+
 /** The way of a tool centre point: all of it faint, the last second and a half bold. */
-export class Trace {
-  /** @param {Plan} plan @param {string} arm @param {Materials} materials */
-  constructor(plan, arm, materials) {
-    const count = Math.min(Math.ceil(plan.duration * PER_SECOND) + 1, MOST);
-    this.times = Float64Array.from({ length: count }, (_, i) => (plan.duration * i) / (count - 1 || 1));
-    const tcp = plan.tcps[arm];
-    const points = new Float32Array(3 * count);
-    this.times.forEach((time, i) => {
-      const poses = forwardKinematics(plan.bodies, positionsAt(plan.joints, time));
-      points.set(compose(poses[tcp.body], tcp).xyz, 3 * i);
-    });
+class Trace {
+  /**
+   * @param {Float64Array} times
+   * @param {Float32Array} points three numbers per time
+   * @param {string} arm
+   * @param {Materials} materials
+   */
+  constructor(times, points, arm, materials) {
+    this.times = times;
     const attribute = new THREE.BufferAttribute(points, 3);
     this.whole = new THREE.BufferGeometry().setAttribute("position", attribute);
     this.recent = new THREE.BufferGeometry().setAttribute("position", attribute);
     this.lines = [
-      new THREE.Line(this.whole, materials.lineOf(`${arm}-trace`, 0.25)),
-      new THREE.Line(this.recent, materials.lineOf(`${arm}-trace`)),
+      new THREE.Line(this.whole, materials.line(`${arm}-way`)),
+      new THREE.Line(this.recent, materials.line(`${arm}-trace`)),
     ];
     this.lines[1].frustumCulled = false;
   }
@@ -124,13 +140,13 @@ export class Belt {
     this.length = conveyor.length;
     const belt = new THREE.Mesh(
       new THREE.BoxGeometry(conveyor.length, conveyor.width, THICK),
-      materials.solidOf("belt"),
+      materials.solid("belt"),
     );
     belt.position.z = -THICK / 2;
     belt.name = conveyor.name;
     const stripe = new THREE.BoxGeometry(0.012, conveyor.width, 0.002);
     const count = Math.floor(conveyor.length / STRIPE);
-    this.stripes = Array.from({ length: count }, () => new THREE.Mesh(stripe, materials.solidOf("stripe")));
+    this.stripes = Array.from({ length: count }, () => new THREE.Mesh(stripe, materials.solid("stripe")));
     this.group.add(belt, ...this.stripes);
     place(this.group, conveyor);
     this.setTime(0);

@@ -3,7 +3,7 @@
 import { colour } from "./colours.js";
 import { clearancePlot, curveStyle, jointPlots } from "./curves.js";
 import { button, element, toggle } from "./dom.js";
-import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
+import { GUTTER, Gantt, HEAD, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
 import { QUANTITIES, stateAt } from "./trajectory.js";
 import { jointValue, millimetres } from "./units.js";
 import { clearanceAt } from "./clearance.js";
@@ -25,9 +25,11 @@ export function firstJoints(plan) {
   });
 }
 
+/** Width of what is printed [px]. */
+const PAPER = 740;
 /** Heights of a plot [px]. */
 const LEAST_HEIGHT = 96;
-const MOST_HEIGHT = 220;
+const MOST_HEIGHT = 400;
 
 /** Gantt chart, curves, and what is chosen of them. */
 export class Timeline {
@@ -144,7 +146,7 @@ export class Timeline {
     stack.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
       if (event.button !== 0) return;
       const y = event.clientY - stack.getBoundingClientRect().top;
-      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < 38, moved: false };
+      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < HEAD, moved: false };
       stack.setPointerCapture(event.pointerId);
       if (drag.scrubs) this.clock.setTime(this.timeAt(event));
     });
@@ -259,6 +261,15 @@ export class Timeline {
       width: this.stack.clientWidth,
       height: Math.min(Math.max(height, LEAST_HEIGHT), MOST_HEIGHT),
     };
+  }
+
+  /**
+   * Draws for paper, which is narrower than the screen, or for the screen again.
+   * @param {boolean} paper
+   */
+  print(paper) {
+    this.stack.style.width = paper ? `${PAPER}px` : "";
+    this.resize();
   }
 
   resize() {

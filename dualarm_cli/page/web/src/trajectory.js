@@ -117,7 +117,8 @@ function knotsToShow(knots, quantity, from, to, count) {
     const cell = Math.floor((knots.time[k] - from) / width);
     let least = k;
     let most = k;
-    const value = (/** @type {number} */ i) => stateAt(knots, knots.time[i])[quantity];
+    const value = (/** @type {number} */ i) =>
+      quantity === "jerk" ? stateAt(knots, knots.time[i]).jerk : knots[quantity][i];
     for (; k < end && Math.floor((knots.time[k] - from) / width) === cell; k++) {
       if (value(k) < value(least)) least = k;
       if (value(k) > value(most)) most = k;

@@ -3,7 +3,7 @@
 import { neighbour, SPEEDS } from "./clock.js";
 import { button, element } from "./dom.js";
 import { armsOf } from "./data.js";
-import { doing, waitsFor } from "./gantt_layout.js";
+import { ALONG, doing, waitsFor } from "./gantt_layout.js";
 import { actionOn, fixed, word } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
@@ -136,6 +136,7 @@ export class Transport {
       const whom = waitsFor(this.plan, segment);
       return `waits (${word(segment.reason ?? "")})${whom ? ` for ${whom}` : ""}`;
     }
+    if (ALONG.includes(segment.kind)) return actionOn(segment.kind, segment.task);
     if (!segment.task) return word(segment.kind);
     return `${actionOn(segment.action, segment.task)}: ${word(segment.kind)}`;
   }

@@ -97,7 +97,9 @@ export function word(name) {
  */
 export function actionOn(action, task) {
   const done = word(action);
-  return !action || task.startsWith(`${done.split(" ")[0]} `) ? task : `${done} ${task}`;
+  const [verb] = done.split(" ");
+  if (!action || task.startsWith(`${verb} `)) return task;
+  return task === verb ? done : `${done} ${task}`;
 }
 
 /**

@@ -47,6 +47,15 @@ test("pick and place of one task are two visits", () => {
   assert.deepEqual(found.map((v) => [v.start, v.end, v.action]), [[0, 3, "pick"], [3, 5, "place"]]);
 });
 
+test("a seam is a visit of its own between its start and its end", () => {
+  const found = visits([
+    segment("left", "approach", "s", "seam_start", 0, 1),
+    segment("left", "seam", "s", "seam_end", 1, 2),
+    segment("left", "retract", "s", "seam_end", 2, 3),
+  ]);
+  assert.deepEqual(found.map((v) => v.action), ["seam_start", "seam", "seam_end"]);
+});
+
 test("families tell what is done apart", () => {
   const actions = ["pick", "place", "give", "take", "seam_start", "path_end"];
   assert.equal(new Set(actions.map((action) => familyOf(action))).size, actions.length);

@@ -76,6 +76,8 @@ test("an action is said once", () => {
   assert.equal(actionOn("take_tool", "take suction (plate-1)"), "take suction (plate-1)");
   assert.equal(actionOn("take_tool", "takeaway"), "take tool takeaway");
   assert.equal(actionOn("", "seam"), "seam");
+  assert.equal(actionOn("seam_start", "seam"), "seam start");
+  assert.equal(actionOn("path", "path"), "path");
 });
 
 test("names of the schedule are words", () => {
