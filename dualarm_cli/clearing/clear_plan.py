@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -427,38 +427,48 @@ def _badness(found: Cleared) -> tuple[int, float]:
     return len(found.blocked), found.motion.trajectory.duration
 
 
-def clearance_notes(found: ClearedPlan, first: int = 1) -> list[str]:
+def _detours(arm: str, stages: list[int]) -> str:
+    """Returns what is said of an arm's detours, by their stages."""
+    if len(stages) == 1:
+        return f"{arm} makes a detour in stage {stages[0]}"
+    return f"{arm} makes {len(stages)} detours (stages {', '.join(map(str, stages))})"
+
+
+def clearance_notes(parts: Sequence[tuple[ClearedPlan, int]]) -> list[str]:
     """Returns what was done for clearance, and what it cost against the plan where nothing could touch.
 
     Args:
-        found: a plan.
-        first: number of its first stage.
+        parts: the plans of a job's sections that had to be collision-free, each with the number of its first stage.
     """
-    done = []
-    for k, stage in enumerate(found.cleared.plans, first):
-        done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
-        for arm in stage.detours:
-            done.append(f"{arm} makes a detour in stage {k}")
-    if found.replanned:
+    done, detours = [], dict[str, list[int]]()
+    for found, first in parts:
+        for k, stage in enumerate(found.cleared.plans, first):
+            done += [f"{arm} waits {wait:.2f} s in stage {k}" for arm, wait in stage.waits.items()]
+            for arm in stage.detours:
+                detours.setdefault(arm, []).append(k)
+    changed = bool(done or detours)
+    done += [_detours(arm, stages) for arm, stages in detours.items()]
+    if any(found.replanned for found, _ in parts):
         done.insert(0, "other postures or platform angles were chosen")
-    if found.cost is None or (not done and abs(found.cost) < SHOWN):
+    costs = [found.cost for found, _ in parts if found.cost is not None]
+    cost, unchecked = sum(costs), sum(found.unchecked for found, _ in parts)
+    if not costs or (not done and abs(cost) < SHOWN):
         return []
     if not done:
         done.append("a slower, collision-free plan was chosen")
-    costs = f"this costs {found.cost:.3f} s"
-    if found.cost < 0.0:
-        shorter = f"it is {-found.cost:.3f} s shorter"
-        costs = f"{shorter}: the method does not always find the fastest plan"
+    what = f"this costs {cost:.3f} s"
+    if cost < 0.0:
+        what = f"it is {-cost:.3f} s shorter: the method does not always find the fastest plan"
     notes = [
         f"clearance: {', '.join(done)}; compared with the plan without collision checking "
-        f"({found.unchecked:.3f} s) {costs}"
+        f"({unchecked:.3f} s) {what}"
     ]
-    if found.cost > DEAR * found.unchecked:
+    if cost > DEAR * unchecked:
         notes.append(
-            f"clearance costs {found.cost / found.unchecked:.0%} of the cycle time: other methods (`dualarm compare "
+            f"clearance costs {cost / unchecked:.0%} of the cycle time: other methods (`dualarm compare "
             "solvers`) or another cell layout may be faster"
         )
-    if any(stage.waits or stage.detours for stage in found.cleared.plans):
+    if changed:
         notes.append(
             "sensitivity: transfers that wait or are curved to avoid collisions count as straight ones, and their "
             "extra time as constant"

@@ -41,5 +41,5 @@ def explain_command(
     if one.example:
         lines += ["", f"Example: {one.example}"]
     if one.page:
-        lines += ["", f"More: docs/{one.page}"]
+        lines += ["", f"More: {one.page} of the documentation"]
     typer.echo("\n".join(lines))

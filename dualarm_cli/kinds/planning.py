@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dualarm_cli.clearing.clear_plan import ClearedPlan, clearance_notes, quickest_clear
+from dualarm_cli.clearing.clear_plan import ClearedPlan, quickest_clear
 from dualarm_cli.errors import Diagnostic
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds import of_kinds
@@ -37,6 +37,8 @@ class SectionBuilder(MotionBuilder):
     """What a reader should know."""
     stage_plans: list[StagePlan] = field(default_factory=list)
     """The stages of stops."""
+    cleared: list[tuple[ClearedPlan, int]] = field(default_factory=list)
+    """What had to be collision-free, each with the number of its first stage, from 1."""
     cost: float = 0.0
     """How much longer it is than without clearance, paths not counted [s]."""
 
@@ -44,7 +46,8 @@ class SectionBuilder(MotionBuilder):
         """Notes what keeping the motion that was added last clear costs, and what a reader should know of it."""
         first = len(self.stages) - len(found.cleared.plans) + 1
         self.cost += found.cost or 0.0
-        self.notes += [*found.decided.notes, *clearance_notes(found, first)]
+        self.cleared.append((found, first))
+        self.notes += [note for note in found.decided.notes if note not in self.notes]
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ from dualarm_cli.stages.search.problem import Decisions
 
 LONG = 60
 """Orders of more stages are long: most of one is as good as it was when something is taken apart."""
+NO_ORDER_FOUND = "no_order_found"
+"""What is refused where the search finds no order, and nothing is proven."""
 PROVEN = "proven by dynamic programming to be the best of all orders on the grid of the search"
 """How orders of few tasks of one arm are found."""
 PROOF_SHARE = 0.2
@@ -165,7 +167,7 @@ class PairedSearch:
             if not job.moves:
                 why = why_impossible(self.order, of_stages(self.problem))
             if why is not None or not found:
-                raise why or InfeasibleError(Refusal("no_order_found"))
+                raise why or InfeasibleError(Refusal(NO_ORDER_FOUND))
         few = is_few(self.problem) and self.start is None
         bound, how = None, SEARCHED
         if few:
@@ -318,7 +320,7 @@ def _alone(order: OrderModel, effort: str, seed: int, watch: Watch) -> Orders:
     orders = free_orders(order, effort, seed, watch)
     if not orders.found:
         raise why_impossible(order, of_ways(order.problem(0))) or InfeasibleError(
-            Refusal("no_order_found")
+            Refusal(NO_ORDER_FOUND)
         )
     how = PROVEN if orders.exact else SEARCHED
     answers = [DecidedOrder(one.job, one.total) for one in orders.found]

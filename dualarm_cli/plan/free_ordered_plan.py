@@ -25,6 +25,7 @@ from dualarm_cli.plan.asynchronous.free_epochs import (
     plan_epochs,
 )
 from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
+from dualarm_cli.plan.ordered_plan import ESTIMATE
 
 LONG = 40
 """Of orders of more tasks only one is planned."""
@@ -180,7 +181,7 @@ def epoch_notes(found: FreeEpochs, together: Schedule | None, *, rail: bool) -> 
     )
     notes = [
         f"mode: free: the platform stands {stands}; meanwhile the arms run asynchronously; {found.total:.2f} s by "
-        "the search's own estimate"
+        f"{ESTIMATE}"
     ]
     return notes + _together_notes(together)
 
@@ -201,7 +202,7 @@ def free_notes(orders: FreeOrders, total: float, together: Schedule | None) -> l
     """
     notes = [
         f"mode: free: the platform stands while tools work, and the arms run asynchronously; {total:.2f} s by "
-        "the search's own estimate"
+        f"{ESTIMATE}"
     ]
     notes += _together_notes(together)
     if orders.exact and total <= orders.found[0].total:

@@ -14,7 +14,14 @@ from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.orders.model.tool_changes import stop_name
 from dualarm_cli.orders.order_trials import MOST_TRIED, most_promising
-from dualarm_cli.orders.orders import ArmTask, DecidedOrder, Orders, PairedSearch, StagePair
+from dualarm_cli.orders.orders import (
+    NO_ORDER_FOUND,
+    ArmTask,
+    DecidedOrder,
+    Orders,
+    PairedSearch,
+    StagePair,
+)
 from dualarm_cli.orders.watch import Watch
 from dualarm_cli.stages.search.problem import Decisions
 
@@ -28,6 +35,8 @@ LONG = 40
 """Of orders with more stages only the most promising one is planned."""
 WHOLE_SEQUENCES = ("sequence", "continuous", "ipopt")
 """Methods whose plans over the whole sequence are what orders are tried with before they are planned."""
+ESTIMATE = "the estimate of the search, which has few postures and platform angles per stop: a plan may be much faster"
+"""What notes say of the time of an order on the search's grid."""
 PROMISING = 0.04
 """Orders are planned that are estimated to be slower than the best one by less than this share."""
 
@@ -65,8 +74,20 @@ def plan_in_best_order(
         keep(found)
         return found
 
-    search = PairedSearch.of(model, job, settings.effort, settings.seed, watch, clear=clear)
-    return _searched(search, search.orders(watch), settings, watch, planned)
+    wanted = partial(PairedSearch.of, model, job, settings.effort, settings.seed, watch)
+    search = wanted(clear=clear)
+    try:
+        orders = search.orders(watch)
+    except InfeasibleError as error:
+        if not clear or error.refusals[0].what != NO_ORDER_FOUND:
+            raise
+        try:
+            orders = wanted(clear=False).orders(watch)
+        except InfeasibleError:
+            raise error from None
+        # Only collisions at stops have excluded every order: the plan of one tells what collides with what.
+        return planned(orders.found[0], orders, False)
+    return _searched(search, orders, settings, watch, planned)
 
 
 def _searched(
@@ -253,7 +274,7 @@ def order_notes(orders: Orders, total: float) -> list[str]:
         orders: what the search found.
         total: of the order that was planned, on the search's grid [s].
     """
-    notes = [f"order: {orders.how}; {total:.2f} s by the search's own estimate"]
+    notes = [f"order: {orders.how}; {total:.2f} s by {ESTIMATE}"]
     if orders.bound is not None:
         notes.append(
             f"order bound: on the grid of the search (its platform angles and postures), where this order takes "

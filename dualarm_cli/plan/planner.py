@@ -275,7 +275,7 @@ def _decided_plan(
         *_job_notes(job),
         *found.decided.notes,
         *_platform_notes(problem.model, stages),
-        *clearance_notes(found),
+        *clearance_notes([(found, 1)]),
     )
     schedule = _schedule(job, settings, motion, notes)
     return replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)

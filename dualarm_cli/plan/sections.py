@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import check_start, quickest_clear
+from dualarm_cli.clearing.clear_plan import check_start, clearance_notes, quickest_clear
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import SectionBuilder, SectionTools, kind_of, with_needs
 from dualarm_cli.model.job import Task
@@ -74,7 +74,8 @@ class SectionPlanner(SectionTools):
             record.count(found)
         cost = record.cost if self.clear else None
         motion = record.build(robot)
-        return PlannedSections(motion, tuple(record.notes), cost, record.stage_plans)
+        notes = (*record.notes, *clearance_notes(record.cleared))
+        return PlannedSections(motion, notes, cost, record.stage_plans)
 
     def _add_stops(
         self,

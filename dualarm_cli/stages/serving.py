@@ -52,7 +52,11 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
     free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
     if not free or own == settings.redundancy:
         return settings, []
-    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}"
+    closed = [arm.kind for arm in robot.arms if arm.kind not in ("srs", "general")]
+    how = (
+        f", which has closed forms for kind {' and '.join(dict.fromkeys(closed))}" if closed else ""
+    )
+    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}{how}"
     return replace(settings, redundancy=own), [note]
 
 

@@ -175,13 +175,19 @@ class DefaultsSection(Section):
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
     straight: StraightLine | None = Field(
-        default=None, description="How much of a line must be straight [m]."
+        default=None,
+        description="How much of a line must be straight [m]; not used in this version, with a note: every approach "
+        "and retract is straight over its whole length.",
     )
     dwell_motion: Literal["allowed", "forbidden"] | None = Field(
-        default=None, description="Whether the platform may turn while tools dwell."
+        default=None,
+        description="Whether the platform may turn while tools dwell; not used in this version: it stands still, and "
+        "`allowed` is answered with a note.",
     )
     line_motion: Literal["allowed", "forbidden"] | None = Field(
-        default=None, description="Whether the platform may turn during lines."
+        default=None,
+        description="Whether the platform may turn during lines; not used in this version: it stands still, and "
+        "`allowed` is answered with a note.",
     )
 
 
