@@ -1,6 +1,6 @@
 """Two UR5 side by side: planning in closed form against numeric inverse kinematics, and the lower bound.
 
-python benchmarks/ur_pair.py
+python benchmarks/ur_pair.py [--free-yaw] [--waist]
 
 Writes robot, cell and tasks (twelve picks, synchronous stages), plans them by the command line with the arms as `kind:
 parallel_axes` and as `kind: general`, and prints cycle time, lower bound and processor time.
@@ -43,11 +43,16 @@ SPACE = 0.8
 """Distance of the two bases [m]."""
 
 
-def urdf() -> str:
-    """Returns both arms on one table."""
-    parts = ['<robot name="ur5_pair"><link name="table"/>']
+def urdf(waist: bool) -> str:
+    """Returns both arms on one table, or on a waist that turns."""
+    joint = "revolute" if waist else "fixed"
+    parts = [
+        f'<robot name="ur5_pair"><link name="table"/><link name="chest"/><joint name="waist" type="{joint}">'
+        '<parent link="table"/><child link="chest"/><axis xyz="0 0 1"/>'
+        '<limit lower="-2.8" upper="2.8" velocity="2" effort="1"/></joint>'
+    ]
     for arm, side in (("left", 1), ("right", -1)):
-        parent, origin = "table", f'xyz="0 {0.5 * side * SPACE} 0"'
+        parent, origin = "chest", f'xyz="0 {0.5 * side * SPACE} 0"'
         parts.append(
             f'<link name="{arm}_base"/><joint name="{arm}_mount" type="fixed"><parent link="{parent}"/>'
             f'<child link="{arm}_base"/><origin {origin}/></joint>'
@@ -70,7 +75,9 @@ def urdf() -> str:
     return "".join([*parts, "</robot>"])
 
 
-def write_job(folder: Path, kind: str, picks: int, seed: int, free: bool = False) -> Path:
+def write_job(
+    folder: Path, kind: str, picks: int, seed: int, *, free: bool = False, waist: bool = False
+) -> Path:
     """Writes robot, cell and tasks; returns the task file.
 
     Args:
@@ -79,10 +86,11 @@ def write_job(folder: Path, kind: str, picks: int, seed: int, free: bool = False
         picks: how many in all, an even number.
         seed: of the targets.
         free: whether picks leave their yaw free.
+        waist: whether a platform joint carries both arms.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dualarm.toml").write_text("")
-    (folder / "robot.urdf").write_text(urdf())
+    (folder / "robot.urdf").write_text(urdf(waist))
     arms = {
         arm: {
             "joints": [f"{arm}_j{k}" for k in range(1, 7)],
@@ -100,6 +108,8 @@ def write_job(folder: Path, kind: str, picks: int, seed: int, free: bool = False
         "limits": {"default": {"acceleration": 8, "jerk": 80, "source": "assumed"}},
         "postures": {"home": home},
     }
+    if waist:
+        robot["platform"] = ["waist"]
     shape = {"capsule": {"radius": "30 mm", "length": "60 mm"}, "xyz": [0, 0, "60 mm"]}
     tool = {"tcp": {"xyz": [0, 0, "120 mm"]}, "shapes": [shape]}
     cell = {"dualarm": "cell/1", "robot": "robot.yaml", "tools": {"left": tool, "right": tool}}
@@ -152,12 +162,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=3)
     parser.add_argument("--effort", default="normal")
     parser.add_argument("--free-yaw", action="store_true")
+    parser.add_argument("--waist", action="store_true")
     arguments = parser.parse_args()
     print("job  kind            cycle      bound      processor time")
     for seed in range(arguments.jobs):
         for kind in ("general", "parallel_axes"):
             with tempfile.TemporaryDirectory() as folder:
-                tasks = write_job(Path(folder), kind, arguments.picks, seed, arguments.free_yaw)
+                where, free, waist = Path(folder), arguments.free_yaw, arguments.waist
+                tasks = write_job(where, kind, arguments.picks, seed, free=free, waist=waist)
                 cycle, bound, spent = planned(tasks, arguments.effort)
             told = "none      " if bound is None else f"{bound:7.3f} s "
             print(f"{seed:3d}  {kind:14s}  {cycle:7.3f} s  {told} {spent:7.1f} s", flush=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray, IntArray
+from dualarm_cli.kinematics.closed_arm import ClosedArm
 from dualarm_cli.kinematics.general_arm import GeneralArm, pose_error
 from dualarm_cli.kinematics.numeric_inverse import RESIDUAL
 
@@ -79,7 +80,8 @@ def follow_lines(
 
     Continuity is checked and not hoped for: a line is dropped where Newton's method from the extrapolated sample does
     not arrive, where its result is far from that in relation to the step, where the determinant of the system changes
-    its sign or nearly vanishes (a singularity), or where a limit is passed.
+    its sign or nearly vanishes (a singularity), or where a limit is passed. Of an arm with closed forms all postures of
+    all samples are known at once, and the one next to the extrapolated sample is taken in place of Newton's method.
 
     Args:
         arm: kinematics and limits.
@@ -93,6 +95,8 @@ def follow_lines(
     ahead = np.zeros((len(start), arm.spare))
     ahead[:, :1] = drift[:, None]
     line = _Line(arm, start, lines, W, ahead)
+    if isinstance(arm, ClosedArm):
+        return line.by_branches(arm, samples)
     if samples <= skeleton:
         return line.followed(samples)
     return line.filled(line.followed(skeleton), samples)
@@ -122,6 +126,31 @@ class _Line:
                 ok &= np.abs(found - guess).max(axis=1) <= BEND * step + BEND_SLACK
             q[k] = np.where(ok[:, None], found, q[k - 1])
         return Course(q, ok)
+
+    def by_branches(self, arm: ClosedArm, samples: int) -> Course:
+        """Returns the joints of an arm with closed forms: of every sample's postures those nearest to what is due."""
+        shares = np.linspace(0.0, 1.0, samples)
+        p = self.lines.p + shares[:, None, None] * self.lines.shift
+        found = arm.solve(self.lines.R, p)
+        q = np.empty((samples, *self.start.shape))
+        q[0] = self.start
+        ok, sign = self._starts()
+        every = np.arange(len(ok))
+        for k in range(1, samples):
+            guess = 2.0 * q[k - 1] - q[k - 2] if k > 1 else q[0]
+            off = arm.less_turns(found.q[k] - guess[:, None])
+            away = np.where(found.reachable[k], np.abs(off).max(axis=2), np.inf)
+            best = away.argmin(axis=1)
+            here = guess + off[every, best]
+            step = np.abs(here - q[k - 1]).max(axis=1)
+            ok &= (step <= LARGEST_STEP) & np.isfinite(away[every, best])
+            if k > 1:
+                ok &= away[every, best] <= BEND * step + BEND_SLACK
+            q[k] = np.where(ok[:, None], here, q[k - 1])
+        _, _, J = arm.linearised(q[1:].reshape(-1, arm.axes))
+        det = np.linalg.det(J).reshape(samples - 1, -1)
+        ok &= ((np.sign(det) == sign) & (np.abs(det) > LEAST_PIVOT)).all(axis=0)
+        return Course(q, ok & arm.within_limits(q).all(axis=0))
 
     def filled(self, course: Course, samples: int) -> Course:
         """Returns the joints at more samples, all at once from between those of a course."""
