@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_solver
 from dualarm_cli.cli.parts.output import (
+    STDOUT,
     JsonOption,
     QuietOption,
     print_json,
     print_message,
-    stdout_console,
+    refuse_two_documents,
+    text_console,
+    write_out,
 )
 from dualarm_cli.errors import UsageError, did_you_mean
 
@@ -34,7 +38,12 @@ def calibrate_command(
         Path, typer.Argument(help="File of touched points (dualarm: points/1).", show_default=False)
     ],
     method: Annotated[
-        str, typer.Option("--method", help="least_squares, or frame: the paper's three points.")
+        str,
+        typer.Option(
+            "--method",
+            help="least_squares, or frame: the paper's three points.",
+            autocompletion=complete_solver("calibration"),
+        ),
     ] = "least_squares",
     origin: Annotated[
         str | None,
@@ -59,7 +68,9 @@ def calibrate_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Base file to write, for `base:` of a cell file.", show_default=False
+            "--out",
+            help="Base file to write, for `base:` of a cell file; - prints it on stdout.",
+            show_default=False,
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
@@ -70,6 +81,7 @@ def calibrate_command(
 
     Two points, points on a line, and readings that leave the transform open end with exit code 3: nothing is written.
     """
+    refuse_two_documents(out, json_output)
     from dualarm_cli.calibration import CALIBRATION_SOLVERS
     from dualarm_cli.calibration.calibrate import calibrate
     from dualarm_cli.files.calibration.points import load_points
@@ -88,14 +100,14 @@ def calibrate_command(
     elif not quiet:
         from dualarm_cli.report.calibration import print_calibration
 
-        print_calibration(result, stdout_console())
+        print_calibration(result, text_console(out))
     if not quiet:
         for note in result.notes:
             print_message(f"note: {note}")
         for warning in result.judgement.warnings:
             print_message(f"warning: {warning}")
         if out is not None:
-            print_message(f"written: {out}")
+            print_message(f"written: {out}" if str(out) != STDOUT else "written to stdout")
 
 
 def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touches:
@@ -124,7 +136,6 @@ def _with_options(touches: Touches, origin: str | None, fit: str | None) -> Touc
 
 def _write(out: Path, force: bool, points: Path, result: Calibration) -> None:
     from dualarm_cli.exporting.base_file import base_file
-    from dualarm_cli.exporting.whole_files import write_file
 
     judgement, solution = result.judgement, result.solution
     remarks = [
@@ -132,4 +143,4 @@ def _write(out: Path, force: bool, points: Path, result: Calibration) -> None:
         f"residuals {judgement.rms * 1000:.3g} mm RMS, {judgement.distances.max() * 1000:.3g} mm at most",
         *(f"warning: {warning}" for warning in judgement.warnings),
     ]
-    write_file(out, base_file(solution.rotation, solution.translation, remarks), force)
+    write_out(out, [base_file(solution.rotation, solution.translation, remarks)], force)

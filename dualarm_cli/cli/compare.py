@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_job, complete_solver
 from dualarm_cli.cli.parts.options import Effort, EffortOption, SeedOption, refuse_plot
 from dualarm_cli.cli.parts.output import (
     JsonOption,
@@ -45,13 +46,18 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite earlier re
 def solvers_command(
     tasks: Annotated[
         list[Path] | None,
-        typer.Argument(help="Task files (tasks/1). Default: the bundled ones.", show_default=False),
+        typer.Argument(
+            help="Task files (tasks/1). Default: the bundled ones.",
+            show_default=False,
+            autocompletion=complete_job,
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
         typer.Option(
             "--method",
             help="Method, as `plan --platform` names it; repeatable. Default: all.",
+            autocompletion=complete_solver("method"),
             show_default=False,
         ),
     ] = None,
@@ -60,6 +66,7 @@ def solvers_command(
         typer.Option(
             "--redundancy",
             help="Redundancy solver, or follower of paths; repeatable. Default: all.",
+            autocompletion=complete_solver("redundancy", "path follower"),
             show_default=False,
         ),
     ] = None,
@@ -68,6 +75,7 @@ def solvers_command(
         typer.Option(
             "--timing",
             help="Timing solver; repeatable, or `all`. Default: ruckig.",
+            autocompletion=complete_solver("timing"),
             show_default=False,
         ),
     ] = None,

@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_job
 from dualarm_cli.cli.parts.output import (
+    STDOUT,
     JsonOption,
     QuietOption,
     print_json,
     print_message,
-    stdout_console,
+    refuse_two_documents,
+    text_console,
+    write_out,
 )
 from dualarm_cli.errors import UsageError, did_you_mean
 
@@ -27,7 +31,10 @@ INTERVAL = "4 ms"
 
 def curve_command(
     tasks: Annotated[
-        Path, typer.Argument(help="Task file with coordinate tasks.", show_default=False)
+        Path,
+        typer.Argument(
+            help="Task file with coordinate tasks.", show_default=False, autocompletion=complete_job
+        ),
     ],
     task: Annotated[
         str | None,
@@ -43,7 +50,11 @@ def curve_command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="CSV to write: s, x, y, z, qx, qy, qz, qw.", show_default=False),
+        typer.Option(
+            "--out",
+            help="CSV to write: s, x, y, z, qx, qy, qz, qw; - prints it on stdout.",
+            show_default=False,
+        ),
     ] = None,
     plot: Annotated[
         Path | None,
@@ -64,6 +75,7 @@ def curve_command(
         from dualarm_cli.cli.parts.options import refuse_plot
 
         refuse_plot(plot, force)
+    refuse_two_documents(out, json_output)
     interval, distance = _steps(step, spacing)
     job = load_job(tasks)
     seams = _chosen({one.id: one.seam for one in job.tasks if one.seam is not None}, task, tasks)
@@ -78,9 +90,9 @@ def curve_command(
     elif not quiet:
         from dualarm_cli.report.curve_report import print_curves
 
-        print_curves(reports, stdout_console())
+        print_curves(reports, text_console(out))
     for file in (out, plot):
-        if file is not None and not quiet:
+        if file is not None and str(file) != STDOUT and not quiet:
             print_message(f"written: {file}")
 
 
@@ -158,7 +170,7 @@ def _write(reports: list[CurveReport], out: Path | None, plot: Path | None, forc
 
         report = reports[0]
         s = step_lengths(report.curve.length, report.step)
-        write_file(out, curve_csv(s, report.points["arc_length"]), force)
+        write_out(out, [curve_csv(s, report.points["arc_length"])], force)
     if plot is not None:
         from dualarm_cli.report.figures.curve_figure import draw_curves
 

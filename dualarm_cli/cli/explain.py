@@ -7,12 +7,17 @@ from typing import Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_code
 from dualarm_cli.cli.parts.output import JsonOption, print_json
 
 
 def explain_command(
     code: Annotated[
-        str, typer.Argument(help="An error code, such as E610; all of them without it.")
+        str,
+        typer.Argument(
+            help="An error code, such as E610; all of them without it.",
+            autocompletion=complete_code,
+        ),
     ] = "",
     json_output: JsonOption = False,
 ) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_job
 from dualarm_cli.cli.parts.options import (
     Effort,
     EffortOption,
@@ -23,17 +24,23 @@ from dualarm_cli.cli.parts.options import (
     refuse_plot,
 )
 from dualarm_cli.cli.parts.output import (
+    STDOUT,
     JsonOption,
     QuietOption,
     print_json,
     print_message,
+    refuse_two_documents,
     stderr_console,
     stdout_console,
+    text_console,
+    write_out,
 )
 from dualarm_cli.cli.report import PAGE, write_page
 from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.model.settings import PlanSettings
@@ -52,14 +59,16 @@ def plan_command(
     tasks: Annotated[
         Path,
         typer.Argument(
-            help="Task file (tasks/1), or the name of a bundled job.", show_default=False
+            help="Task file (tasks/1), or the name of a bundled job.",
+            show_default=False,
+            autocompletion=complete_job,
         ),
     ],
     out: Annotated[
         str | None,
         typer.Option(
             "--out",
-            help="Folder for the results; default ./<task file's name>-plan.",
+            help="Folder for the results; default ./<task file's name>-plan; - prints schedule.json only, on stdout.",
             show_default=False,
         ),
     ] = None,
@@ -92,6 +101,8 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
+    from dualarm_cli.exporting.files import URDF
+    from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.tasks.tasks import load_job
     from dualarm_cli.model.settings import PlanSettings
@@ -103,8 +114,10 @@ def plan_command(
     limit = read_time_limit(time_limit)
     if out == "":
         raise UsageError("--out '': name a folder, or leave the option out")
+    refuse_two_documents(out, json_output)
     folder = Path(out) if out else Path(f"{tasks.stem}-plan")
-    refuse_existing(folder, force)
+    if out != STDOUT:
+        refuse_existing(folder, force)
     if plot is not None:
         refuse_plot(plot, force)
     job = load_job(tasks)
@@ -119,15 +132,20 @@ def plan_command(
     rate, notes = served_rate(schedule.duration, rate or RATE)
     schedule = replace(schedule, notes=(*schedule.notes, *notes))
     report = build_report(schedule, job)
-    write_results(folder, schedule, job, report, rate, force)
-    if page:
-        _write_page(folder, schedule, job, report)
+    if out == STDOUT:
+        write_out(Path(out), to_json(schedule, URDF, {}), force)
+    else:
+        write_results(folder, schedule, job, report, rate, force)
+        if page:
+            _write_page(folder, schedule, job, report)
     for file, draw in figures.items():
         write_file(file, draw(schedule, job, file.suffix.lower().lstrip(".")), force=True)
     if json_output:
         print_json(report)
     elif not quiet:
-        _print(report, folder)
+        _print(report, text_console(out))
+        if out != STDOUT:
+            stdout_console().print(f"written: {folder}", markup=False)
     verified = schedule.verification is not None and schedule.verification.passed
     if not verified or not all(line["kept"] for line in report["budget"]):
         raise typer.Exit(1)
@@ -229,11 +247,9 @@ def _plan_and_verify(job: Job, settings: PlanSettings, quiet: bool) -> Schedule:
         return replace(schedule, verification=verify(schedule, job, clearance=True))
 
 
-def _print(report: dict[str, Any], folder: Path) -> None:
+def _print(report: dict[str, Any], console: Console) -> None:
     from dualarm_cli.report.console import stage_table, summary_lines
 
-    console = stdout_console()
     console.print(stage_table(report))
     for line in summary_lines(report):
         console.print(line, markup=False, soft_wrap=True)
-    console.print(f"written: {folder}", markup=False)

@@ -11,8 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.options import SeedOption
-from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
+from dualarm_cli.cli.parts.output import (
+    STDOUT,
+    JsonOption,
+    print_json,
+    print_message,
+    stdout_console,
+    write_out,
+)
 from dualarm_cli.cli.robot_reach import reach_command
 from dualarm_cli.errors import UsageError
 
@@ -34,7 +42,10 @@ FAMILIES = {
     "quartic": "its first three axes have no special arrangement",
 }
 """What the closed forms of an arm with a spherical wrist build on."""
-RobotName = Annotated[str, typer.Argument(help="A bundled robot's name, or a robot file.")]
+RobotName = Annotated[
+    str,
+    typer.Argument(help="A bundled robot's name, or a robot file.", autocompletion=complete_robot),
+]
 
 
 @robot_app.command("list")
@@ -71,7 +82,7 @@ def list_command(json_output: JsonOption = False) -> None:
 
 @robot_app.command("show")
 def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
-    """Show joints, limits with their source, and the measured arm geometry."""
+    """Show joints, limits with their source, flanges, postures and the measured arm geometry."""
     from dualarm_cli.files.robots.robots import load_robot
 
     loaded = load_robot(robot)
@@ -83,7 +94,9 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
     console.print(_limits_table(loaded.robot))
     for name, arm in document["arms"].items():
         console.print(f"{name} arm: {arm['summary']}", markup=False, soft_wrap=True)
-    console.print(f"postures: {', '.join(document['postures'])}", markup=False)
+        console.print(f"{name} flange: link {arm['flange']}", markup=False, soft_wrap=True)
+    for name in document["postures"]:
+        console.print(_posture_line(loaded.robot, name), markup=False, soft_wrap=True)
     for note in document["notes"]:
         console.print(f"note: {note}", markup=False, soft_wrap=True)
 
@@ -91,15 +104,15 @@ def show_command(robot: RobotName, json_output: JsonOption = False) -> None:
 @robot_app.command("export")
 def export_command(
     robot: RobotName,
-    out: Annotated[Path, typer.Option("--out", help="URDF file to write.")],
+    out: Annotated[Path, typer.Option("--out", help="URDF file to write; - prints it on stdout.")],
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:
     """Write the complete URDF that any other tool loads."""
-    from dualarm_cli.exporting.whole_files import write_file
     from dualarm_cli.files.robots.robots import load_robot
 
-    write_file(out, load_robot(robot).robot.urdf.encode(), force)
-    print_message(f"written: {out}")
+    write_out(out, [load_robot(robot).robot.urdf.encode()], force)
+    if str(out) != STDOUT:
+        print_message(f"written: {out}")
 
 
 @robot_app.command("import")
@@ -279,6 +292,10 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
             for k, name in enumerate(robot.joints)
         },
         "postures": sorted(robot.postures),
+        "posture_values": {
+            name: dict(zip(robot.joints, map(float, robot.postures[name]), strict=True))
+            for name in sorted(robot.postures)
+        },
     }
 
 
@@ -381,6 +398,16 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def _posture_line(robot: Robot, name: str) -> str:
+    """Returns a posture's joints that are not at 0, in degrees, and in mm where they slide."""
+    values = [
+        f"{joint} {1e3 * q:.4g} mm" if joint in robot.sliding else f"{joint} {math.degrees(q):.4g}°"
+        for joint, q in zip(robot.joints, robot.postures[name], strict=True)
+        if q != 0.0
+    ]
+    return f"posture {name}: {', '.join([*values, 'all others 0']) if values else 'all joints 0'}"
+
+
 def _limits_table(robot: Robot) -> Any:
     """Returns the table of joint limits in degrees, as a robot's data sheet has them; of joints that slide in mm."""
     from rich.table import Table
@@ -388,7 +415,7 @@ def _limits_table(robot: Robot) -> Any:
     table = Table(title=robot.name, title_justify="left")
     for column in ("joint", "group", "lower °", "upper °", "velocity °/s"):
         table.add_column(column, justify="left" if column in ("joint", "group") else "right")
-    for column in ("acceleration rad/s²", "jerk rad/s³", "source"):
+    for column in ("acceleration °/s²", "jerk °/s³", "source"):
         table.add_column(column, justify="right")
     groups = dict.fromkeys(robot.platform, "platform")
     groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
@@ -401,7 +428,7 @@ def _limits_table(robot: Robot) -> Any:
             units = ("mm", "mm", "mm/s", "mm/s²", "mm/s³")
             cells = [f"{1e3 * v:g} {u}" for v, u in zip((*shown, *rates), units, strict=True)]
         else:
-            cells = [*(f"{math.degrees(v):.1f}" for v in shown), *(f"{v:g}" for v in rates)]
+            cells = [f"{math.degrees(v):.1f}" for v in (*shown, *rates)]
         if not math.isfinite(limits.jerk[k]):
             cells[-1] = "none"
         table.add_row(joint, groups[joint], *cells, limits.source[k])

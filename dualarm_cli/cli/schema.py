@@ -7,17 +7,21 @@ from typing import Annotated
 
 import typer
 
-from dualarm_cli.cli.parts.output import print_message
+from dualarm_cli.cli.parts.completion import complete_kind
+from dualarm_cli.cli.parts.output import STDOUT, print_message
 from dualarm_cli.errors import UsageError, did_you_mean
 
 
 def schema_command(
     kind: Annotated[
-        str, typer.Argument(help="Kind of file, such as tasks; all kinds without it.")
+        str,
+        typer.Argument(
+            help="Kind of file, such as tasks; all kinds without it.", autocompletion=complete_kind
+        ),
     ] = "",
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="File to write instead of stdout.", show_default=False),
+        typer.Option("--out", help="File to write; stdout without it.", show_default=False),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:
@@ -38,7 +42,7 @@ def schema_command(
         guess = did_you_mean(kind, list(KINDS)) or ";"
         known = ", ".join(KINDS)
         raise UsageError(f"there is no kind of file '{kind}'{guess} there are {known}")
-    if out is None:
+    if out is None or str(out) == STDOUT:
         typer.echo(schema_text(kind), nl=False)
         return
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pinocchio as pin
 import pytest
@@ -35,6 +36,15 @@ def test_show_gives_limits_their_source_and_the_measured_geometry(capsys):
     text = capsys.readouterr().out
     assert "measured deviation" in text
     assert "assumed" in text
+    assert "left flange: link left_tool0" in text
+    # Accelerations are in degrees, as the speeds beside them.
+    row = next(line for line in text.splitlines() if " left_s " in line)
+    acceleration = document["joints"]["left_s"]["acceleration"]
+    assert f"{acceleration * 180 / math.pi:.1f}" in row
+    assert document["posture_values"]["zero"] == dict.fromkeys(document["joints"], 0.0)
+    assert "posture zero: all joints 0" in text
+    rest = document["posture_values"]["rest"]["left_s"]
+    assert f"posture rest: left_s {rest * 180 / math.pi:.4g}°" in text
 
 
 JOINTS = {

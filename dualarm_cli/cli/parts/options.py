@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_solver
 from dualarm_cli.errors import UsageError
 
 
@@ -32,6 +33,7 @@ PlatformOption = Annotated[
         "--platform",
         help="Method that chooses the platform angles.",
         show_default="sequence",
+        autocompletion=complete_solver("method"),
     ),
 ]
 RedundancyOption = Annotated[
@@ -40,9 +42,13 @@ RedundancyOption = Annotated[
         "--redundancy",
         help="Redundancy solver of stops, or of paths.",
         show_default="arm_angle, numeric where an arm is not SRS; for paths the file's",
+        autocompletion=complete_solver("redundancy", "path follower"),
     ),
 ]
-TimingOption = Annotated[str, typer.Option("--timing", help="Timing solver.")]
+TimingOption = Annotated[
+    str,
+    typer.Option("--timing", help="Timing solver.", autocompletion=complete_solver("timing")),
+]
 TimeLimitOption = Annotated[
     str | None,
     typer.Option(

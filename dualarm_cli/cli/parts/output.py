@@ -4,16 +4,50 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from io import TextIOWrapper
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from dualarm_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+
+
+STDOUT = "-"
+"""What `--out` takes for standard output."""
+
+
+def refuse_two_documents(out: object, json_output: bool) -> None:
+    """Raises where standard output would get both a result and a JSON document."""
+    if str(out) == STDOUT and json_output:
+        raise UsageError("--json does not go with --out -: both print on standard output; keep one")
+
+
+def write_out(out: Path, parts: Iterable[bytes], force: bool) -> None:
+    """Writes a command's main result to a file, or to standard output for `-`.
+
+    Raises:
+        OutputError: the file already exists and `force` is not given, or it cannot be written.
+    """
+    from dualarm_cli.exporting.whole_files import write_file
+
+    if str(out) != STDOUT:
+        write_file(out, b"".join(parts), force)
+        return
+    for part in parts:
+        typer.echo(part, nl=False)
+
+
+def text_console(out: object) -> Console:
+    """Returns the console for what people read: stderr where standard output gets the result itself."""
+    return stderr_console() if str(out) == STDOUT else stdout_console()
 
 
 def stdout_console() -> Console:

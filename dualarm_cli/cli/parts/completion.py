@@ -1,0 +1,73 @@
+"""What a shell completes: names of solvers, robots and jobs, and YAML files. Nothing here may print or raise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+
+def _begun(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _yaml_files(incomplete: str) -> list[str]:
+    """Returns YAML files and folders whose paths begin as what is typed, as the user writes them."""
+    folder = incomplete.rpartition("/")[0]
+    start = f"{folder}/" if "/" in incomplete else ""
+    try:
+        entries = sorted(Path(start or ".").iterdir())
+    except OSError:
+        return []
+    found = [
+        f"{start}{entry.name}{'/' * entry.is_dir()}"
+        for entry in entries
+        if entry.is_dir() or entry.suffix in (".yaml", ".yml")
+    ]
+    hidden = incomplete[len(start) :].startswith(".")
+    return [
+        one for one in _begun(found, incomplete) if hidden or not one[len(start) :].startswith(".")
+    ]
+
+
+def complete_job(incomplete: str) -> list[str]:
+    """Returns bundled jobs and YAML files."""
+    from dualarm_cli.files.source.bundled import bundled_tasks
+
+    return [*_begun(bundled_tasks(), incomplete), *_yaml_files(incomplete)]
+
+
+def complete_robot(incomplete: str) -> list[str]:
+    """Returns bundled robots and YAML files."""
+    from dualarm_cli.files.source.bundled import bundled_robots
+
+    return [*_begun(bundled_robots(), incomplete), *_yaml_files(incomplete)]
+
+
+def complete_solver(*names: str) -> Callable[[str], list[str]]:
+    """Returns what completes the names of solvers.
+
+    Args:
+        names: of their families, such as timing.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        from dualarm_cli.cli.solvers import families
+
+        named = [family for family in families() if family.family in names]
+        return _begun(dict.fromkeys(one.name for family in named for one in family), incomplete)
+
+    return complete
+
+
+def complete_code(incomplete: str) -> list[str]:
+    """Returns error codes."""
+    from dualarm_cli.explanations import EXPLANATIONS
+
+    return _begun(EXPLANATIONS, incomplete)
+
+
+def complete_kind(incomplete: str) -> list[str]:
+    """Returns kinds of files that have a schema."""
+    from dualarm_cli.schemas import KINDS
+
+    return _begun(KINDS, incomplete)
