@@ -22,7 +22,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from dualarm_cli.cli.commands import app
-from dualarm_cli.cli.solvers import families
+from dualarm_cli.cli.parts.families import families
 from dualarm_cli.explanations import EXPLANATIONS
 from dualarm_cli.files.cells.schema_cell import PairSection
 from dualarm_cli.files.source import quantities

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dualarm_cli.cli.parts.families import families
 from dualarm_cli.cli.parts.output import JsonOption, print_json, stdout_console
 
 
@@ -25,22 +26,3 @@ def solvers_command(json_output: JsonOption = False) -> None:
     for row in rows:
         table.add_row(*row.values())
     stdout_console().print(table)
-
-
-def families() -> list[Any]:
-    """Returns every family of methods: a registry each."""
-    from dualarm_cli.calibration import CALIBRATION_SOLVERS
-    from dualarm_cli.kinds import planning
-    from dualarm_cli.platform_angle import PLATFORM_SOLVERS
-    from dualarm_cli.postures import REDUNDANCY_SOLVERS
-    from dualarm_cli.stages.methods import METHODS
-    from dualarm_cli.timing import TIMING_SOLVERS
-
-    return [
-        METHODS,
-        PLATFORM_SOLVERS,
-        REDUNDANCY_SOLVERS,
-        *(solvers for _, solvers in planning.families()),
-        TIMING_SOLVERS,
-        CALIBRATION_SOLVERS,
-    ]

@@ -56,4 +56,4 @@ def test_jobs_and_yaml_files_are_proposed(complete) -> None:
 
 def test_kinds_and_codes_are_proposed(complete) -> None:
     assert set(complete("schema", "")) == set(KINDS)
-    assert complete("explain", "E60") == ["E600"]
+    assert complete("explain", "E600") == ["E600"]

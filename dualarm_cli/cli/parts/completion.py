@@ -51,7 +51,7 @@ def complete_solver(*names: str) -> Callable[[str], list[str]]:
     """
 
     def complete(incomplete: str) -> list[str]:
-        from dualarm_cli.cli.solvers import families
+        from dualarm_cli.cli.parts.families import families
 
         named = [family for family in families() if family.family in names]
         return _begun(dict.fromkeys(one.name for family in named for one in family), incomplete)
