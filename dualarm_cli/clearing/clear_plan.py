@@ -428,7 +428,7 @@ def _badness(found: Cleared) -> tuple[int, float]:
 
 
 def _detours(arm: str, stages: list[int]) -> str:
-    """Returns what is said of an arm's detours, by their stages."""
+    """Returns how a note tells of an arm's detours, by their stages."""
     if len(stages) == 1:
         return f"{arm} makes a detour in stage {stages[0]}"
     return f"{arm} makes {len(stages)} detours (stages {', '.join(map(str, stages))})"

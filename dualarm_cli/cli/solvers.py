@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from dualarm_cli.cli.parts.families import families
 from dualarm_cli.cli.parts.output import JsonOption, print_json, stdout_console
 
