@@ -72,9 +72,10 @@ def reach_command(
     here = region(cell)
     platform = platform_positions(cell)
     spacing = here.step if spacing is None else spacing
-    points = len(platform) * (2.0 * here.radius / spacing) ** 2 if spacing > 0.0 else math.inf
+    width = 2.0 * (here.radius + here.travel)
+    points = len(platform) * (width / spacing) ** 2 if spacing > 0.0 else math.inf
     if not points <= MOST_NODES:
-        least = 2.0 * here.radius * math.sqrt(len(platform) / MOST_NODES) * 1000.0
+        least = width * math.sqrt(len(platform) / MOST_NODES) * 1000.0
         raise UsageError(f"--step {step}: must be {math.ceil(least)} mm or more for this robot")
     if level is None and cell.frames:
         level = float(np.median([pose.translation[2] for pose in cell.frames.values()]))
@@ -82,7 +83,7 @@ def reach_command(
         level = best_height(cell, here)
     if level is None:
         level = here.easy[1]
-    grid = here.grid(platform, np.array([level]), spacing, leaning)
+    grid = here.grid(platform, np.array([level]), spacing, leaning, whole=True)
     document = reach_document(robot, cell, reach_map(cell, grid))
     if out is not None:
         from dualarm_cli.report.figures.reach_figure import draw_reach

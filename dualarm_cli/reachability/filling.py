@@ -101,7 +101,7 @@ def fill(
             continue
         R, p = flange_poses(model, arm, grid, starts.node, starts.yaw)
         # What is on nobody's way to anything is not descended to.
-        near = np.linalg.norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.length
+        near = np.linalg.norm(p - numeric.p_parent_joint[0], axis=1) <= numeric.farthest
         starts, R, p = starts.take(near), R[near], p[near]
         reached, error = descend(numeric, R, p, starts.q)
         good = (error <= RESIDUAL).all(axis=1)

@@ -36,9 +36,13 @@ class Region:
     """What a cell's arms can reach at all."""
 
     centre: tuple[float, float]
-    """Middle of the arms' shoulders [m]."""
+    """Middle of the arms' shoulders, or the axis of the platform [m]."""
+    across: tuple[float, float]
+    """From the last arm's shoulder to the first one's [m]; zero for one arm."""
     radius: float
-    """Nothing farther from there is reached [m]."""
+    """Nothing farther from there is reached while nothing slides [m]."""
+    travel: float
+    """How much farther sliding joints get [m]."""
     low: float
     """Height of the lowest shoulder less its arm's length [m]."""
     high: float
@@ -60,18 +64,21 @@ class Region:
         heights: FloatArray,
         step: float,
         tilt: float = 0.0,
+        *,
+        whole: bool = False,
     ) -> TableGrid:
-        """Returns a grid over all that may be reached, on multiples of its spacing.
+        """Returns a grid over what may be reached, on multiples of its spacing.
 
         Args:
             platform: positions of the platform's joints, shape (a, k) [rad or m].
             heights: shape (h,) [m].
             step: spacing [m].
             tilt: how far the tool leans [rad].
+            whole: whether it is as wide as sliding joints get.
         """
+        radius = self.radius + (self.travel if whole else 0.0)
         sides = [
-            np.arange(np.ceil((c - self.radius) / step), np.floor((c + self.radius) / step) + 1)
-            * step
+            np.arange(np.ceil((c - radius) / step), np.floor((c + radius) / step) + 1) * step
             for c in self.centre
         ]
         return TableGrid(platform, heights, sides[1], sides[0], tilt, self.centre)
@@ -86,23 +93,27 @@ def region(cell: Cell) -> Region:
     model = CellModel.from_cell(cell, numeric=True)
     home = cell.robot.postures["home"][model.platform_columns]
     R, p = model.platform.pose(home)
-    shoulders, reaches = [], []
+    shoulders, reaches, slides = [], [], [0.0]
     for arm in model.arms.values():
         assert isinstance(arm.kinematics, GeneralArm)  # asked for
-        shoulders.append(p + R @ arm.kinematics.p_parent_joint[:2].sum(axis=0))
+        first, second = arm.kinematics.p_parent_joint[:2]
+        shoulders.append(p + R @ (first + arm.kinematics.R_parent_joint[0] @ second))
         reaches.append(arm.kinematics.length + float(np.linalg.norm(arm.T_flange_tcp.translation)))
+        slides.append(arm.kinematics.farthest - arm.kinematics.length)
     at, reach = np.array(shoulders), np.array(reaches)
     centre = at[:, :2].mean(axis=0)
     if model.platform.is_turntable:
         centre = p[:2]
     radius = float((np.linalg.norm(at[:, :2] - centre, axis=1) + reach).max())
-    if model.platform.is_rail:
-        radius += float(np.abs(platform_positions(cell) - home).max())
+    along = platform_positions(cell) - home if model.platform.is_rail else np.zeros(1)
+    travel = float(np.abs(along).max()) + max(slides)
     wanted = STEP_SHARE * float(reach.min())
     step = max((s for s in STEPS if s <= wanted + 1e-9), default=STEPS[0])
     return Region(
         (float(centre[0]), float(centre[1])),
+        (float(at[0, 0] - at[-1, 0]), float(at[0, 1] - at[-1, 1])),
         radius,
+        travel if np.isfinite(travel) else 0.0,
         float((at[:, 2] - reach).min()),
         float(at[:, 2].max()),
         (float(cell.base.translation[2]), float((at[:, 2] - BELOW * reach).max())),

@@ -141,7 +141,7 @@ def _on_table(
     )
     grid = replace(grid, x=x, y=y)
     cell = replace(cell, obstacles=(table.obstacle,))
-    rows = _rows(cell, reach_map(cell, grid, 0.5 * step), here.centre)
+    rows = _rows(cell, reach_map(cell, grid, 0.5 * step), here)
     if rows is None:
         return None
     trays, boxes = rows
@@ -190,13 +190,14 @@ def _starts_at_home(cell: Cell, top: float) -> bool:
 
 
 def _rows(
-    cell: Cell, reach: ReachMap, centre: tuple[float, float]
+    cell: Cell, reach: ReachMap, here: Region
 ) -> tuple[dict[str, Row], dict[str, Row]] | None:
     """Returns trays and boxes of all arms; None where there are none that are clear of each other."""
     found = {arm: _found(reach, arm) for arm in reach.postures}
     grid = reach.grid
     middle = [
-        (c - side[0]) / grid.step for c, side in zip(centre[::-1], (grid.y, grid.x), strict=True)
+        (c - side[0]) / grid.step
+        for c, side in zip(here.centre[::-1], (grid.y, grid.x), strict=True)
     ]
     count = PICKS // len(found)
     both = reach.both[0, 0]
@@ -204,7 +205,7 @@ def _rows(
     # As far from the border as there are enough rows; by and by nearer.
     for depth in range(DEPTH, 0, -1):
         pairs = {arm: _pairs(reach, one, count, depth) for arm, one in found.items()}
-        for chosen in _layouts(pairs, middle) if all(pairs.values()) else ():
+        for chosen in _layouts(pairs, middle, here.across[::-1]) if all(pairs.values()) else ():
             work = dict(zip(found, chosen, strict=True))
             if len(work) == 1 or _clear_of_each_other(model, clearance, found, work):
                 ways = [
@@ -266,13 +267,16 @@ def _distance(one: Nodes, other: Nodes) -> float:
 
 
 def _layouts(
-    pairs: Mapping[str, list[tuple[Nodes, Nodes]]], centre: list[float]
+    pairs: Mapping[str, list[tuple[Nodes, Nodes]]],
+    centre: Sequence[float],
+    apart: Sequence[float],
 ) -> Sequence[tuple[tuple[Nodes, Nodes], ...]]:
     """Returns which tray and box each arm may have, best first: arms well apart, and the rest alike on both sides.
 
     Args:
         pairs: by arm, trays and boxes.
         centre: middle of the robot, row and column.
+        apart: from the right shoulder to the left one, along rows and columns.
     """
     if len(pairs) == 1:
         return [(pair,) for pair in next(iter(pairs.values()))][:LAYOUTS_TRIED]
@@ -288,7 +292,9 @@ def _layouts(
     along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
     aside = np.abs((between * along).sum(axis=-1)).sum(axis=-1)
     score = np.minimum(gap, 2.0 * ARMS_APART) - ALIKE * (unlike + aside)
-    score = np.where(gap >= ARMS_APART, score, -np.inf)
+    # Arms that work on each other's side would have to pass each other.
+    own_side = (across @ np.array(apart) >= 0.0).all(axis=-1)
+    score = np.where((gap >= ARMS_APART) & own_side, score, -np.inf)
     order = np.argsort(-score, axis=None, kind="stable")[:LAYOUTS_TRIED]
     order = order[np.isfinite(score.ravel()[order])]
     first, second = np.unravel_index(order, score.shape)

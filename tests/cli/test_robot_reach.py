@@ -134,3 +134,25 @@ def test_ranges_are_told_in_words():
     assert ranges_of(angles, [False] * 5) == "no"
     assert ranges_of([None], [True]) == "yes"
     assert ranges_of([0.0, 0.1, 0.2], [False, True, True], rail=True) == "100 to 200"
+
+
+def test_an_arm_reaches_along_its_rail(capsys, sliding_robots):
+    """By hand: its shoulder gets to y = 0.25 + 1.5 m, and its tool less than 0.75 m farther."""
+    Path("rails").mkdir()
+    sliding_robots.write_robot(Path("rails"), {}, own=sliding_robots.RAIL)
+    found = document(capsys, "rails", "--height", "-0.2", "--step", "0.1")
+    rows = np.nonzero(np.array(found["positions"]["left"]).any(axis=1))[0]
+    assert 1.75 < found["y"][rows.max()] < 2.5
+
+
+def test_a_lift_has_rows_in_millimetres(capsys, sliding_robots):
+    """The higher the lift, the less it reaches of a low table; areas are by position, between its limits."""
+    Path("lift").mkdir()
+    sliding_robots.write_robot(Path("lift"), {"lift": sliding_robots.LIFT})
+    found = document(capsys, "lift", "--height", "0.3", "--step", "0.1")
+    assert found["platform_unit"] == "m"
+    assert found["platform"][0] == -0.2
+    assert found["platform"][-1] == 0.5
+    assert found["area"]["left"][0] > found["area"]["left"][-1]
+    assert run(["robot", "reach", "lift", "--height", "0.3", "--step", "0.1"]) == 0
+    assert "platform mm" in capsys.readouterr().out

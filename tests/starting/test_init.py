@@ -225,3 +225,21 @@ def test_the_workflow_s_commands_work(monkeypatch):
     [command] = [step["run"] for step in steps if "dualarm score" in step.get("run", "")]
     words = command.replace("'10 min'", "10min").split()[1:]
     assert run(words) == 0
+
+
+def test_arms_on_rails_work_on_their_own_sides(sliding_robots):
+    """Both arms slide along all of the table: each one's targets are on the side of its shoulder all the same."""
+    Path("rails").mkdir()
+    sliding_robots.write_robot(Path("rails"), {}, own=sliding_robots.RAIL)
+    assert run(["init", "demo", "--robot", "rails"]) == 0
+    job = load_job(Path("demo/tasks.yaml"))
+    y = {
+        arm: [
+            stop.target.pose.translation[1]
+            for task in job.tasks
+            if task.arm == arm
+            for stop in task.stops
+        ]
+        for arm in ("left", "right")
+    }
+    assert min(y["left"]) > max(y["right"])
