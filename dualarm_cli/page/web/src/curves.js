@@ -4,7 +4,7 @@ import uPlot from "uplot";
 import { CURVES, DASHES, colour } from "./colours.js";
 import { FONT, GUTTER, MARGIN, SMALL } from "./gantt.js";
 import { sampleCurves } from "./trajectory.js";
-import { jointUnit } from "./units.js";
+import { jointUnit, rulerTimes } from "./units.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./types.js").Joint} Joint */
@@ -88,7 +88,14 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
         },
       },
       axes: [
-        { show: true, size: 0, ...axis, grid, ticks: { show: false }, values: () => [], space: 80 },
+        {
+          size: 0,
+          ...axis,
+          grid,
+          ticks: { show: false },
+          values: () => [],
+          splits: (u) => rulerTimes(shown.from, shown.to, u.width / 80).times,
+        },
         {
           size: GUTTER - LABEL,
           ...axis,

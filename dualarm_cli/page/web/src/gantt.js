@@ -203,8 +203,8 @@ export class Gantt {
     for (const { visit, from, to, candidates, room, top } of labels) {
       if (top !== row) [row, end] = [top, -Infinity];
       const allowed = candidates.slice(Math.min(level, candidates.length - 1));
-      // Where none fits, the shortest stands over its neighbours if these have none.
-      const text = fitting(allowed, room, width) || allowed[allowed.length - 1];
+      // What does not fit even so stands over its neighbours, which have none then.
+      const text = fitting(allowed, room, width);
       const half = width(text) / 2;
       if ((from + to) / 2 - half < end + 4) continue;
       end = (from + to) / 2 + half;

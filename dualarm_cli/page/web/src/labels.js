@@ -18,28 +18,37 @@ export function commonPrefix(ids) {
 }
 
 /**
- * Returns the forms of an id, the longest first: in full, id, id without what all share, its end.
+ * Returns the forms of an id, the longest first: in full, id, id without what all share.
  * @param {string} id
  * @param {string} full the id with what is done
  * @param {number} prefix how many characters all ids share (`commonPrefix`)
  * @returns {string[]}
  */
 export function forms(id, full, prefix) {
-  const rest = [...id.slice(prefix)];
-  const found = [full, id, id.slice(prefix)];
-  if (rest.length > 8) found.push(`${rest.slice(0, 3).join("")}…${rest.slice(-3).join("")}`);
-  if (rest.length > 5) found.push(`…${rest.slice(-3).join("")}`);
-  return [...new Set(found)];
+  return [...new Set([full, id, id.slice(prefix)])];
 }
 
+/** Letters that a shortened id keeps at least. */
+const FEWEST = 4;
+
 /**
- * Returns the first form that fits, or nothing where none does.
+ * Returns the first form that fits; where none does, the last one with its middle left out, and no shorter than a few
+ * letters even if these do not fit either.
  * @param {string[]} candidates the longest first
  * @param {number} room
  * @param {(text: string) => number} width
  */
 export function fitting(candidates, room, width) {
-  return candidates.find((text) => width(text) <= room) ?? "";
+  const whole = candidates.find((text) => width(text) <= room);
+  if (whole !== undefined) return whole;
+  const letters = [...candidates[candidates.length - 1]];
+  let found = letters.join("");
+  for (let kept = letters.length - 1; kept >= FEWEST; kept--) {
+    const end = Math.ceil(kept / 2);
+    found = `${letters.slice(0, kept - end).join("")}…${letters.slice(-end).join("")}`;
+    if (width(found) <= room) return found;
+  }
+  return found;
 }
 
 /**

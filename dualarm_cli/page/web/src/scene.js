@@ -86,6 +86,8 @@ export class Scene {
     this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), materials.solid("clearance"));
     this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), materials.solid("clearance")));
     this.pair.add(this.pairLine, ...this.pairEnds);
+    // Seen through what is around it: the gap of a closest pair is narrow.
+    materials.solid("clearance").depthTest = false;
     for (const part of this.pair.children) part.renderOrder = 1;
     this.world.add(this.pair);
     const floor = new THREE.GridHelper(8, 32, 0xffffff, 0xffffff).rotateX(Math.PI / 2);
