@@ -214,7 +214,7 @@ export function limits(plan, go) {
   return found;
 }
 
-const VERDICTS = /** @type {Object<string, string>} */ ({ passed: "✓", failed: "✗ failed", "not checked": "not checked" });
+const VERDICTS = /** @type {Object<string, string>} */ ({ passed: "✓", failed: "✗", "not checked": "–" });
 
 /**
  * Returns the panel of the verifier's checks: failed ones first, then passed, then those that do not apply.
@@ -228,11 +228,11 @@ export function checks(plan, go) {
   const rows = [...verification.checks]
     .sort((a, b) => order.indexOf(a.verdict) - order.indexOf(b.verdict))
     .map((check) => ({
-      cells: [VERDICTS[check.verdict] ?? check.verdict, word(check.name), significant(check.measured), significant(check.allowed), check.unit, check.detail],
+      cells: [VERDICTS[check.verdict] ?? check.verdict, word(check.name) + (check.unit && ` [${check.unit}]`), significant(check.measured), significant(check.allowed), check.detail],
       mark: check.verdict.replace(" ", "-"),
       time: timeIn(check.detail),
     }));
-  return [table(["", "check", "measured #", "allowed #", "unit", "where"], rows, go)];
+  return [table(["", "check", "measured #", "allowed #", "where"], rows, go)];
 }
 
 /** @param {string} detail @returns {number | undefined} the time that a text names */
