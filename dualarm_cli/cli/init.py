@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message
 
 
@@ -22,6 +23,7 @@ def init_command(
             metavar="NAME|FOLDER|URDF",
             help="A bundled robot, a folder that `dualarm robot import` wrote, or a URDF.",
             show_default="sda10f",
+            autocompletion=complete_robot,
         ),
     ] = None,
     package_dir: Annotated[

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dualarm_cli.cli.parts.completion import complete_robot
 from dualarm_cli.cli.parts.output import JsonOption, print_json, print_message, stdout_console
 from dualarm_cli.errors import UsageError
 
@@ -23,7 +24,8 @@ def reach_command(
     robot: Annotated[
         str,
         typer.Argument(
-            help="A bundled robot's name, a robot's folder, a robot file, or a cell file."
+            help="A bundled robot's name, a robot's folder, a robot file, or a cell file.",
+            autocompletion=complete_robot,
         ),
     ],
     height: Annotated[
