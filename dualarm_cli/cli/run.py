@@ -28,8 +28,18 @@ class _TerminatedError(BaseException):
     """SIGTERM arrived; derived from BaseException so that no solver swallows it."""
 
 
+_arrived: list[int] = []
+"""Exit codes of the signals that arrived: a library may make another error of what they raise."""
+
+
 def _terminate(_signal: int, _frame: FrameType | None) -> None:
+    _arrived.append(SIGTERM_EXIT)
     raise _TerminatedError
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+    _arrived.append(SIGINT_EXIT)
+    raise KeyboardInterrupt
 
 
 def run(arguments: list[str]) -> int:
@@ -41,7 +51,11 @@ def run(arguments: list[str]) -> int:
     Returns:
         The exit code of the process.
     """
+    _arrived.clear()
     signal.signal(signal.SIGTERM, _terminate)
+    # Where SIGINT is ignored, as in the background of a shell script, it stays so.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
     _open_closed_streams()
     try:
         code = _run_command(arguments)
@@ -75,6 +89,9 @@ def run(arguments: list[str]) -> int:
         text = f"error[{name}]: {error}\n{_explained(name)}" if name else f"error: {error}"
         return _report(text, error.exit_code, arguments)
     except Exception as error:
+        if _arrived:
+            words = {SIGINT_EXIT: "interrupted", SIGTERM_EXIT: "terminated"}
+            return _report(words[_arrived[-1]], _arrived[-1], arguments)
         return _unexpected(error, arguments)
 
 

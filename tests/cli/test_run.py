@@ -221,6 +221,29 @@ def test_signals_end_a_plan_at_once_and_leave_no_files(number, code, tasks_folde
     assert not out.exists()
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_of_which_a_library_makes_another_error_is_a_signal(
+    number, code, monkeypatch, capsys
+):
+    """As pydantic does while it builds a model."""
+
+    def wrapping(_arguments):
+        try:
+            signal.raise_signal(number)
+        except BaseException:
+            raise RuntimeError("cannot build the model") from None
+
+    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    monkeypatch.setattr("dualarm_cli.cli.run._run_command", wrapping)
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        assert run(["solvers"]) == code
+    finally:
+        for one, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
+            signal.signal(one, handler)
+    assert "internal error" not in capsys.readouterr().err
+
+
 def test_an_interrupt_within_a_generated_method_ends_with_the_exit_code_too(tmp_path):
     """CPython marks a KeyboardInterrupt that went through `exec` of a text, and would die of SIGINT at exit."""
     (tmp_path / "interrupted.py").write_text(
