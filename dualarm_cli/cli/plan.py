@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,6 +94,13 @@ def plan_command(
     page: Annotated[
         bool, typer.Option("--page/--no-page", help="Write report.html, in which the cell moves.")
     ] = True,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help="Plan again when a file of the job changes; a local server shows the newest page.",
+        ),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -101,6 +109,7 @@ def plan_command(
 
     Exit code 1 if the verifier fails the plan, or if it misses the task file's budget; its files are written.
     """
+    from dualarm_cli.cli.parts.watching import keep_planning
     from dualarm_cli.exporting.files import URDF
     from dualarm_cli.exporting.schedule_json import to_json
     from dualarm_cli.exporting.whole_files import write_file
@@ -120,6 +129,35 @@ def plan_command(
         refuse_existing(folder, force)
     if plot is not None:
         refuse_plot(plot, force)
+    if watch:
+        for option, given in (
+            ("--out -", out == STDOUT),
+            ("--json", json_output),
+            ("--no-page", not page),
+        ):
+            if given:
+                raise UsageError(
+                    f"--watch shows the page of each plan: it does not go with {option}"
+                )
+        again = partial(
+            plan_command,
+            tasks=tasks,
+            out=out,
+            platform=platform,
+            redundancy=redundancy,
+            timing=timing,
+            effort=effort,
+            time_limit=time_limit,
+            rate=rate,
+            seed=seed,
+            plot=plot,
+            page=True,
+            watch=False,
+            force=True,
+            quiet=quiet,
+        )
+        keep_planning(tasks, folder / PAGE, again)
+        return
     job = load_job(tasks)
     figures = figures_of(plot, job) if plot is not None else {}
     for file in figures:

@@ -54,16 +54,20 @@ def built_folder() -> Traversable:
     return resources.files("dualarm_cli.page") / "built"
 
 
+def require_built() -> None:
+    """Raises PageNotBuiltError where this installation has no code of the page."""
+    if not all((built_folder() / name).is_file() for name in BUILT):
+        raise PageNotBuiltError
+
+
 def page_html(data: Mapping[str, Any]) -> bytes:
     """Returns the page of some data (`page_data`).
 
     Raises:
         PageNotBuiltError: this installation has no code of the page.
     """
-    folder = built_folder()
-    if not all((folder / name).is_file() for name in BUILT):
-        raise PageNotBuiltError
-    css, js = ((folder / name).read_text(encoding="utf-8") for name in BUILT)
+    require_built()
+    css, js = ((built_folder() / name).read_text(encoding="utf-8") for name in BUILT)
     # `<` begins nothing within a script then, whatever the names in the data are.
     text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     text = text.replace("<", "\\u003c")

@@ -1,0 +1,120 @@
+"""A page that reloads itself when what it shows has changed: a server for this machine alone."""
+
+from __future__ import annotations
+
+import html
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from dualarm_cli.page.page import POLICY
+
+HOST = "127.0.0.1"
+"""The server is reached from this machine only."""
+_RELOAD = """<script>
+(() => {
+  const shown = "VERSION", key = "dualarm.time";
+  const later = Number(sessionStorage.getItem(key));
+  const begin = () => {
+    if (!window.dualarm || !window.dualarm.ready) return setTimeout(begin, 100);
+    if (later > 0) window.dualarm.setTime(later);
+  };
+  if (document.getElementById("data")) begin();
+  setInterval(async () => {
+    const answer = await fetch("/version").catch(() => null);
+    if (!answer || await answer.text() === shown) return;
+    if (window.dualarm) sessionStorage.setItem(key, String(window.dualarm.time));
+    location.reload();
+  }, 500);
+})();
+</script>
+</body>"""
+"""Asks twice a second whether there is something newer, and keeps the time of the cursor."""
+_ERROR = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif }}
+body {{ margin: 3rem auto; max-width: 60rem; padding: 0 1rem }}
+pre {{ white-space: pre-wrap; padding: 1rem; border: 1px solid; border-left: 6px solid #c0392b }}
+</style>
+</head>
+<body>
+<h1>{title}</h1>
+<pre>{text}</pre>
+<p>{hint}</p>
+</body>
+</html>
+"""
+
+
+class LivePage:
+    """What is shown at the moment, and the server that shows it."""
+
+    def __init__(self, port: int = 0) -> None:
+        """Starts the server.
+
+        Args:
+            port: 0 for any that is free.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        self._content, self._version = b"", 0
+        self._server = ThreadingHTTPServer((HOST, port), self._handler())
+        self._server.daemon_threads = True
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self._server.server_address[1]}/"
+
+    def show(self, page: bytes) -> None:
+        """Shows a page (`page_html`) from now on; browsers that have an older one reload."""
+        self._version += 1
+        own = POLICY.replace("default-src 'none';", "default-src 'none'; connect-src 'self';")
+        text = page.decode("utf-8").replace(POLICY, own, 1)
+        body, _, _ = text.rpartition("</body>")
+        reload = _RELOAD.replace("VERSION", str(self._version))
+        self._content = f"{body}{reload}\n</html>\n".encode()
+
+    def tell(self, title: str, text: str, hint: str) -> None:
+        """Shows a text in place of a plan, such as what is wrong with a file."""
+        words = {"title": title, "text": text, "hint": hint}
+        safe = {name: html.escape(word) for name, word in words.items()}
+        self.show(_ERROR.format(policy=POLICY, **safe).encode())
+
+    def close(self) -> None:
+        """Ends the server."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        live = self
+
+        class Handler(BaseHTTPRequestHandler):
+            """Answers with the page and with its version."""
+
+            def do_GET(self) -> None:
+                # A page of elsewhere that has its own name lead here gets nothing.
+                host = self.headers.get("Host", "").partition(":")[0]
+                known = {"/": live._content, "/version": str(live._version).encode()}
+                content = known.get(self.path)
+                if host not in (HOST, "localhost") or content is None:
+                    self.send_error(404)
+                    return
+                self.send_response(200)
+                kind = "text/html" if self.path == "/" else "text/plain"
+                self.send_header("Content-Type", f"{kind}; charset=utf-8")
+                self.send_header("Content-Length", str(len(content)))
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(content)
+
+            def log_message(self, *_: object) -> None:
+                """Says nothing: the terminal belongs to the plan."""
+
+        return Handler
