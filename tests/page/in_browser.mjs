@@ -93,6 +93,18 @@ async function look(browser) {
         requestAnimationFrame(step);
       }),
   );
+  for (const button of await tab.locator(".group button, .view-bar button, .tabs button").all()) {
+    await button.click();
+  }
+  await tab.locator("summary").click();
+  for (const button of await tab.locator(".joint-list button").all()) await button.click();
+  await tab.locator("summary").click();
+  await tab.mouse.move(chart.x + 0.5 * chart.width, chart.y + 75);
+  await tab.mouse.wheel(0, -900);
+  for (const key of ["d", "ArrowRight", "ArrowUp", "t", "ArrowUp", "e", "ArrowDown", "z", "0", "f", "+", "-", "?", "Escape", "End"]) {
+    await tab.keyboard.press(key);
+  }
+  seen.endsAt = await tab.evaluate(() => window.dualarm.time);
   seen.text = await tab.evaluate(() => document.querySelector("#page").textContent);
   seen.elements = await tab.evaluate(() => document.querySelectorAll("#page img:not(.paper), #page script").length);
   seen.evil = await tab.evaluate(() => window.evil ?? null);

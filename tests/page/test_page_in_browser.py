@@ -97,6 +97,7 @@ def test_the_page_shows_the_plan(name: str, built: Path, tmp_path: Path) -> None
     assert 0.3 * schedule.duration < seen["clickedTo"] < 0.8 * schedule.duration
     assert_joints_are_the_schedules(seen["clickedJoints"], seen["clickedTo"], schedule)
     assert seen["pictureChanged"]
+    assert seen["endsAt"] == schedule.duration
     assert seen["rowLedTo"] == pytest.approx(schedule.stages[1].start, abs=1e-12)
 
 
@@ -127,6 +128,15 @@ def assert_state_is_the_schedules(
         flange = frames.oMf[model.getFrameId(arm.flange, pin.FrameType.BODY)]
         tool = (job.cell.base * flange * arm.tcp).translation
         assert np.linalg.norm(tool - state["tools"][name]) < 1e-6, (name, state["time"])
+
+
+def test_a_robot_without_solids_is_drawn(built: Path, tmp_path: Path) -> None:
+    """By its joints and what joins them."""
+    _, _, data = planned("05_two_robots")
+    bare = data | {"solids": [], "things": []}
+    seen = seen_in_browser(built, bare, np.array([0.0]), tmp_path)
+    assert seen["errors"] == []
+    assert seen["pictureChanged"]
 
 
 def test_names_with_markup_are_shown_as_text(built: Path, tmp_path: Path) -> None:

@@ -15,13 +15,13 @@ const scaled = (/** @type {number} */ size) => Math.round(size * SCALE);
 
 export const GUTTER = scaled(92);
 export const MARGIN = 14;
-/** Height of what a drag scrubs in place of moving the stretch that is shown: ruler and stages. */
-export const HEAD = scaled(36);
 export const FONT = `${scaled(11)}px system-ui, sans-serif`;
 export const SMALL = `${scaled(10)}px system-ui, sans-serif`;
 
 const RULER = scaled(20);
 const STAGES = scaled(16);
+/** Height of the stages of one arm, where each arm has its own. */
+const OWN_STAGES = scaled(13);
 const TASKS = scaled(17);
 const BARS = scaled(24);
 const PLATFORM = scaled(12);
@@ -37,13 +37,18 @@ export class Gantt {
     this.plan = plan;
     this.shown = shown;
     this.rows = ganttRows(plan);
-    this.free = plan.stages.some((stage) => stage.arm);
     this.prefixes = new Map(
       this.rows.map((row) => [row.name, commonPrefix(row.visits.map((visit) => visit.task))]),
     );
     this.canvas = document.createElement("canvas");
     this.canvas.className = "gantt";
-    let top = RULER + STAGES + GAP;
+    const arms = this.rows.filter((row) => row.arm).map((row) => row.arm);
+    /** Arms that have stages of their own; empty where stages are both arms'. */
+    this.stageRows = plan.stages.some((stage) => stage.arm) ? arms : [];
+    this.stagesHeight = this.stageRows.length ? this.stageRows.length * OWN_STAGES : STAGES;
+    /** Height of ruler and stages: a drag there moves the cursor. */
+    this.head = RULER + this.stagesHeight;
+    let top = this.head + GAP;
     this.tops = this.rows.map((row) => {
       const own = top;
       top += (row.arm ? TASKS + BARS : PLATFORM) + GAP;
@@ -129,7 +134,7 @@ export class Gantt {
     g.font = FONT;
     g.textAlign = "right";
     g.fillStyle = colour("muted");
-    g.fillText("stage", GUTTER - 10, RULER + STAGES / 2);
+    g.fillText("stage", GUTTER - 10, RULER + this.stagesHeight / 2);
     for (const [i, row] of this.rows.entries()) {
       const middle = row.arm ? TASKS + BARS / 2 : PLATFORM / 2;
       g.fillStyle = colour(row.arm ? "text" : "muted");
@@ -159,27 +164,29 @@ export class Gantt {
 
   /** @param {CanvasRenderingContext2D} g */
   drawStages(g) {
-    const arms = this.rows.filter((row) => row.arm).map((row) => row.arm);
-    let filled = -Infinity;
     g.font = SMALL;
     g.textAlign = "center";
-    for (const [i, stage] of this.plan.stages.entries()) {
-      if (stage.end < this.shown.from || stage.start > this.shown.to) continue;
-      const part = this.free && stage.arm ? arms.indexOf(stage.arm) : 0;
-      const height = this.free && stage.arm ? STAGES / arms.length : STAGES;
-      const x = this.x(stage.start);
-      const width = this.length(stage);
-      const top = RULER + Math.max(part, 0) * height;
-      g.fillStyle = colour(i % 2 ? "band-odd" : "band-even");
-      g.fillRect(x, top, width, height - 1);
-      const text = String(i + 1);
-      const half = g.measureText(text).width / 2 + 2;
-      const middle = x + width / 2;
-      if (height < 12 || middle - half < filled) continue;
-      filled = middle + half;
+    const rows = this.stageRows.length ? this.stageRows : [""];
+    rows.forEach((arm, row) => {
+      const height = this.stagesHeight / rows.length;
+      const top = RULER + row * height;
+      const all = this.plan.stages.map((stage, i) => ({ ...stage, text: String(i + 1) }));
+      const own = all.filter((stage) => !arm || !stage.arm || stage.arm === arm);
+      const bars = own.map((stage, i) => ({ ...stage, odd: i % 2 === 1 }));
+      for (const bar of this.inSight(bars)) {
+        g.fillStyle = colour(bar.odd ? "band-odd" : "band-even");
+        g.fillRect(this.x(bar.start), top, this.length(bar), height - 1);
+      }
       g.fillStyle = colour("muted");
-      g.fillText(text, middle, top + height / 2);
-    }
+      let end = -Infinity;
+      for (const bar of this.inSight(bars)) {
+        const middle = this.x(bar.start) + this.length(bar) / 2;
+        const half = g.measureText(bar.text).width / 2;
+        if (middle - half < end + 4) continue;
+        end = middle + half;
+        g.fillText(bar.text, middle, top + height / 2);
+      }
+    });
   }
 
   /**
@@ -331,7 +338,7 @@ export function drawLegendEntry(canvas, bar) {
   const ratio = window.devicePixelRatio || 1;
   canvas.width = Math.round(18 * ratio);
   canvas.height = Math.round(12 * ratio);
-  const g = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const g = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { willReadFrequently: true }));
   g.setTransform(ratio, 0, 0, ratio * (12 / BARS), 0, 0);
   g.font = SMALL;
   drawBar(g, { ...bar, start: 0, end: 0, label: "wait", text: "" }, 0, 18, 0);

@@ -4,8 +4,9 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { clearanceAt } from "./clearance.js";
 import { Belt, Skeleton, traces } from "./scene_parts.js";
-import { Materials, UNKNOWN_SIDE, meshesOf, place } from "./shapes.js";
-import { WORLD, compose, forwardKinematics, thingPose } from "./poses.js";
+import { Things } from "./scene_things.js";
+import { Materials, meshOf, place } from "./shapes.js";
+import { WORLD, compose, forwardKinematics } from "./poses.js";
 import { positionsAt } from "./trajectory.js";
 import { armsOf } from "./data.js";
 
@@ -61,27 +62,20 @@ export class Scene {
     this.requested = false;
     const { materials } = this;
     this.frames = plan.bodies.map(() => new THREE.Group());
-    this.world.add(...this.frames);
+    this.add(this.frames);
     for (const solid of plan.solids) {
       const at = solid.body === WORLD || solid.body === undefined ? this.world : this.frames[solid.body];
-      at.add(...meshesOf([solid], plan.hulls, this.materialOf(solid)));
+      at.add(meshOf(solid, plan.hulls, this.materialOf(solid)));
     }
-    this.things = plan.things.map((thing) => {
-      const group = new THREE.Group();
-      const material = materials.solid(thing.role === "part" ? "part" : "tool-solid");
-      const solids = thing.solids.length > 0 ? thing.solids : [unknownShape()];
-      group.add(...meshesOf(solids, plan.hulls, material));
-      for (const mesh of group.children) mesh.name = thing.name;
-      this.world.add(group);
-      return { thing, group };
-    });
+    this.things = new Things(plan, materials);
+    this.add(this.things.meshes);
     this.belts = plan.conveyors.map((conveyor) => new Belt(conveyor, materials));
     this.skeleton = new Skeleton(plan, materials);
     this.traces = traces(plan, materials);
-    this.world.add(this.skeleton.group, ...this.belts.map((belt) => belt.group));
-    this.world.add(...this.traces.flatMap((trace) => trace.lines));
+    this.add([this.skeleton.group, ...this.belts.map((belt) => belt.group)]);
+    this.add(this.traces.flatMap((trace) => trace.lines));
     this.tips = armsOf(plan).map(() => tripod(materials));
-    this.world.add(...this.tips);
+    this.add(this.tips);
     this.pair = new THREE.Group();
     this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), materials.solid("clearance"));
     this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), materials.solid("clearance")));
@@ -100,6 +94,11 @@ export class Scene {
     this.setSize();
     this.fitted = false;
     new ResizeObserver(() => this.resize()).observe(holder);
+  }
+
+  /** @param {THREE.Object3D[]} objects that stand in the world, perhaps none */
+  add(objects) {
+    for (const object of objects) this.world.add(object);
   }
 
   /** @param {Solid} solid */
@@ -123,11 +122,7 @@ export class Scene {
     this.poses = forwardKinematics(this.plan.bodies, positionsAt(this.plan.joints, time));
     const poses = this.poses;
     this.frames.forEach((frame, i) => place(frame, poses[i]));
-    for (const { thing, group } of this.things) {
-      const pose = thingPose(thing, time, poses);
-      group.visible = pose !== null;
-      if (pose) place(group, pose);
-    }
+    this.things.setTime(time, poses);
     for (const belt of this.belts) belt.setTime(time);
     for (const trace of this.traces) trace.setTime(time);
     this.skeleton.setPoses(poses);
@@ -234,9 +229,10 @@ export class Scene {
   outline() {
     this.world.updateMatrixWorld(true);
     /** @type {THREE.Vector3[]} */
-    const found = this.traces.flatMap((trace) => corners(trace.bounds()));
-    for (const group of [...this.frames, ...this.things.map((thing) => thing.group)]) {
-      for (const mesh of group.visible ? group.children : []) {
+    const found = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.places()];
+    for (const pose of this.poses) found.push(new THREE.Vector3(...pose.xyz));
+    for (const group of this.frames) {
+      for (const mesh of group.children) {
         if (!(mesh instanceof THREE.Mesh)) continue;
         mesh.geometry.computeBoundingBox();
         found.push(...corners(/** @type {THREE.Box3} */ (mesh.geometry.boundingBox)).map((p) => p.applyMatrix4(mesh.matrixWorld)));
@@ -288,8 +284,9 @@ export class Scene {
     const { clientWidth: width, clientHeight: height } = this.holder;
     const caster = new THREE.Raycaster();
     caster.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
-    const hit = caster.intersectObjects([...this.world.children], true).find((h) => h.object.name !== "" && h.object.parent?.visible);
-    return hit?.object.name ?? "";
+    const hits = caster.intersectObjects([...this.world.children], true);
+    const names = hits.map((hit) => this.things.nameOf(hit) || hit.object.name);
+    return names.find((name) => name !== "") ?? "";
   }
 }
 
@@ -312,10 +309,4 @@ function tripod(materials) {
     group.add(new THREE.Line(line, materials.line(`axis-${name}`)));
   });
   return group;
-}
-
-/** @returns {Solid} */
-function unknownShape() {
-  const side = UNKNOWN_SIDE;
-  return { kind: "box", size: [side, side, side], hull: null, xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
 }

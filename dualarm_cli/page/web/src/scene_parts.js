@@ -11,8 +11,9 @@ import { countUpTo, positionsAt } from "./trajectory.js";
 
 /** Instants per second at which a trace is sampled, and how many at most. */
 const PER_SECOND = 40;
-const MOST = 4000;
-/** How much of a trace is bold behind the tool [s]. */
+const MOST = 8000;
+/** How much of a trace is seen before and after the cursor, and how much of it is bold behind the tool [s]. */
+const SEEN = 20;
 const TAIL = 1.5;
 
 /** The joints of the robot as dots, joined by lines. */
@@ -90,7 +91,7 @@ export function traces(plan, materials) {
   return arms.map(([arm], k) => new Trace(times, points[k], arm, materials));
 }
 
-/** The way of a tool centre point: all of it faint, the last second and a half bold. */
+/** The way of a tool centre point: faint before and after the cursor, bold where it just was. */
 class Trace {
   /**
    * @param {Float64Array} times
@@ -112,9 +113,12 @@ class Trace {
 
   /** @param {number} time */
   setTime(time) {
-    const first = Math.max(countUpTo(this.times, time - TAIL) - 1, 0);
-    const end = countUpTo(this.times, time);
-    this.recent.setDrawRange(first, Math.max(end - first, 0));
+    const show = (/** @type {THREE.BufferGeometry} */ line, /** @type {number} */ from, /** @type {number} */ to) => {
+      const first = Math.max(countUpTo(this.times, from) - 1, 0);
+      line.setDrawRange(first, Math.max(countUpTo(this.times, to) - first, 0));
+    };
+    show(this.whole, time - SEEN, time + SEEN);
+    show(this.recent, time - TAIL, time);
   }
 
   /** @param {boolean} visible */

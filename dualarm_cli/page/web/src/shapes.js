@@ -8,8 +8,6 @@ import * as THREE from "three";
 const SPANS = 18;
 const GROUND = 20;
 
-/** Side of the cube that stands for a thing of unknown shape [m]. */
-export const UNKNOWN_SIDE = 0.03;
 
 /**
  * Returns the geometry of a solid in its own frame.
@@ -51,9 +49,13 @@ export function place(object, { xyz, quat }) {
 const VERTEX = `
 varying float light;
 void main() {
-  vec3 n = normalize(mat3(modelMatrix) * normal);
+  mat4 placed = modelMatrix;
+#ifdef USE_INSTANCING
+  placed = modelMatrix * instanceMatrix;
+#endif
+  vec3 n = normalize(mat3(placed) * normal);
   light = 0.70 + 0.14 * n.z + 0.26 * max(dot(n, vec3(0.32, -0.49, 0.81)), 0.0);
-  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  gl_Position = projectionMatrix * viewMatrix * placed * vec4(position, 1.0);
 }`;
 const FRAGMENT = `
 uniform vec3 colour;
@@ -102,17 +104,14 @@ function newSolid() {
 }
 
 /**
- * Returns the meshes of some solids in one frame.
- * @param {Solid[]} solids
+ * Returns the mesh of a solid in the frame that it is posed in.
+ * @param {Solid} solid
  * @param {Hull[]} hulls
  * @param {THREE.Material} material
- * @returns {THREE.Mesh[]}
  */
-export function meshesOf(solids, hulls, material) {
-  return solids.map((solid) => {
-    const mesh = new THREE.Mesh(geometryOf(solid, hulls), material);
-    place(mesh, solid);
-    mesh.name = solid.name ?? "";
-    return mesh;
-  });
+export function meshOf(solid, hulls, material) {
+  const mesh = new THREE.Mesh(geometryOf(solid, hulls), material);
+  place(mesh, solid);
+  mesh.name = solid.name ?? "";
+  return mesh;
 }

@@ -3,7 +3,7 @@
 import { colour } from "./colours.js";
 import { clearancePlot, curveStyle, jointPlots } from "./curves.js";
 import { button, element, toggle } from "./dom.js";
-import { GUTTER, Gantt, HEAD, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
+import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
 import { QUANTITIES, stateAt } from "./trajectory.js";
 import { jointValue, millimetres } from "./units.js";
 import { clearanceAt } from "./clearance.js";
@@ -146,7 +146,7 @@ export class Timeline {
     stack.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
       if (event.button !== 0) return;
       const y = event.clientY - stack.getBoundingClientRect().top;
-      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < HEAD, moved: false };
+      drag = { x: event.clientX, from: shown.from, to: shown.to, scrubs: y < this.gantt.head, moved: false };
       stack.setPointerCapture(event.pointerId);
       if (drag.scrubs) this.clock.setTime(this.timeAt(event));
     });

@@ -1,0 +1,87 @@
+// Parts and changed tools in the 3-D view: things of one shape are drawn together, however many there are.
+
+import * as THREE from "three";
+import { compose, thingPose } from "./poses.js";
+import { geometryOf } from "./shapes.js";
+
+/** @typedef {import("./types.js").Plan} Plan */
+/** @typedef {import("./types.js").Pose} Pose */
+/** @typedef {import("./types.js").Solid} Solid */
+/** @typedef {import("./types.js").Thing} Thing */
+
+/** Side of the cube that stands for a thing of unknown shape [m]. */
+const SIDE = 0.03;
+
+/** @type {Solid} */
+const UNKNOWN = { kind: "box", size: [SIDE, SIDE, SIDE], hull: null, xyz: [0, 0, 0], quat: [0, 0, 0, 1] };
+
+const NOWHERE = new THREE.Matrix4().makeScale(0, 0, 0);
+const ONE = new THREE.Vector3(1, 1, 1);
+
+/** All things of a plan. */
+export class Things {
+  /**
+   * @param {Plan} plan
+   * @param {import("./shapes.js").Materials} materials
+   */
+  constructor(plan, materials) {
+    /** @type {Map<string, {solid: Solid, role: string, things: Thing[]}>} */
+    const alike = new Map();
+    for (const thing of plan.things) {
+      for (const solid of thing.solids.length > 0 ? thing.solids : [UNKNOWN]) {
+        const key = JSON.stringify([thing.role, solid]);
+        const one = alike.get(key) ?? { solid, role: thing.role, things: [] };
+        one.things.push(thing);
+        alike.set(key, one);
+      }
+    }
+    this.kinds = [...alike.values()].map(({ solid, role, things }) => {
+      const material = materials.solid(role === "part" ? "part" : "tool-solid");
+      const mesh = new THREE.InstancedMesh(geometryOf(solid, plan.hulls), material, things.length);
+      mesh.frustumCulled = false;
+      return { solid, things, mesh };
+    });
+    this.meshes = this.kinds.map(({ mesh }) => mesh);
+  }
+
+  /**
+   * @param {number} time s
+   * @param {Pose[]} poses of the bodies
+   */
+  setTime(time, poses) {
+    const [matrix, position, turn] = [new THREE.Matrix4(), new THREE.Vector3(), new THREE.Quaternion()];
+    for (const { solid, things, mesh } of this.kinds) {
+      things.forEach((thing, i) => {
+        const pose = thingPose(thing, time, poses);
+        if (pose) {
+          const { xyz, quat } = compose(pose, solid);
+          matrix.compose(position.set(...xyz), turn.set(...quat), ONE);
+        }
+        mesh.setMatrixAt(i, pose ? matrix : NOWHERE);
+      });
+      mesh.instanceMatrix.needsUpdate = true;
+      mesh.boundingSphere = null;
+    }
+  }
+
+  /**
+   * Returns the name of the thing that a ray meets.
+   * @param {THREE.Intersection} hit
+   * @returns {string}
+   */
+  nameOf(hit) {
+    const kind = this.kinds.find(({ mesh }) => mesh === hit.object);
+    return kind && hit.instanceId !== undefined ? kind.things[hit.instanceId].name : "";
+  }
+
+  /** @returns {THREE.Vector3[]} where the things are */
+  places() {
+    const matrix = new THREE.Matrix4();
+    return this.kinds.flatMap(({ things, mesh }) =>
+      things.flatMap((_, i) => {
+        mesh.getMatrixAt(i, matrix);
+        return matrix.determinant() === 0 ? [] : [new THREE.Vector3().setFromMatrixPosition(matrix)];
+      }),
+    );
+  }
+}
