@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dualarm_cli.model.job import Job
+    from dualarm_cli.model.schedule import Schedule
     from dualarm_cli.plan.comparison import Case
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
 SCHEDULES_DOCUMENT, SCHEDULES_TABLE = "schedules.json", "schedules.csv"
+SCHEDULES_PAGE = "schedules.html"
 
 compare_app = typer.Typer(
     name="compare",
@@ -258,6 +261,12 @@ def schedules_command(
         typer.Argument(metavar="B", help="The plan to compare it with.", show_default=False),
     ],
     out: OutOption = None,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--page", help="Write schedules.html as well: both plans in motion on one clock."
+        ),
+    ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -275,13 +284,19 @@ def schedules_command(
         schedules_table,
     )
 
+    if page and out is None:
+        raise UsageError("--page writes schedules.html: name its folder with --out")
     if out is not None:
-        refuse_folder(out, (SCHEDULES_TABLE, SCHEDULES_DOCUMENT), force)
-    document = compare_schedules(read_schedule(a), read_schedule(b), (str(a), str(b)))
+        names = (SCHEDULES_TABLE, SCHEDULES_DOCUMENT, *((SCHEDULES_PAGE,) if page else ()))
+        refuse_folder(out, names, force)
+    plans = (read_schedule(a), read_schedule(b))
+    document = compare_schedules(*plans, (str(a), str(b)))
     document["sentence"] = schedules_sentence(document)
     document = printable(document)
     if out is not None:
         files = {SCHEDULES_TABLE: schedules_csv(document)}
+        if page:
+            files[SCHEDULES_PAGE] = _page_of_both(plans, (a, b), document)
         write_folder(out, files | {SCHEDULES_DOCUMENT: json_bytes(document)})
         if not quiet:
             print_message(f"written: {out}")
@@ -293,3 +308,51 @@ def schedules_command(
             console.print(schedules_table(document))
         for line in (document["sentence"], *(f"note: {note}" for note in document["notes"])):
             console.print(line, markup=False, soft_wrap=True)
+
+
+def _page_of_both(
+    plans: tuple[Schedule, Schedule], paths: tuple[Path, Path], document: dict[str, Any]
+) -> bytes:
+    """Returns the page of two plans on one clock; each is verified anew with the task file that it was made of."""
+    from dualarm_cli.cli.report import tasks_of
+    from dualarm_cli.files.tasks.tasks import load_job
+    from dualarm_cli.page.page import page_html
+    from dualarm_cli.page.page_data import page_data
+    from dualarm_cli.page.side_by_side import ComparedStage, side_by_side
+    from dualarm_cli.report.comparison.schedule_comparison_table import cause_text
+    from dualarm_cli.report.report import build_report
+    from dualarm_cli.verification import verify
+
+    pages = []
+    for schedule, path in zip(plans, paths, strict=True):
+        job = load_job(tasks_of(schedule, path if path.is_dir() else path.parent))
+        judged = replace(schedule, verification=verify(schedule, job, clearance=True))
+        pages.append(page_html(page_data(judged, job, build_report(judged, job))))
+    rows = []
+    for row in document["stages"]:
+        numbers = [row[side] for side in ("a", "b")]
+        starts = [
+            plan.stages[number - 1].start if number is not None else 0.0
+            for plan, number in zip(plans, numbers, strict=True)
+        ]
+        lengths = [row[f"{side}_duration"] for side in ("a", "b")]
+        rows.append(
+            ComparedStage(
+                numbers=(_number(numbers[0]), _number(numbers[1])),
+                starts=(starts[0], starts[1]),
+                work=", ".join(row["work"]) or "(return)",
+                lengths=(_length(lengths[0]), _length(lengths[1])),
+                difference=row["difference"],
+                cause=cause_text(row),
+            )
+        )
+    title = f"{paths[0]} and {paths[1]}"
+    return side_by_side((pages[0], pages[1]), title, document["sentence"], rows)
+
+
+def _number(value: int | None) -> str:
+    return "–" if value is None else str(value)
+
+
+def _length(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"

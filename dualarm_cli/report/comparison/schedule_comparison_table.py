@@ -43,7 +43,7 @@ def schedules_table(document: dict[str, Any]) -> Table:
             escape(", ".join(row["work"]) or "(return)"),
             *(_seconds(row[f"{side}_duration"]) for side in ("a", "b")),
             f"[{colour}]{_signed(change)}[/]",
-            escape(_who(row)),
+            escape(cause_text(row)),
             _change(row["blame"]),
         )
     return table
@@ -111,8 +111,8 @@ def schedules_csv(document: dict[str, Any]) -> bytes:
     return csv_bytes(table)
 
 
-def _who(row: dict[str, Any]) -> str:
-    """Returns what is to blame in a row, or what keeps it from being compared."""
+def cause_text(row: dict[str, Any]) -> str:
+    """Returns what is to blame in a row of a comparison, or what keeps it from being compared."""
     if row["match"] not in ("same work", "other work beside it"):
         return str(row["match"])
     found = row["blame"]
