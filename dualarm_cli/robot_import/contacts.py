@@ -27,11 +27,9 @@ FEW = 200
 ALWAYS = 0.95
 """Share of postures from which on two links overlap by construction."""
 OFTEN = 0.5
-"""Share of postures from which on the shapes of two links are wider than the links."""
-NEAR = 3
-"""Moving joints between two links up to which that counts as by construction."""
+"""Share of postures from which on the shapes of two links may be wider than the links."""
 NEIGHBOURS = 0.3
-"""Share of postures from which on it does for links that one moving joint joins, by way of what is fixed to them."""
+"""The same share for links that one moving joint joins, by way of what is fixed to them."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,9 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
 def find_contacts(
     robot: Robot, known: Mapping[frozenset[str], str], seed: int
 ) -> tuple[list[Contact], list[Contact]]:
-    """Returns the pairs of links whose shapes overlap by construction with the known ones, and those that often do.
+    """Returns the pairs of links that touch wherever the joints are, and the known ones; and those that often do.
+
+    What touches in some postures only may be a collision: it is not allowed, whatever its reason.
 
     Args:
         robot: without allowed contacts.
@@ -110,10 +110,7 @@ def find_contacts(
         what = f"touch in {of:.0%} of {POSTURES} postures"
         if of >= ALWAYS:
             found.append(Contact(names, what))
-        elif between <= NEAR and of >= (NEIGHBOURS if between == 1 else OFTEN):
-            joints = "1 joint" if between == 1 else f"{between} joints"
-            found.append(Contact(names, f"{joints} apart, {what}: shapes wider than the links"))
-        elif of >= OFTEN:
+        elif of >= OFTEN or (between == 1 and of >= NEIGHBOURS):
             often.append(Contact(names, what))
     return found, often
 

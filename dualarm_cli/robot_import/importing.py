@@ -99,11 +99,13 @@ def import_robot(request: ImportRequest) -> Imported:
     first = _loaded(files, robot_text(text))
     contacts, often = find_contacts(first.robot, srdf.contacts, request.seed)
     stated = _postures(srdf, first)
-    text = replace(text, contacts=contacts, postures={**zero, **stated})
+    text = replace(text, contacts=contacts, suggested=often, postures={**zero, **stated})
     if "home" not in stated:
         home = propose_home(_loaded(files, robot_text(text)).robot, request.seed)
         if home is not None:
-            values = dict(zip(first.robot.joints, np.round(home, 4).tolist(), strict=True))
+            joint_limits = first.robot.limits
+            rounded = np.clip(np.round(home, 4), joint_limits.lower, joint_limits.upper)
+            values = dict(zip(first.robot.joints, rounded.tolist(), strict=True))
             text = replace(text, postures={"home": values, **stated}, proposed=True)
     content = robot_text(text)
     loaded = _loaded(files, content)
@@ -111,13 +113,13 @@ def import_robot(request: ImportRequest) -> Imported:
     if assumed:
         names = ", ".join(sorted(assumed))
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
-    for pair in often:
-        names = " and ".join(pair.links)
-        reasons.append(
-            f"{names} {pair.why}: their shapes are probably too wide; give the links finer ones"
-        )
     if contacts:
         reasons.append(f"links that may touch, see allowed_contacts: {len(contacts)} pairs")
+    if often:
+        reasons.append(
+            f"links that touch in many postures, and are kept apart: {len(often)} pairs; the robot file lists them. "
+            "Their shapes may be wider than the links: give them finer ones (--convex-parts), or allow the pairs"
+        )
     if text.proposed:
         reasons.append(
             "posture home: proposed; collision-free, away from joint limits and singular postures"
@@ -128,7 +130,7 @@ def import_robot(request: ImportRequest) -> Imported:
         )
     return Imported(
         _file_name(name),
-        {"robot.yaml": content.encode(), **files},
+        {**files, "robot.yaml": content.encode()},
         loaded,
         tuple([*reasons, *loaded.notes]),
     )

@@ -44,7 +44,7 @@ def read_joint_limits(path: Path) -> dict[str, StatedLimits]:
     document = parse_yaml(read_text(path, str(path)))
     if document.diagnostics:
         raise InputError(document.diagnostics)
-    joints = document.data.get("joint_limits")
+    joints = document.data.get("joint_limits") if isinstance(document.data, dict) else None
     if not isinstance(joints, dict):
         message = "has no mapping 'joint_limits'"
         raise InputError([Diagnostic(str(path), 0, 0, "E202", message)])

@@ -7,14 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from dualarm_cli.files.robots.schema_robot import JERK_RULE
 from dualarm_cli.robot_import.contacts import Contact
 from dualarm_cli.robot_import.joint_limits import ASSUMED, StatedLimits
 from dualarm_cli.robot_import.structure import Structure
 
 ACCELERATION_RULE = "top speed in 0.3 s"
 """Acceleration limits of joints for which nobody states one."""
-JERK_RULE = "acceleration in 0.1 s"
-"""Jerk limits of joints for which nobody states one."""
 
 
 _WORDS = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
@@ -37,6 +36,8 @@ class RobotText:
     """Limits of other files."""
     contacts: Sequence[Contact] = ()
     """Links that may touch."""
+    suggested: Sequence[Contact] = ()
+    """Links that touch in many postures, which people have to judge."""
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Named postures [rad or m]."""
     proposed: bool = False
@@ -54,7 +55,7 @@ def robot_text(robot: RobotText) -> str:
     structure = robot.structure
     lines = [
         "# Written by `dualarm robot import`. Replace what is `assumed` where you know better.",
-        *(f"# {reason}" for reason in structure.reasons),
+        *(f"# {_line(reason)}" for reason in structure.reasons),
         "dualarm: robot/1",
         f"name: {_text(robot.name)}",
         f"urdf: {_text(robot.urdf)}",
@@ -80,7 +81,14 @@ def robot_text(robot: RobotText) -> str:
         lines.append(f"  {_text(name)}: {{{pairs}}}")
     if robot.contacts:
         lines.append("allowed_contacts:  # links whose shapes overlap where the links do not")
-        lines += [f"  - {_list(contact.links)}  # {contact.why}" for contact in robot.contacts]
+        lines += [
+            f"  - {_list(contact.links)}  # {_line(contact.why)}" for contact in robot.contacts
+        ]
+    if robot.suggested:
+        lines.append(
+            "# These touch in many postures. Allow a pair only if its shapes touch and its links do not:"
+        )
+        lines += [f"#  - {_list(pair.links)}  # {_line(pair.why)}" for pair in robot.suggested]
     return "\n".join(lines) + "\n"
 
 
@@ -90,10 +98,14 @@ def _limits(robot: RobotText) -> list[str]:
     lines = ["limits:  # positions and velocities are those of the URDF", f"  default: {rule}"]
     for joint in robot.structure.joints:
         stated = robot.limits.get(joint)
-        if stated is not None and stated.acceleration is not None:
-            rates = f"acceleration: {stated.acceleration!r}"
-            rates += f", jerk: {stated.jerk!r}" if stated.jerk is not None else ""
-            lines.append(f"  {_text(joint)}: {{{rates}, source: assumed}}  # joint_limits.yaml")
+        if stated is None:
+            continue
+        rates = {"acceleration": stated.acceleration, "jerk": stated.jerk}
+        given = ", ".join(
+            f"{rate}: {value!r}" for rate, value in rates.items() if value is not None
+        )
+        if given:
+            lines.append(f"  {_text(joint)}: {{{given}, source: assumed}}  # joint_limits.yaml")
     if robot.assumed:
         names = ", ".join(sorted(robot.assumed))
         lines.append(
@@ -130,6 +142,11 @@ def _text(text: str) -> str:
     """Returns text as YAML reads it: plain where it can be nothing else, else in quotes."""
     plain = re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", text) is not None
     return text if plain and text.lower() not in _WORDS else json.dumps(text)
+
+
+def _line(text: str) -> str:
+    """Returns text as one line of a comment."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _list(names: Sequence[str]) -> str:

@@ -84,6 +84,14 @@ BAD = {
         with_solid('<mesh filename="package://inner/../../secret.stl"/>'),
         "must be package://name/path",
     ),
+    "mesh of a package above": (
+        with_solid('<mesh filename="package://../secret.stl"/>'),
+        "must be package://name/path",
+    ),
+    "mesh by an absolute path in a package": (
+        with_solid('<mesh filename="package://inner//etc/hostname"/>'),
+        "must be package://name/path",
+    ),
     "mesh of a folder that is no package": (
         with_solid('<mesh filename="package://aside/secret.stl"/>'),
         "package 'aside' was looked for",

@@ -43,8 +43,9 @@ class MeshFinder:
             return self.project.follow(reference, self.urdf)
         package, _, rest = reference.removeprefix(_SCHEME).partition("/")
         if (
-            not package
+            package in ("", ".", "..")
             or not rest
+            or rest.startswith("/")
             or "\0" in reference
             or "\\" in reference
             or ".." in Path(rest).parts
