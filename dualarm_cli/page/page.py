@@ -12,7 +12,7 @@ from typing import Any
 from dualarm_cli.errors import MissingDependencyError
 
 BUILT = ("page.css", "page.js")
-"""Files that `web/build_page.py` makes when the package is built."""
+"""Files that `hatch_build.py` makes when the package is built."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
     "base-uri 'none'; form-action 'none'"

@@ -26,10 +26,10 @@ FEW = 200
 """Postures after which pairs that have not yet touched in most of them are looked at no longer."""
 ALWAYS = 0.95
 """Share of postures from which on two links overlap by construction."""
+MOSTLY, NEAR = 0.55, 3
+"""Share of postures from which on the shapes of links at most NEAR moving joints apart are assumed to be too wide."""
 OFTEN = 0.5
-"""Share of postures from which on the shapes of two links may be wider than the links."""
-NEIGHBOURS = 0.3
-"""The same share for links that one moving joint joins, by way of what is fixed to them."""
+"""Share of postures from which on links that are farther apart are told."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Contact:
     """Their names."""
     why: str
     """Why they may touch, in words."""
+    assumed: bool = False
+    """Whether it is only assumed that the shapes touch and the links do not."""
 
 
 def bare_cell(robot: Robot) -> Cell:
@@ -71,7 +73,7 @@ def find_contacts(
 ) -> tuple[list[Contact], list[Contact]]:
     """Returns the pairs of links that touch wherever the joints are, and the known ones; and those that often do.
 
-    What touches in some postures only may be a collision: it is not allowed, whatever its reason.
+    What touches in some postures only may be a collision: where it is assumed to be none, the robot file says so.
 
     Args:
         robot: without allowed contacts.
@@ -95,7 +97,7 @@ def find_contacts(
     postures = in_model_order(model, robot, random_postures(robot, POSTURES, seed))
     indices = [(pair.first, pair.second) for pair in candidates]
     share = _touching(model, solids, indices, postures[:FEW]).mean(axis=0)
-    likely = np.flatnonzero(share >= 0.5 * NEIGHBOURS)
+    likely = np.flatnonzero(share >= 0.5 * OFTEN)
     if not len(likely):
         return found, []
     share = _touching(model, solids, [indices[k] for k in likely], postures).mean(axis=0)
@@ -110,8 +112,8 @@ def find_contacts(
         what = f"touch in {of:.0%} of {POSTURES} postures"
         if of >= ALWAYS:
             found.append(Contact(names, what))
-        elif of >= OFTEN or (between == 1 and of >= NEIGHBOURS):
-            often.append(Contact(names, what))
+        elif of >= (MOSTLY if between <= NEAR else OFTEN):
+            often.append(Contact(names, what, assumed=between <= NEAR))
     return found, often
 
 

@@ -115,11 +115,15 @@ def import_robot(request: ImportRequest) -> Imported:
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
     if contacts:
         reasons.append(f"links that may touch, see allowed_contacts: {len(contacts)} pairs")
-    if often:
+    assumed_pairs = [pair for pair in often if pair.assumed]
+    if assumed_pairs:
         reasons.append(
-            f"links that touch in many postures, and are kept apart: {len(often)} pairs; the robot file lists them. "
-            "Their shapes may be wider than the links: give them finer ones (--convex-parts), or allow the pairs"
+            f"links that touch in many postures, see assumed_contacts: {len(assumed_pairs)} pairs; their shapes are "
+            "assumed to be wider than they. Judge them, or give them finer shapes (--convex-parts)"
         )
+    for pair in often:
+        if not pair.assumed:
+            reasons.append(f"{' and '.join(pair.links)} {pair.why}, and are kept apart")
     if text.proposed:
         reasons.append(
             "posture home: proposed; collision-free, away from joint limits and singular postures"

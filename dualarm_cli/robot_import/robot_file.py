@@ -84,11 +84,15 @@ def robot_text(robot: RobotText) -> str:
         lines += [
             f"  - {_list(contact.links)}  # {_line(contact.why)}" for contact in robot.contacts
         ]
-    if robot.suggested:
+    assumed = [pair for pair in robot.suggested if pair.assumed]
+    if assumed:
         lines.append(
-            "# These touch in many postures. Allow a pair only if its shapes touch and its links do not:"
+            "assumed_contacts:  # judge them: each plan tells that their collisions are not checked"
         )
-        lines += [f"#  - {_list(pair.links)}  # {_line(pair.why)}" for pair in robot.suggested]
+        lines += [f"  - {_list(pair.links)}  # {_line(pair.why)}" for pair in assumed]
+    for pair in robot.suggested:
+        if not pair.assumed:
+            lines.append(f"# {_list(pair.links)} {_line(pair.why)} and are kept apart")
     return "\n".join(lines) + "\n"
 
 

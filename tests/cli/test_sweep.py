@@ -138,7 +138,7 @@ def test_a_bad_value_is_a_row_of_its_own(folder, here, capsys) -> None:
         "3 points with bad input; of the first (x 70 mm, y 2000): study.yaml:9:3: E200 parameter 'y' makes tasks.P2"
         in out
     )
-    assert "outside the range of length" in out
+    assert "did you mean '2000 mm'" in out
 
 
 def test_a_time_out_is_a_row_of_its_own(folder, capsys, monkeypatch) -> None:

@@ -257,7 +257,7 @@ def test_each_mistake_is_reported_at_its_place(
         assert found == [
             "robot.yaml:1:1: E202 'name' is missing",
             "robot.yaml:2:1: E201 unknown key 'nmae', did you mean 'name'? "
-            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, frozen, postures, allowed_contacts",
+            "Allowed: dualarm, name, urdf, dh, platform, arms, limits, frozen, postures, allowed_contacts, assumed_contacts",
         ]
         return
     assert found == [f"robot.yaml:{expected}"]

@@ -131,6 +131,45 @@ def test_links_that_overlap_in_every_posture_are_found(tmp_path: Path) -> None:
     assert len(wide) > len(plain)
 
 
+def test_links_that_touch_in_some_postures_only_are_no_contacts_or_told(tmp_path: Path) -> None:
+    """A box on the upper arm that the forearm meets when it bends: judged by coal in 400 postures of its own."""
+    path = urdf_of("nextage", tmp_path)
+    text = path.read_text()
+    joints = load_robot("nextage").robot.arm("left").joints
+    (link,) = re.findall(rf'<joint name="{joints[1]}".*?<child link="([^"]*)"', text, re.DOTALL)
+    box = '<origin xyz="0.08 0 -0.12"/><geometry><box size="0.12 0.06 0.2"/></geometry>'
+    solid = f'<link name="{link}"><collision>{box}</collision>'
+    path.write_text(text.replace(f'<link name="{link}">', solid, 1))
+    found = imported(path)
+    allowed = {frozenset(pair) for pair in found.loaded.robot.allowed_contacts}
+    bare = replace(found.loaded.robot, allowed_contacts=())
+    model = pin.buildModelFromXML(bare.urdf)
+    solids = link_solids(model, bare)
+    cell = Cell(
+        bare, pin.SE3.Identity(), {a.name: Tool(pin.SE3.Identity()) for a in bare.arms}, {}, ()
+    )
+    pairs = [(p.first, p.second) for p in pairs_that_must_keep_apart(model, solids, cell)]
+    geometry = geometry_model(solids, pairs)
+    results = pin.GeometryData(geometry)
+    rng = np.random.default_rng(7)
+    share: dict[frozenset[str], float] = {}
+    for q in rng.uniform(model.lowerPositionLimit, model.upperPositionLimit, (400, model.nq)):
+        pin.computeDistances(model, model.createData(), geometry, results, q)
+        now = {
+            frozenset((solids[a].body, solids[b].body))
+            for (a, b), result in zip(pairs, results.distanceResults, strict=True)
+            if result.min_distance < 0.01
+        }
+        for pair in now:
+            share[pair] = share.get(pair, 0.0) + 1 / 400
+    assert any(0.02 < of < 0.5 for of in share.values())
+    assert all(share[pair] > 0.45 for pair in allowed)
+    told = " ".join(found.loaded.notes)
+    for pair in allowed:
+        if share[pair] < 0.9:
+            assert all(name in told for name in pair)
+
+
 SRDF = """<?xml version="1.0"?>
 <robot name="yumi">
   <group name="left_arm"><chain base_link="{base}" tip_link="{left}"/></group>

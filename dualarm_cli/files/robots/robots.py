@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -158,6 +158,9 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     contacts = checked_pairs(
         document, ("allowed_contacts",), model.allowed_contacts, list(urdf.links), findings
     )
+    doubtful = checked_pairs(
+        document, ("assumed_contacts",), model.assumed_contacts, list(urdf.links), findings
+    )
     findings.raise_if_any()
     if found_limits is None:
         raise InputError(findings.diagnostics)
@@ -170,10 +173,21 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         model_arms(document, model, _checked_model(urdf, text, len(joints))),
         limits,
         postures,
-        contacts,
+        (*contacts, *doubtful),
         meshes,
     )
-    return robot, tuple([*notes, *assumed, *frozen_note(urdf, frozen), *_mesh_note(meshes)])
+    notes += [*assumed, *frozen_note(urdf, frozen), *_contact_note(doubtful), *_mesh_note(meshes)]
+    return robot, tuple(notes)
+
+
+def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
+    """Returns the note on links whose collisions are left out by assumption."""
+    if not pairs:
+        return []
+    names = ", ".join(f"{one} and {other}" for one, other in pairs)
+    return [
+        f"collisions are not checked between {names}: `assumed_contacts` says that only their shapes touch"
+    ]
 
 
 def _check_description(document: Document, findings: Findings) -> bool:

@@ -211,6 +211,10 @@ class RobotFile(Section):
         default_factory=list,
         description="Pairs of links whose shapes may touch, as the shapes are wider than the links.",
     )
+    assumed_contacts: list[BodyPair] = Field(
+        default_factory=list,
+        description="Pairs of which that is only assumed, such as `dualarm robot import` does: each plan tells them.",
+    )
 
     @model_validator(mode="before")
     @classmethod
