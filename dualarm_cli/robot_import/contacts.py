@@ -29,7 +29,7 @@ ALWAYS = 0.95
 MOSTLY, NEAR = 0.55, 3
 """Share of postures from which on the shapes of links at most NEAR moving joints apart are assumed to be too wide."""
 OFTEN = 0.5
-"""Share of postures from which on links that are farther apart are told."""
+"""Share of postures from which on links that are farther apart are named."""
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ def least(schedule, job):
     return min(stage.margin for stage in found.clearances)
 
 
+@pytest.mark.slow
 def test_a_plan_goes_round_what_stands_in_the_way_of_the_one_before(packing):
     """A ball where the left elbow link was in the unchecked plan: the new plan keeps its 10 mm from it."""
     unchecked = plan_without_bound(packing, QUICK)
@@ -92,9 +93,9 @@ def test_a_target_within_an_obstacle_is_infeasible_with_pair_and_depth(packing):
 @pytest.mark.parametrize(
     ("name", "some"),
     [
-        ("06_shared_bin", 4),
+        pytest.param("06_shared_bin", 4, marks=pytest.mark.slow),
         ("07_two_shelves", 4),
-        ("08_narrow_bin", 5),
+        pytest.param("08_narrow_bin", 5, marks=pytest.mark.slow),
         pytest.param("06_shared_bin", None, marks=pytest.mark.slow),
         pytest.param("07_two_shelves", None, marks=pytest.mark.slow),
         pytest.param("08_narrow_bin", None, marks=pytest.mark.slow),

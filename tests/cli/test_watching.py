@@ -211,6 +211,7 @@ def test_the_status_line_says_what_a_search_has_and_for_how_long():
     assert line.words() == "verifying"
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_not_reached_changes_nothing_but_its_record(open_order, tmp_path):
     """The same joints and times, to the last bit; only the settings differ."""
     written = []

@@ -203,7 +203,7 @@ def test_on_its_stand_a_tool_may_touch_what_stands_there_and_nowhere_else(kit):
     assert (margins("fingers", True)[free] < 0.0).all()
 
 
-@pytest.mark.parametrize("mode", ["paired", "free"])
+@pytest.mark.parametrize("mode", [pytest.param("paired", marks=pytest.mark.slow), "free"])
 def test_orders_group_tools_and_plans_pass_every_check(kit, mode, monkeypatch):
     """A screw between two plates in the file: four changes in its order, two in the plan."""
     job = some(kit, "plate-1", "screw-1", "plate-2", "screw-3", mode=mode)

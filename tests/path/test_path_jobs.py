@@ -167,6 +167,7 @@ def test_easing_off_is_local(tmp_path: Path) -> None:
     assert segment.end - segment.start < 3.0
 
 
+@pytest.mark.slow
 def test_an_unreachable_stretch_is_told_with_its_place(tmp_path: Path) -> None:
     """A line that ends 3 m away: exit 3 by every kind of method, with the time and the tool's place."""
     away = WIPE.replace("{xyz: [0.50, 0.30, 0.85]}", "{xyz: [3.0, 0.30, 0.85]}")
@@ -326,6 +327,7 @@ def test_out_and_back_on_one_line_is_followed_and_judged(tmp_path: Path) -> None
     assert any("stops at one corner" in note for note in schedule.notes)
 
 
+@pytest.mark.slow
 def test_a_cap_holds_for_a_tool_that_only_the_platform_moves(tmp_path: Path) -> None:
     """The right arm follows, the waist turns by [Choi2020], and the left tool, 0.7 m from the axis, is swung along."""
     seam = """\

@@ -136,8 +136,15 @@ def test_own_clocks_let_tasks_begin_when_the_last_retract_is_over(tmp_path, sett
     assert check_job(tmp_path, text, "sda10f", clear=True) == waits
 
 
-@pytest.mark.parametrize("robot", CELLS)
-@pytest.mark.parametrize("mode", ["free", "paired"])
+@pytest.mark.parametrize(
+    ("mode", "robot"),
+    [
+        ("paired", "sda10f"),
+        ("free", "iiwas"),
+        pytest.param("free", "sda10f", marks=pytest.mark.slow),
+        pytest.param("paired", "iiwas", marks=pytest.mark.slow),
+    ],
+)
 def test_tasks_wait_for_those_before_them(tmp_path, robot, mode):
     """A few random jobs, planned without clearance: targets are far apart."""
     rng = np.random.default_rng(7)

@@ -76,7 +76,10 @@ def test_transfers_last_as_long_as_their_slowest_joint(packing):
     assert checked == 16
 
 
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize(
+    "name",
+    [name if name != "04_packing" else pytest.param(name, marks=pytest.mark.slow) for name in JOBS],
+)
 def test_the_default_is_never_slower_than_a_simpler_method(tasks_folder, name):
     """Exactly timed, on every shipped job, whatever simpler method serves it."""
     job = load_job(tasks_folder / name / "tasks.yaml")

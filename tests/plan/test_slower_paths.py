@@ -72,7 +72,7 @@ class Follower:
         return follow_min_norm(problem)
 
 
-@pytest.mark.parametrize("speed", ["60 mm/s", "30 mm/s"])
+@pytest.mark.parametrize("speed", ["60 mm/s", pytest.param("30 mm/s", marks=pytest.mark.slow)])
 def test_a_part_is_turned_the_other_way_round_too(tmp_path: Path, speed: str) -> None:
     """By -180 deg: 314.2 mm at full speed and a ramp of 0.3 s, in no more than 8 rounds.
 

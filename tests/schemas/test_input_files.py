@@ -161,7 +161,7 @@ def structural(error: ValidationError) -> bool:
 @pytest.mark.parametrize(
     "name",
     [
-        "tasks/04_packing/tasks.yaml",
+        pytest.param("tasks/04_packing/tasks.yaml", marks=pytest.mark.slow),
         "tasks/10_seam/tasks.yaml",
         "tasks/papers/choi_circles/tasks.yaml",
         "tasks/13_hand_over/tasks.yaml",

@@ -93,6 +93,7 @@ def test_a_path_of_sliding_joints_tells_their_ways_apart(own, tmp_path, sliding_
     assert f"{unit} of its limit" in said
 
 
+@pytest.mark.slow
 def test_a_slide_that_is_too_slow_for_a_path_is_told_in_millimetres(
     tmp_path, sliding_robots, capsys
 ):
