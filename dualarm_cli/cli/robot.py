@@ -149,10 +149,18 @@ def import_command(
         typer.Option("--joint-limits", help="MoveIt's joint_limits.yaml.", show_default=False),
     ] = None,
     left_tip: Annotated[
-        str, typer.Option("--left-tip", help="Link that the left arm's tool is bolted to.")
+        str,
+        typer.Option(
+            "--left-tip",
+            help="Link that the left arm's tool is bolted to; none if there is no left arm.",
+        ),
     ] = "",
     right_tip: Annotated[
-        str, typer.Option("--right-tip", help="Link that the right arm's tool is bolted to.")
+        str,
+        typer.Option(
+            "--right-tip",
+            help="Link that the right arm's tool is bolted to; none if there is no right arm.",
+        ),
     ] = "",
     platform: Annotated[
         list[str] | None,
@@ -225,15 +233,17 @@ def import_command(
 
 def _asked_for_tips(tips: Sequence[str]) -> dict[str, str]:
     """Asks on the terminal which rows of joints are the arms, and returns their last links by side."""
+    from dualarm_cli.robot_import.structure import NO_TIP
+
     print_message(f"The tree has {len(tips)} rows of joints that may be arms: {', '.join(tips)}.")
     left = typer.prompt("Link that the left arm ends in", value_proc=_one_of(tips), err=True)
-    others = [*(tip for tip in tips if tip != left), "none"]
+    others = [*(tip for tip in tips if tip != left), NO_TIP]
     right = typer.prompt(
         f"Link that the right arm ends in ({', '.join(others)})",
         value_proc=_one_of(others),
         err=True,
     )
-    return {"left": left} if right == "none" else {"left": left, "right": right}
+    return {"left": left, "right": right}
 
 
 def _one_of(names: Sequence[str]) -> Callable[[str], str]:

@@ -17,6 +17,7 @@ from dualarm_cli.collision.solids import (
 from dualarm_cli.geometry.arrays import BoolArray, FloatArray
 from dualarm_cli.model.cell import Cell, Tool
 from dualarm_cli.model.robot import Robot
+from dualarm_cli.robot_import.names import count_of
 
 MARGIN = 0.01
 """Distance below which links count as touching: that much clearance a cell may ask for [m]."""
@@ -42,6 +43,8 @@ class Contact:
     """Why they may touch, in words."""
     assumed: bool = False
     """Whether it is only assumed that the shapes touch and the links do not."""
+    stated: bool = False
+    """Whether the SRDF leaves their collisions out."""
 
 
 def bare_cell(robot: Robot) -> Cell:
@@ -71,50 +74,80 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
 def find_contacts(
     robot: Robot, known: Mapping[frozenset[str], str], seed: int
 ) -> tuple[list[Contact], list[Contact]]:
-    """Returns the pairs of links that touch wherever the joints are, and the known ones; and those that often do.
+    """Returns the pairs of links that may touch: those that do wherever the joints are, and those that often do.
 
     What touches in some postures only may be a collision: where it is assumed to be none, the robot file says so.
+    Pairs that the SRDF leaves out are sampled as well: those that touch always or never may, others are assumed to.
 
     Args:
         robot: without allowed contacts.
-        known: pairs that may touch whatever the samples say, with the reason.
+        known: pairs whose collisions the SRDF leaves out, with its reason.
         seed: of the postures.
     """
     model = pin.buildModelFromXML(robot.urdf)
     solids = link_solids(model, robot)
-    pairs = pairs_that_must_keep_apart(model, solids, bare_cell(robot))
-    found = [
-        Contact((one, other), f"SRDF: {why}")
-        for (one, other), why in sorted((sorted(names), why) for names, why in known.items())
+    pairs = [
+        (p.first, p.second) for p in pairs_that_must_keep_apart(model, solids, bare_cell(robot))
     ]
-    candidates = [
-        pair
-        for pair in pairs
-        if frozenset((solids[pair.first].body, solids[pair.second].body)) not in known
-    ]
-    if not candidates:
-        return found, []
+    if not pairs:
+        return [], []
+    named = [frozenset(solids[k].body for k in pair) in known for pair in pairs]
     postures = in_model_order(model, robot, random_postures(robot, POSTURES, seed))
-    indices = [(pair.first, pair.second) for pair in candidates]
-    share = _touching(model, solids, indices, postures[:FEW]).mean(axis=0)
-    likely = np.flatnonzero(share >= 0.5 * OFTEN)
-    if not len(likely):
-        return found, []
-    share = _touching(model, solids, [indices[k] for k in likely], postures).mean(axis=0)
+    few = _touching(model, solids, pairs, postures[:FEW]).mean(axis=0)
+    chosen = np.flatnonzero(np.array(named) | (few >= 0.5 * OFTEN))
+    share = dict(enumerate(few.tolist()))
+    if len(chosen):
+        all_postures = _touching(model, solids, [pairs[k] for k in chosen], postures).mean(axis=0)
+        share |= dict(zip(chosen.tolist(), all_postures.tolist(), strict=True))
     by_bodies: dict[tuple[str, str], tuple[float, int]] = {}
-    for k, of in zip(likely.tolist(), share.tolist(), strict=True):
-        one, other = solids[candidates[k].first], solids[candidates[k].second]
-        names = (one.body, other.body)
-        between = joints_between(model, one.joint, other.joint)
-        by_bodies[names] = max((of, between), by_bodies.get(names, (0.0, between)))
-    often = []
+    for k, (i, j) in enumerate(pairs):
+        names = (solids[i].body, solids[j].body)
+        between = joints_between(model, solids[i].joint, solids[j].joint)
+        by_bodies[names] = max((share[k], between), by_bodies.get(names, (0.0, between)))
+    found, often = [], []
     for names, (of, between) in by_bodies.items():
-        what = f"touch in {of:.0%} of {POSTURES} postures"
-        if of >= ALWAYS:
-            found.append(Contact(names, what))
-        elif of >= (MOSTLY if between <= NEAR else OFTEN):
-            often.append(Contact(names, what, assumed=between <= NEAR))
+        why = f"touch in {100 * of:.3g}% of {POSTURES} postures"
+        stated = known.get(frozenset(names))
+        if stated is not None:
+            why = f"SRDF: {stated}; {why}"
+        if of >= ALWAYS or (stated is not None and of == 0.0):
+            found.append(Contact(names, why, stated=stated is not None))
+        elif stated is not None or of >= (MOSTLY if between <= NEAR else OFTEN):
+            assumed = stated is not None or between <= NEAR
+            often.append(Contact(names, why, assumed, stated is not None))
     return found, often
+
+
+def contact_reasons(contacts: Sequence[Contact], often: Sequence[Contact]) -> list[str]:
+    """Returns the messages on contacts: how many may touch, are assumed to, and are kept apart although they often do.
+
+    Args:
+        contacts: pairs that may touch.
+        often: pairs that touch in some postures only.
+    """
+    reasons = []
+    if contacts:
+        reasons.append(
+            f"links that may touch, see allowed_contacts: {count_of(len(contacts), 'pair')}"
+        )
+    shapes = sum(pair.assumed and not pair.stated for pair in often)
+    if shapes:
+        reasons.append(
+            f"links that touch in many postures, see assumed_contacts: {count_of(shapes, 'pair')}; their shapes are "
+            "assumed to be wider than they. Judge them, or give them finer shapes (--convex-parts)"
+        )
+    stated = sum(pair.stated for pair in often)
+    if stated:
+        reasons.append(
+            f"links whose collisions the SRDF leaves out though they touch in some postures, see assumed_contacts: "
+            f"{count_of(stated, 'pair')}; each plan tells them. Judge them"
+        )
+    reasons += [
+        f"{' and '.join(pair.links)} {pair.why}, and are kept apart"
+        for pair in often
+        if not pair.assumed
+    ]
+    return reasons
 
 
 def _touching(
@@ -171,6 +204,27 @@ def touches(robot: Robot, postures: FloatArray, arms: Sequence[str]) -> BoolArra
             for q in in_model_order(model, robot, postures)
         ]
     )
+
+
+def touching_links(robot: Robot, posture: FloatArray) -> list[tuple[str, str]]:
+    """Returns the links that are nearer than MARGIN in a posture though they must keep apart.
+
+    Args:
+        robot: with its allowed contacts.
+        posture: shape (joints,) [rad or m].
+    """
+    model = pin.buildModelFromXML(robot.urdf)
+    solids = link_solids(model, robot)
+    pairs = [
+        (p.first, p.second) for p in pairs_that_must_keep_apart(model, solids, bare_cell(robot))
+    ]
+    if not pairs:
+        return []
+    touching = _touching(model, solids, pairs, in_model_order(model, robot, posture[None]))[0]
+    names = [
+        (solids[i].body, solids[j].body) for (i, j), on in zip(pairs, touching, strict=True) if on
+    ]
+    return list(dict.fromkeys(names))
 
 
 def joints_between(model: pin.Model, one: int, other: int) -> int:

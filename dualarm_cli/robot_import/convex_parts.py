@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,14 @@ FACE_SHARE = 0.05
 
 
 def convex_parts(
-    urdf: Urdf, finder: MeshFinder, links: Collection[str]
+    urdf: Urdf, finder: MeshFinder, units: Mapping[str, float], links: Collection[str]
 ) -> dict[str, list[list[Hull]]]:
     """Returns the parts of each collision mesh of some links, in the order of the URDF, in the meshes' frames.
 
     Args:
         urdf: a checked URDF, whose meshes can be read.
         finder: finds its mesh files.
+        units: of the mesh files by their names in the URDF [m], where it is not the metre.
         links: those whose meshes are divided.
 
     Raises:
@@ -46,7 +47,8 @@ def convex_parts(
         found[name] = []
         for mesh in meshes:
             path = finder.find(mesh.get("filename"))
-            found[name].append(divided(*_triangles(path, mesh_scale(mesh))))
+            scale = mesh_scale(mesh) * units.get(mesh.get("filename"), 1.0)
+            found[name].append(divided(*_triangles(path, scale)))
     return found
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 from dualarm_cli.files.robots.mesh_writer import stl_bytes
 from dualarm_cli.files.robots.urdf import Urdf, mesh_elements
 from dualarm_cli.files.robots.urdf_tree import Element
 from dualarm_cli.files.robots.urdf_writer import urdf_text
 from dualarm_cli.model.shape import Hull, Shape
+from dualarm_cli.robot_import.names import count_of
 
-ROUNDED = 5e-5
-"""How far a written angle may be from a multiple of a quarter turn to be taken for it [rad]: 1.5708 is."""
+NOISE, DIGITS = 1e-9, 4
+"""A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one of DIGITS decimals or more
+that differs from it in its last decimal only, as 1.5708 and 3.14159 do."""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 
@@ -75,22 +78,31 @@ def described(
         elements.append(clean)
     reasons = []
     if files:
-        count = sum(map(len, meshes.values()))
-        reasons.append(f"{count} collision meshes: convex hulls in meshes/")
+        count = sum(len(hulls) for name, hulls in meshes.items() if name not in parts)
+        if count:
+            whole = count_of(count, "collision mesh", "collision meshes")
+            reasons.append(f"{whole}: taken as convex hulls, in meshes/")
     for name, divided in parts.items():
-        reasons.append(f"{name}: {sum(map(len, divided))} convex parts")
+        reasons.append(f"{name}: {count_of(sum(map(len, divided)), 'convex part')}, in meshes/")
     if rounded:
-        reasons.append(f"{rounded} rounded angles of the URDF (such as 1.5708) are written in full")
+        angles = count_of(rounded, "rounded angle")
+        reasons.append(f"{angles} of the URDF (such as 1.5708) made exact")
     return Described(urdf_text(urdf.root.name or "robot", elements), files, tuple(reasons))
 
 
 def _exact(rpy: str) -> tuple[str, int]:
-    """Returns angles with those near a multiple of a quarter turn made exact, and how many were."""
+    """Returns angles with rounded multiples of a quarter turn made exact, and how many were.
+
+    Small angles stay as they are: a calibration measured them.
+    """
     found, count = [], 0
     for word in rpy.split():
         value = float(word)
         quarter = round(value / (0.5 * math.pi)) * 0.5 * math.pi
-        near = 0.0 < abs(value - quarter) < ROUNDED
+        exponent = Decimal(word).as_tuple().exponent
+        decimals = -exponent if isinstance(exponent, int) else 0
+        last = 10.0**-decimals if decimals >= DIGITS else 0.0
+        near = quarter != 0.0 and abs(value - quarter) < max(NOISE, last)
         found.append(repr(quarter) if near else word)
         count += near and abs(value - quarter) > 1e-12
     return " ".join(found), count

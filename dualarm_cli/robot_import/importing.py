@@ -8,25 +8,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
-from dualarm_cli.errors import Diagnostic, InputError, MissingDependencyError
+from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.frozen_joints import nearest_to_zero
 from dualarm_cli.files.robots.meshes import link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
-from dualarm_cli.files.robots.robots import LoadedRobot, load_robot
+from dualarm_cli.files.robots.robots import HULL_NOTE, LoadedRobot, load_robot
 from dualarm_cli.files.robots.urdf import Urdf, moving_joints, read_urdf
-from dualarm_cli.files.robots.urdf_tree import parse_xml
 from dualarm_cli.files.source.projects import Project
-from dualarm_cli.files.source.text_source import TextSource, read_text
-from dualarm_cli.robot_import.contacts import find_contacts
+from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.robot_import.contacts import contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described
-from dualarm_cli.robot_import.home import propose_home
-from dualarm_cli.robot_import.joint_limits import ASSUMED, read_joint_limits, with_speeds
+from dualarm_cli.robot_import.group_states import find_postures
+from dualarm_cli.robot_import.joint_limits import (
+    ASSUMED,
+    JointLimitsFile,
+    read_joint_limits,
+    with_limits,
+)
 from dualarm_cli.robot_import.robot_file import RobotText, robot_text
-from dualarm_cli.robot_import.srdf import Srdf, read_srdf
+from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf
 from dualarm_cli.robot_import.structure import Structure, find_structure
+from dualarm_cli.robot_import.urdf_source import urdf_source
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class ImportRequest:
     joint_limits: Path | None = None
     """MoveIt's joint limits."""
     tips: Mapping[str, str] = field(default_factory=dict)
-    """Links to which tools are bolted, by side."""
+    """Links to which tools are bolted, by side; `none` where there is no arm."""
     platform: tuple[str, ...] | None = None
     """Joints that carry both arms; None where the tree decides."""
     packages: tuple[Path, ...] = ()
@@ -76,85 +79,49 @@ def import_robot(request: ImportRequest) -> Imported:
         InputError: a file that cannot be used.
         UsageError: the tree leaves a choice that an option settles.
     """
-    urdf = read_urdf(_source(request.urdf))
+    urdf = read_urdf(urdf_source(request.urdf))
     srdf = read_srdf(request.srdf, urdf) if request.srdf is not None else Srdf()
-    limits = read_joint_limits(request.joint_limits) if request.joint_limits is not None else {}
-    structure = find_structure(urdf, {**srdf.tips, **request.tips}, request.platform)
-    if request.tips or srdf.tips:
-        named = ", ".join(f"{side} {arm.tip}" for side, arm in structure.arms.items())
-        structure = replace(structure, reasons=(f"flanges as named: {named}", *structure.reasons))
-    urdf, assumed = with_speeds(urdf, structure.joints, limits)
+    limits = JointLimitsFile()
+    if request.joint_limits is not None:
+        limits = read_joint_limits(request.joint_limits, urdf)
+    structure = find_structure(urdf, named_tips(srdf, request.tips), request.platform)
+    urdf, assumed = with_limits(urdf, structure.joints, limits.joints)
     moving_joints(urdf, structure.joints)  # its errors are at lines of the user's file
     file = request.urdf.absolute()
     finder = MeshFinder(Project.of(file), file, request.packages, beyond=True)
     meshes = link_meshes(urdf, finder)
-    parts = convex_parts(urdf, finder, request.divided)
-    description = described(urdf, meshes, parts)
+    description = described(
+        urdf, meshes.shapes, convex_parts(urdf, finder, meshes.units, request.divided)
+    )
     name = urdf.root.name or request.urdf.stem
-    zero = {"home": _near_zero(urdf, structure)}
     sliding = frozenset(n for n, j in urdf.joints.items() if j.get("type") == "prismatic")
-    text = RobotText(name, f"{_file_name(name)}.urdf", structure, assumed, limits, postures=zero)
-    text = replace(text, sliding=sliding)
+    text = RobotText(
+        name,
+        f"{_file_name(name)}.urdf",
+        structure,
+        assumed,
+        limits.joints,
+        postures={"home": _near_zero(urdf, structure)},
+        sliding=sliding,
+    )
     files = {text.urdf: description.text.encode(), **description.meshes}
-    first = _loaded(files, robot_text(text))
+    first = _loaded(urdf, files, robot_text(text))
     contacts, often = find_contacts(first.robot, srdf.contacts, request.seed)
-    stated = _postures(srdf, first)
-    text = replace(text, contacts=contacts, suggested=often, postures={**zero, **stated})
-    if "home" not in stated:
-        home = propose_home(_loaded(files, robot_text(text)).robot, request.seed)
-        if home is not None:
-            joint_limits = first.robot.limits
-            rounded = np.clip(np.round(home, 4), joint_limits.lower, joint_limits.upper)
-            values = dict(zip(first.robot.joints, rounded.tolist(), strict=True))
-            text = replace(text, postures={"home": values, **stated}, proposed=True)
+    text = replace(text, contacts=contacts, suggested=often)
+    postures = find_postures(_loaded(urdf, files, robot_text(text)).robot, srdf, request.seed)
+    text = replace(text, postures=postures.values, comments=postures.comments)
     content = robot_text(text)
-    loaded = _loaded(files, content)
-    reasons = [*structure.reasons, *description.reasons]
+    loaded = _loaded(urdf, files, content)
+    reasons = [*structure.reasons, *description.reasons, *meshes.notes, *limits.reasons]
     if assumed:
         names = ", ".join(sorted(assumed))
         reasons.append(f"velocity limits assumed, {ASSUMED}, as the URDF has none: {names}")
-    if contacts:
-        reasons.append(f"links that may touch, see allowed_contacts: {len(contacts)} pairs")
-    assumed_pairs = [pair for pair in often if pair.assumed]
-    if assumed_pairs:
-        reasons.append(
-            f"links that touch in many postures, see assumed_contacts: {len(assumed_pairs)} pairs; their shapes are "
-            "assumed to be wider than they. Judge them, or give them finer shapes (--convex-parts)"
-        )
-    for pair in often:
-        if not pair.assumed:
-            reasons.append(f"{' and '.join(pair.links)} {pair.why}, and are kept apart")
-    if text.proposed:
-        reasons.append(
-            "posture home: proposed; collision-free, away from joint limits and singular postures"
-        )
-    elif "home" not in stated:
-        reasons.append(
-            "posture home: none of the postures tried is collision-free; all joints are at 0, write one"
-        )
+    reasons += [*contact_reasons(contacts, often), *postures.reasons]
+    # The description tells which meshes are taken as hulls, and which as parts.
+    reasons += [note for note in loaded.notes if not note.startswith(HULL_NOTE)]
     return Imported(
-        _file_name(name),
-        {**files, "robot.yaml": content.encode()},
-        loaded,
-        tuple([*reasons, *loaded.notes]),
+        _file_name(name), {**files, "robot.yaml": content.encode()}, loaded, tuple(reasons)
     )
-
-
-def _source(path: Path) -> TextSource:
-    """Returns the text of a URDF, expanded where it is a xacro file."""
-    source = read_text(path, str(path))
-    if not any(child.tag.startswith("xacro:") for child in parse_xml(source).children):
-        return source
-    try:
-        import xacro
-    except ImportError:
-        raise MissingDependencyError("xacro", "xacro") from None
-    try:
-        text = xacro.process_file(str(path)).toxml()
-    except Exception as error:  # whatever its macros raise
-        message = f"xacro cannot expand it: {error}"
-        raise InputError([Diagnostic(str(path), 0, 0, "E400", message)]) from None
-    return TextSource(str(path), text, source.sha256)
 
 
 def _near_zero(urdf: Urdf, structure: Structure) -> dict[str, float]:
@@ -167,8 +134,12 @@ def _file_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_").lower() or "robot"
 
 
-def _loaded(files: Mapping[str, bytes], robot_file: str) -> LoadedRobot:
-    """Returns the robot as `plan` reads its files."""
+def _loaded(urdf: Urdf, files: Mapping[str, bytes], robot_file: str) -> LoadedRobot:
+    """Returns the robot as `plan` reads its files.
+
+    Raises:
+        InputError: they cannot be used; told at the place of the URDF that it comes from.
+    """
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
             path = Path(folder) / name
@@ -176,18 +147,17 @@ def _loaded(files: Mapping[str, bytes], robot_file: str) -> LoadedRobot:
             path.write_bytes(content)
         path = Path(folder) / "robot.yaml"
         path.write_text(robot_file, encoding="utf-8")
-        return load_robot(path)
+        try:
+            return load_robot(path)
+        except InputError as error:
+            raise InputError([_in_urdf(urdf, found) for found in error.diagnostics]) from None
 
 
-def _postures(srdf: Srdf, loaded: LoadedRobot) -> dict[str, dict[str, float]]:
-    """Returns the postures of an SRDF that have both arms' joints within their limits."""
-    limits = loaded.robot.limits
-    found = {}
-    for name, state in srdf.states.items():
-        own = {joint: state.get(joint, 0.0) for joint in limits.joints}
-        values = np.array(list(own.values()))
-        stated = sum(joint in state for joint in limits.joints)
-        within = ((limits.lower <= values) & (values <= limits.upper)).all()
-        if within and stated >= len(loaded.robot.arms[0].joints) and name != "free":
-            found[name] = {joint: value for joint, value in own.items() if joint in state}
-    return found
+def _in_urdf(urdf: Urdf, found: Diagnostic) -> Diagnostic:
+    """Returns what is wrong with a file that is being written at the joint or link of the URDF that it is about."""
+    for elements in (urdf.joints, urdf.links):
+        for name, element in elements.items():
+            if quote(name) in found.message:
+                place = element.line, element.column
+                return urdf.source.diagnostic(*place, found.code, found.message)
+    return Diagnostic(urdf.source.name, 0, 0, found.code, found.message)

@@ -13,6 +13,7 @@ from dualarm_cli.files.robots.robot_pair import compose_pair, why_not_a_pair_mem
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.robot_import.contacts import touches
 from dualarm_cli.robot_import.importing import Imported, ImportRequest, import_robot
+from dualarm_cli.robot_import.structure import NO_TIP
 
 SHARE_OF_REACH = 0.6
 """Distance of the bases that is proposed, as a share of the shorter arm's reach: both reach what is between them."""
@@ -71,7 +72,8 @@ def import_pair(left: ImportRequest, right: ImportRequest) -> ImportedPair:
 
 def _one_arm(side: str, request: ImportRequest) -> Imported:
     """Returns a robot, and refuses one that cannot be one of two."""
-    tips = {side: request.tips[side]} if side in request.tips else {}
+    other = "right" if side == "left" else "left"
+    tips = {side: request.tips[side], other: NO_TIP} if side in request.tips else {}
     imported = import_robot(replace(request, tips=tips, platform=()))
     problem = why_not_a_pair_member(imported.loaded.robot)
     if problem is not None:

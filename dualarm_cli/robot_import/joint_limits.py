@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dualarm_cli.errors import Diagnostic, InputError
+from dualarm_cli.errors import Diagnostic, InputError, did_you_mean
+from dualarm_cli.files.robots.frozen_joints import position_range
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element
-from dualarm_cli.files.source.text_source import read_text
-from dualarm_cli.files.source.yaml_source import parse_yaml
+from dualarm_cli.files.source.diagnostics import Findings
+from dualarm_cli.files.source.text_source import quote, read_text, suggest
+from dualarm_cli.files.source.yaml_source import Document, Loc, parse_yaml
 
 ASSUMED_SPEED, ASSUMED_SLIDING = math.radians(90.0), 0.1
 """Top speed of a joint for which nobody states one [rad/s]; of one that slides [m/s]."""
@@ -20,57 +22,158 @@ ASSUMED = "90 deg/s (of joints that slide 100 mm/s)"
 """The same in words."""
 
 
+_KEYS = {
+    "position": ("min_position", "max_position"),
+    "velocity": ("max_velocity",),
+    "acceleration": ("max_acceleration",),
+    "deceleration": ("max_deceleration",),
+    "jerk": ("max_jerk",),
+}
+"""Limits that are read, and their keys; `has_…_limits` switches each on."""
+_NOT_USED = (
+    *("has_effort_limits", "max_effort", "has_soft_limits", "k_position", "k_velocity"),
+    *("soft_lower_limit", "soft_upper_limit", "angle_wraparound"),
+)
+"""Keys of other tools, which say nothing of what is planned here."""
+
+
 @dataclass(frozen=True)
 class StatedLimits:
     """Limits of a joint; None where the file sets none."""
 
-    velocity: float | None
+    velocity: float | None = None
     """Largest speed [rad/s or m/s]."""
-    acceleration: float | None
-    """Largest acceleration [rad/s² or m/s²]."""
-    jerk: float | None
+    acceleration: float | None = None
+    """Largest acceleration and deceleration [rad/s² or m/s²]."""
+    jerk: float | None = None
     """Largest jerk [rad/s³ or m/s³]."""
+    positions: tuple[float, float] | None = None
+    """Lowest and highest position [rad or m], within those of the URDF."""
 
 
-def read_joint_limits(path: Path) -> dict[str, StatedLimits]:
+@dataclass(frozen=True)
+class JointLimitsFile:
+    """What a `joint_limits.yaml` says."""
+
+    joints: Mapping[str, StatedLimits] = field(default_factory=dict)
+    """Limits by joint."""
+    reasons: tuple[str, ...] = ()
+    """What was not taken."""
+
+
+def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
     """Returns the limits of `joint_limits.yaml` by joint.
 
     Args:
         path: the file.
+        urdf: a checked URDF.
 
     Raises:
-        InputError: it cannot be read, or its form is another one.
+        InputError: it cannot be read, its form is another one, or it names what is not there; everything at once.
     """
-    document = parse_yaml(read_text(path, str(path)))
-    if document.diagnostics:
-        raise InputError(document.diagnostics)
+    source = read_text(path, str(path))
+    if not source.text.strip():
+        raise InputError(
+            [Diagnostic(str(path), 0, 0, "E101", "is empty; `joint_limits:` is needed")]
+        )
+    document = parse_yaml(source)
+    findings = Findings()
+    findings.extend(document.diagnostics)
+    findings.raise_if_any()
     joints = document.data.get("joint_limits") if isinstance(document.data, dict) else None
     if not isinstance(joints, dict):
         message = "has no mapping 'joint_limits'"
         raise InputError([Diagnostic(str(path), 0, 0, "E202", message)])
     found = {}
     for name, limits in joints.items():
-        if not isinstance(limits, dict):
-            where = document.diagnostic(("joint_limits", name), "E200", "must be a mapping")
-            raise InputError([where])
-        found[str(name)] = StatedLimits(
-            *(_limit(limits, rate) for rate in ("velocity", "acceleration", "jerk"))
-        )
-    return found
+        loc: Loc = ("joint_limits", name)
+        if name not in urdf.joints:
+            hint = did_you_mean(name, list(urdf.joints))
+            message = f"the URDF has no joint {quote(name)}{hint}"
+            findings.add(document, loc, message, key=True)
+        elif not isinstance(limits, dict):
+            findings.add(document, loc, f"must be a mapping, not {quote(limits)}", "E200")
+        else:
+            found[name] = _stated(document, loc, limits, urdf.joints[name], findings)
+    findings.raise_if_any()
+    reasons = []
+    for key in document.data:
+        if key != "joint_limits":
+            scales = ": it scales MoveIt's motions; here `speed` of tasks does"
+            more = scales if key.startswith("default_") else ""
+            reasons.append(f"{path.name}:{document.place((key,))[0]}: {key} is not taken{more}")
+    return JointLimitsFile(found, tuple(reasons))
 
 
-def _limit(limits: Mapping[str, Any], rate: str) -> float | None:
-    """Returns a limit that is switched on and positive."""
-    value = limits.get(f"max_{rate}")
-    stated = limits.get(f"has_{rate}_limits", value is not None)
-    usable = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-    return float(value) if stated is True and usable else None  # type: ignore[arg-type]
+def _stated(
+    document: Document, loc: Loc, limits: Mapping[str, Any], joint: Element, findings: Findings
+) -> StatedLimits:
+    """Returns the limits of one joint that are switched on, after noting what is wrong with them."""
+    switches = [f"has_{kind}_limits" for kind in _KEYS]
+    known = [*switches, *(key for keys in _KEYS.values() for key in keys), *_NOT_USED]
+    for key in limits:
+        if key not in known:
+            message = f"unknown key {quote(key)}{suggest(key, known)}"
+            findings.add(document, (*loc, key), message, "E201", key=True)
+    values: dict[str, float] = {}
+    for switch, keys in zip(switches, _KEYS.values(), strict=True):
+        on = limits.get(switch, any(key in limits for key in keys))
+        if not isinstance(on, bool):
+            message = f"must be true or false, not {quote(on)}"
+            findings.add(document, (*loc, switch), message, "E200")
+        elif on:
+            for key in keys:
+                values |= _number(document, (*loc, key), limits, findings)
+    rates = [v for key in ("max_acceleration", "max_deceleration") if (v := values.get(key))]
+    positions = None
+    if "min_position" in values and "max_position" in values:
+        positions = _positions(document, loc, values, joint, findings)
+    acceleration = min(map(abs, rates), default=None)
+    return StatedLimits(values.get("max_velocity"), acceleration, values.get("max_jerk"), positions)
 
 
-def with_speeds(
+def _number(
+    document: Document, loc: Loc, limits: Mapping[str, Any], findings: Findings
+) -> dict[str, float]:
+    """Returns a limit by its key, or nothing after noting what is wrong with it."""
+    key = str(loc[-1])
+    value = limits.get(key)
+    free = key in ("min_position", "max_position", "max_deceleration")
+    wanted = "a number" if free else "a number above 0"
+    if key not in limits:
+        findings.add(document, loc[:-1], f"{key} is missing; give {wanted}", "E202", key=True)
+    elif isinstance(value, bool) or not isinstance(value, int | float):
+        more = "; take its quotes away" if isinstance(value, str) else ""
+        findings.add(document, loc, f"{key} must be {wanted}, not {quote(value)}{more}", "E200")
+    elif value <= 0 and not free:
+        findings.add(document, loc, f"{key} must be above 0, not {value:g}", "E200")
+    else:
+        return {key: float(value)}
+    return {}
+
+
+def _positions(
+    document: Document, loc: Loc, values: Mapping[str, float], joint: Element, findings: Findings
+) -> tuple[float, float] | None:
+    """Returns stated positions within those of the URDF, or None after noting that there are none."""
+    lower, upper = position_range(joint)
+    found = max(values["min_position"], lower), min(values["max_position"], upper)
+    if found[0] <= found[1]:
+        return found
+    message = (
+        f"no position of {quote(joint.name)} is within {values['min_position']:g} to {values['max_position']:g} and "
+        f"within the URDF's {lower:g} to {upper:g}"
+    )
+    findings.add(document, (*loc, "min_position"), message)
+    return None
+
+
+def with_limits(
     urdf: Urdf, used: Collection[str], stated: Mapping[str, StatedLimits]
 ) -> tuple[Urdf, frozenset[str]]:
-    """Returns a URDF in which all joints that are used have a velocity limit, and those whose limit is assumed.
+    """Returns a URDF with the positions and speeds of another file, and the joints whose speed is assumed.
+
+    All joints that are used have a velocity limit afterwards.
 
     Args:
         urdf: a checked URDF.
@@ -79,22 +182,28 @@ def with_speeds(
     """
     joints, assumed = dict(urdf.joints), set()
     for name in used:
-        joint = joints[name]
+        joint, other = joints[name], stated.get(name, StatedLimits())
         own = joint.find("limit") or Element("limit", {}, joint.line, joint.column)
+        attributes = dict(own.attributes)
+        kind = joint.get("type")
+        if other.positions is not None:
+            kind = "revolute" if kind == "continuous" else kind
+            lower, upper = other.positions
+            attributes |= {"lower": repr(lower), "upper": repr(upper)}
         try:
             speed = float(own.get("velocity", "0"))
         except ValueError:
             continue  # the reader of limits reports it
-        other = stated[name].velocity if name in stated else None
-        if other is not None and (speed == 0.0 or 0.0 < other < speed):
-            speed = other
+        if other.velocity is not None and (speed == 0.0 or 0.0 < other.velocity < speed):
+            attributes["velocity"] = repr(other.velocity)
         elif speed == 0.0:
-            slides = joint.get("type") == "prismatic"
-            speed = ASSUMED_SLIDING if slides else ASSUMED_SPEED
+            attributes["velocity"] = repr(ASSUMED_SLIDING if kind == "prismatic" else ASSUMED_SPEED)
             assumed.add(name)
-        else:
+        if attributes == own.attributes:
             continue
-        limit = replace(own, attributes={**own.attributes, "velocity": repr(speed)})
+        limit = replace(own, attributes=attributes)
         others = [child for child in joint.children if child.tag != "limit"]
-        joints[name] = replace(joint, children=[*others, limit])
+        joints[name] = replace(
+            joint, attributes={**joint.attributes, "type": kind}, children=[*others, limit]
+        )
     return replace(urdf, joints=joints), frozenset(assumed)

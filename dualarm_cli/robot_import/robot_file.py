@@ -40,8 +40,8 @@ class RobotText:
     """Links that touch in many postures, which people have to judge."""
     postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Named postures [rad or m]."""
-    proposed: bool = False
-    """Whether home is a proposal."""
+    comments: Mapping[str, str] = field(default_factory=dict)
+    """Comments on postures, by their names."""
     sliding: frozenset[str] = frozenset()
     """Joints that slide."""
 
@@ -69,10 +69,8 @@ def robot_text(robot: RobotText) -> str:
     if robot.postures:
         lines.append("postures:  # joints that are not named are 0")
     for name, values in robot.postures.items():
-        if robot.proposed and name == "home":
-            lines.append(
-                "  # proposed: collision-free, away from joint limits and singular postures"
-            )
+        if name in robot.comments:
+            lines.append(f"  # {_line(robot.comments[name])}")
         pairs = ", ".join(
             f"{_text(joint)}: {value!r} {'m' if joint in robot.sliding else 'rad'}"
             for joint, value in values.items()

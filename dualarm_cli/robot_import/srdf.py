@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
 from dualarm_cli.files.source.text_source import quote, read_text
+from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells, words
+from dualarm_cli.robot_import.structure import SIDES, NamedTip
 
-_NEVER = ("never", "default")
+_UNCHECKED = ("never", "default")
+"""Reasons for which collisions are left out that cost nothing to check."""
 
 
 @dataclass(frozen=True)
 class Srdf:
     """What an SRDF says of arms, postures and contacts."""
 
-    tips: Mapping[str, str] = field(default_factory=dict)
-    """Links at the ends of the groups of arms, by side."""
+    tips: Mapping[str, tuple[NamedTip, ...]] = field(default_factory=dict)
+    """Links at the ends of the groups that may be the arm of a side, by side."""
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Named postures: joint positions [rad or m]; states of one name of several groups are one posture."""
+    conflicts: Mapping[str, str] = field(default_factory=dict)
+    """Of named postures whose groups state two positions of one joint: which."""
     contacts: Mapping[frozenset[str], str] = field(default_factory=dict)
-    """Pairs of links that may touch, with the reason that it gives."""
+    """Pairs of links whose collisions are left out, with the reason that it gives."""
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
@@ -43,46 +47,90 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
     if root.tag != "robot":
         findings.add(root, f"root element must be <robot>, not <{root.tag}>")
         findings.raise_if_any()
-    tips, states = _tips(root, urdf, findings), _states(root, urdf, findings)
-    contacts: dict[frozenset[str], str] = {}
-    for element in root.all("disable_collisions"):
-        names = [element.get("link1"), element.get("link2")]
-        for name in names:
-            if name not in urdf.links:
-                findings.add(element, f"the URDF has no link {quote(name)}")
-        reason = element.get("reason", "no reason given")
-        if reason.lower() not in _NEVER and len(set(names)) == 2:
-            contacts[frozenset(names)] = reason
+    tips = _tips(root, urdf, findings)
+    states, conflicts = _states(root, urdf, findings)
+    contacts = _contacts(root, urdf, findings)
     findings.raise_if_any()
-    return Srdf(tips, states, contacts)
+    return Srdf(tips, states, conflicts, contacts)
 
 
-def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, str]:
-    """Returns the ends of the groups whose names tell an arm and its side."""
-    tips: dict[str, str] = {}
+def named_tips(srdf: Srdf, asked: Mapping[str, str]) -> dict[str, NamedTip]:
+    """Returns the links that tools are bolted to, by side: as options name them, else as the SRDF does.
+
+    Args:
+        srdf: what an SRDF says.
+        asked: links that options name, by side.
+
+    Raises:
+        UsageError: groups of the SRDF for one side end in different links, and no option says which.
+    """
+    found = {}
+    for side in SIDES:
+        groups = srdf.tips.get(side, ())
+        if side in asked:
+            found[side] = NamedTip(asked[side], f"--{side}-tip")
+        elif len({tip.link for tip in groups}) > 1:
+            several = ", ".join(f"{tip.link} ({tip.by})" for tip in groups)
+            raise UsageError(f"the {side} arm may end in {several}; say which with --{side}-tip")
+        elif groups:
+            found[side] = groups[0]
+    return found
+
+
+def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[NamedTip, ...]]:
+    """Returns the ends of the groups whose names tell a side and nothing else than an arm, those with `arm` alone."""
+    tips: dict[str, dict[str, NamedTip]] = {side: {} for side in SIDES}
     for group in root.all("group"):
-        chain = group.find("chain")
-        side = next((s for s in ("left", "right") if re.search(s, group.name, re.IGNORECASE)), "")
-        if chain is None or not side or re.search("hand|gripper|finger", group.name, re.IGNORECASE):
+        chain, side = group.find("chain"), side_of(group.name)
+        if chain is None or not side or tells(group.name, NO_ARM | GRIPPER):
             continue
         tip = chain.get("tip_link")
         if tip not in urdf.links:
             findings.add(chain, f"the URDF has no link {quote(tip)}")
-        tips.setdefault(side, tip)
-    return tips
+        place = f"group {quote(group.name)}, {Path(findings.source.name).name}:{group.line}"
+        tips[side][group.name] = NamedTip(tip, place)
+    found = {}
+    for side, groups in tips.items():
+        arms = [tip for name, tip in groups.items() if "arm" in words(name)]
+        found[side] = tuple(arms or groups.values())
+    return found
 
 
-def _states(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, dict[str, float]]:
-    """Returns the named postures."""
+def _contacts(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[frozenset[str], str]:
+    """Returns the pairs of links whose collisions are left out, but for those that never touch."""
+    contacts: dict[frozenset[str], str] = {}
+    for element in root.all("disable_collisions"):
+        names = [element.get("link1"), element.get("link2")]
+        for key, name in zip(("link1", "link2"), names, strict=True):
+            if not name:
+                findings.add(element, f"<disable_collisions> has no {key}; it needs two links")
+            elif name not in urdf.links:
+                findings.add(element, f"the URDF has no link {quote(name)}")
+        reason = element.get("reason") or "no reason given"
+        if reason.lower() not in _UNCHECKED and len(set(names)) == 2:
+            contacts[frozenset(names)] = reason
+    return contacts
+
+
+def _states(
+    root: Element, urdf: Urdf, findings: UrdfFindings
+) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """Returns the named postures, and of those whose groups contradict each other how."""
     states: dict[str, dict[str, float]] = {}
+    conflicts: dict[str, str] = {}
     for state in root.all("group_state"):
+        if not state.name:
+            findings.add(state, "<group_state> has no name")
         for joint in state.all("joint"):
+            if len(joint.get("value").split()) > 1:
+                continue  # of a joint with several positions, such as that of the base, which stays where it is
             if joint.name not in urdf.joints:
                 findings.add(joint, f"the URDF has no joint {quote(joint.name)}")
                 continue
-            if len(joint.get("value").split()) != 1:
-                continue  # of a joint with several positions, which stays where it is
             value = findings.numbers(joint, "value", 1, f"joint {quote(joint.name)}")
-            if value is not None and math.isfinite(value[0]):
-                states.setdefault(state.name, {})[joint.name] = value[0]
-    return states
+            if value is None:
+                continue
+            other = states.setdefault(state.name, {}).setdefault(joint.name, value[0])
+            if other != value[0]:
+                conflicts[state.name] = f"{joint.name} is at {other:g} and at {value[0]:g}"
+    return states, conflicts

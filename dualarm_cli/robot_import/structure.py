@@ -5,18 +5,24 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dualarm_cli.errors import UsageError, did_you_mean
-from dualarm_cli.files.robots.frozen_joints import nearest_to_zero, position_range
+from dualarm_cli.files.robots.frozen_joints import leader_of, nearest_to_zero, position_range
 from dualarm_cli.files.robots.urdf import MOVING_TYPES, Urdf
+from dualarm_cli.robot_import.names import (
+    GRIPPER,
+    NO_ARM,
+    count_of,
+    side_of_most,
+    tells,
+    words,
+)
 
 LEAST_AXES = 6
 """Fewest joints of an arm."""
 PLATFORM_JOINTS = 2
 """Most joints that may carry both arms."""
-_OTHERS = re.compile(r"leg|foot|ankle|hip|knee|wheel|caster|head|neck|eye|laser", re.IGNORECASE)
-_GRIPPER = re.compile(r"grip|finger|hand|knuckle|claw|thumb|suction", re.IGNORECASE)
 _TIPS = (
     r"tool0$",
     r"flange",
@@ -26,10 +32,10 @@ _TIPS = (
     r"wrist",
 )
 """Names of links that tools are bolted to, best first."""
-_SIDES = {
-    "left": re.compile(r"(^|[_\-.])(left|l)([_\-.]|$)|^left|left$", re.IGNORECASE),
-    "right": re.compile(r"(^|[_\-.])(right|r)([_\-.]|$)|^right|right$", re.IGNORECASE),
-}
+NO_TIP = "none"
+"""What `--left-tip` or `--right-tip` says where there is no such arm."""
+SIDES = ("left", "right")
+"""Where an arm may be."""
 
 
 class OpenChoiceError(UsageError):
@@ -45,6 +51,16 @@ class OpenChoiceError(UsageError):
 
 
 @dataclass(frozen=True)
+class NamedTip:
+    """A link to which a tool is bolted, as somebody names it."""
+
+    link: str
+    """Its name."""
+    by: str
+    """Who names it: an option, or a group of the SRDF."""
+
+
+@dataclass(frozen=True)
 class ArmChain:
     """A row of joints that may be an arm."""
 
@@ -52,6 +68,13 @@ class ArmChain:
     """From base to flange."""
     tip: str
     """Link to which the tool is bolted."""
+    by: str = ""
+    """Who names that link; empty where the tree tells it."""
+
+    @property
+    def side(self) -> str:
+        """The side that most of its names tell: left, right or none."""
+        return side_of_most((*self.joints, self.tip))
 
 
 @dataclass(frozen=True)
@@ -99,47 +122,110 @@ def moving(urdf: Urdf) -> list[str]:
 
 
 def find_structure(
-    urdf: Urdf, tips: Mapping[str, str], platform: Sequence[str] | None
+    urdf: Urdf, tips: Mapping[str, NamedTip], platform: Sequence[str] | None
 ) -> Structure:
     """Returns the arms and the platform of a robot.
 
     Args:
         urdf: a checked URDF.
-        tips: links that tools are bolted to, by side, where the user names them.
+        tips: links that tools are bolted to, by side, where they are named; the tree tells the others. The link
+            `none` says that there is no arm on that side.
         platform: joints that carry both arms, where the user names them.
 
     Raises:
         UsageError: a name that there is not, or a tree that leaves a choice; it says which options settle it.
     """
-    reasons = []
-    for side, tip in tips.items():
-        if tip not in urdf.links:
-            hint = did_you_mean(tip, list(urdf.links))
-            raise UsageError(f"--{side}-tip: the URDF has no link '{tip}'{hint}")
-    if tips:
-        ends = {
-            side: [n for n in urdf.chain(tip) if n in set(moving(urdf))]
-            for side, tip in tips.items()
-        }
-        carried = _common(list(ends.values())) if len(ends) == 2 else []
-        arms = {
-            side: ArmChain(_arm_part(urdf, joints[len(carried) :]), tips[side])
-            for side, joints in ends.items()
-        }
-        for side, chain in arms.items():
-            if len(chain.joints) < LEAST_AXES:
-                raise UsageError(
-                    f"--{side}-tip: link '{tips[side]}' is moved by {len(chain.joints)} joints that turn "
-                    f"({', '.join(chain.joints) or 'none'}); an arm has at least {LEAST_AXES}"
-                )
+    none = NO_TIP if NO_TIP not in urdf.links else ""
+    absent = {side for side, tip in tips.items() if tip.link == none}
+    named = {side: tip for side, tip in tips.items() if side not in absent}
+    rows, told = _rows(urdf)
+    if named:
+        _check_links(urdf, named)
+        other = next((side for side in SIDES if side not in tips), "")
+        ends = {side: ArmChain((), tip.link, tip.by) for side, tip in named.items()}
+        if other:
+            found, why = _other_arm(urdf, rows, other, next(iter(ends.values())).tip)
+            told += why
+            ends |= {other: found} if found else {}
+        arms = _between(urdf, {side: ends[side] for side in SIDES if side in ends})
     else:
-        arms = _found_arms(urdf)
-        reasons += [
-            f"{side} arm: {', '.join(arm.joints)}; flange {arm.tip}" for side, arm in arms.items()
-        ]
+        sides = [side for side in SIDES if side not in absent]
+        arms = _found_arms(urdf, rows, sides, told)
+    reasons = [
+        f"{side} arm: {', '.join(arm.joints)}; flange {arm.tip}{f' ({arm.by})' if arm.by else ''}"
+        for side, arm in arms.items()
+    ]
     carriers = _common([urdf.chain(arm.tip) for arm in arms.values()]) if len(arms) == 2 else []
-    chosen, told = _platform(urdf, carriers, platform, reasons)
-    return Structure(arms, chosen, told, _frozen_slides(urdf, arms, carriers, chosen))
+    chosen, more = _platform(urdf, carriers, platform)
+    frozen = _frozen_slides(urdf, arms, carriers, chosen)
+    structure = Structure(arms, chosen, (*reasons, *more, *told), frozen)
+    _check_followers(urdf, structure)
+    return structure
+
+
+def _check_links(urdf: Urdf, tips: Mapping[str, NamedTip]) -> None:
+    """Refuses links that there are not, and one link for both arms."""
+    for tip in tips.values():
+        if tip.link not in urdf.links:
+            hint = did_you_mean(tip.link, list(urdf.links))
+            raise UsageError(f"{tip.by}: the URDF has no link '{tip.link}'{hint}")
+    if len(tips) == 2 and len({tip.link for tip in tips.values()}) == 1:
+        left, right = tips.values()
+        raise UsageError(
+            f"{left.by} and {right.by} both name '{left.link}'; --left-tip and --right-tip name a link of each arm"
+        )
+
+
+def _other_arm(
+    urdf: Urdf, rows: Sequence[ArmChain], side: str, tip: str
+) -> tuple[ArmChain | None, list[str]]:
+    """Returns the arm that the tree shows beside one whose tip is named, or None and the reason."""
+    own = set(urdf.chain(tip))
+    rest = [row for row in rows if not own & set(row.joints)]
+    fitting = [row for row in rest if row.side == side]
+    if not fitting and len(rest) == 1 and not rest[0].side:
+        fitting = rest
+    if len(fitting) == 1:
+        return fitting[0], []
+    if not rest:
+        return None, []
+    ends = ", ".join(row.tip for row in rest)
+    return None, [
+        f"no {side} arm: the tree does not tell which row of joints it is, of those that end in {ends}; "
+        f"name its end with --{side}-tip"
+    ]
+
+
+def _between(urdf: Urdf, ends: Mapping[str, ArmChain]) -> dict[str, ArmChain]:
+    """Returns arms with the joints that move their tips and no other arm's."""
+    own = set(moving(urdf))
+    chains = {side: [n for n in urdf.chain(end.tip) if n in own] for side, end in ends.items()}
+    carried = len(_common(list(chains.values()))) if len(chains) == 2 else 0
+    arms = {}
+    for side, end in ends.items():
+        joints = _arm_part(urdf, chains[side][carried:])
+        if len(joints) < LEAST_AXES:
+            count = count_of(len(chains[side]), "joint")
+            both = f", {carried} of which move the other arm as well" if carried else ""
+            raise UsageError(
+                f"{end.by or f'--{side}-tip'}: link '{end.tip}' is moved by {count} "
+                f"({', '.join(chains[side]) or 'none'}){both}; an arm has at least {LEAST_AXES} that turn"
+            )
+        arms[side] = replace(end, joints=joints)
+    return arms
+
+
+def _check_followers(urdf: Urdf, structure: Structure) -> None:
+    """Refuses arms with a joint that follows one of those that are planned."""
+    planned = set(structure.joints)
+    for side, arm in structure.arms.items():
+        for name in urdf.chain(arm.tip):
+            leader = leader_of(urdf, name)
+            if leader in planned:
+                raise UsageError(
+                    f"{arm.by or f'{side} arm'}: link '{arm.tip}' is moved by joint '{name}', which mimics '{leader}'; "
+                    f"arms with joints that follow others cannot be planned. Name a link before it with --{side}-tip"
+                )
 
 
 def _slides(urdf: Urdf) -> list[str]:
@@ -171,9 +257,10 @@ def _frozen_slides(
 
 
 def _platform(
-    urdf: Urdf, carriers: list[str], asked: Sequence[str] | None, reasons: list[str]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Returns the joints of the platform and all reasons."""
+    urdf: Urdf, carriers: list[str], asked: Sequence[str] | None
+) -> tuple[tuple[str, ...], list[str]]:
+    """Returns the joints of the platform, and why."""
+    reasons: list[str] = []
     turning = [
         n for n in carriers if n in moving(urdf) and urdf.joints[n].get("type") != "prismatic"
     ]
@@ -184,7 +271,7 @@ def _platform(
                 raise UsageError(
                     f"--platform: '{name}' does not carry both arms; these do: {known}"
                 )
-        return tuple(n for n in carriers if n in asked), tuple(reasons)
+        return tuple(n for n in carriers if n in asked), reasons
     chosen = turning[-PLATFORM_JOINTS:]
     if chosen:
         reasons.append(f"platform: {', '.join(chosen)}: carries both arms")
@@ -198,7 +285,7 @@ def _platform(
     left = [name for name in carriers if name not in (*chosen, *lifts)]
     if left:
         reasons.append(f"joints below the arms that stay where they are: {', '.join(left)}")
-    return tuple(chosen), tuple(reasons)
+    return tuple(chosen), reasons
 
 
 def _common(chains: list[list[str]]) -> list[str]:
@@ -211,65 +298,90 @@ def _common(chains: list[list[str]]) -> list[str]:
     return found
 
 
-def _found_arms(urdf: Urdf) -> dict[str, ArmChain]:
-    """Returns the arms by side, from the tree and the names in it."""
-    candidates = [chain for chain in _chains(urdf) if not _OTHERS.search(" ".join(chain.joints))]
-    if not candidates:
+def _found_arms(
+    urdf: Urdf, rows: Sequence[ArmChain], sides: Sequence[str], left_out: Sequence[str]
+) -> dict[str, ArmChain]:
+    """Returns the arms of some sides, from the tree and the names in it."""
+    candidates = [row for row in rows if not row.side or row.side in sides]
+    if not candidates or not sides:
+        grips = [name for name in moving(urdf) if tells(name, GRIPPER)]
+        if len(grips) >= LEAST_AXES:
+            left_out = [*left_out, f"joints of grippers by their names: {', '.join(grips)}"]
+        why = "".join(f"; {reason}" for reason in left_out)
         raise UsageError(
-            f"no arm was found: no row of {LEAST_AXES} joints or more that turn; name its end with --left-tip"
+            f"no arm was found: no row of {LEAST_AXES} joints or more that turn; name its end with --left-tip{why}"
         )
     if len(candidates) == 1:
-        return {"left": candidates[0]}
+        return {candidates[0].side or sides[0]: candidates[0]}
     if len(candidates) > 2:
-        named = [
-            c for c in candidates if re.search("arm", " ".join((*c.joints, c.tip)), re.IGNORECASE)
-        ]
+        named = [c for c in candidates if any("arm" in words(n) for n in (*c.joints, c.tip))]
         candidates = named if len(named) == 2 else candidates
-    sides = {side: [c for c in candidates if _is_of(side, c)] for side in ("left", "right")}
-    if (
-        len(candidates) == 2
-        and all(len(found) == 1 for found in sides.values())
-        and sides["left"] != sides["right"]
-    ):
-        return {side: found[0] for side, found in sides.items()}
+    by_side = {c.side: c for c in candidates}
+    if len(candidates) == 2 and set(by_side) == set(SIDES):
+        return {side: by_side[side] for side in SIDES}
     raise OpenChoiceError(tuple(chain.tip for chain in candidates))
 
 
-def _is_of(side: str, chain: ArmChain) -> bool:
-    """Returns whether most names of a chain say that it is of a side."""
-    names = (*chain.joints, chain.tip)
-    return sum(bool(_SIDES[side].search(name)) for name in names) > len(names) / 2
-
-
-def _chains(urdf: Urdf) -> list[ArmChain]:
-    """Returns all rows of joints that may be arms, in document order."""
-    own = set(moving(urdf))
+def _rows(urdf: Urdf) -> tuple[list[ArmChain], list[str]]:
+    """Returns all rows of joints that may be arms, in document order, and why others may not."""
+    own = moving(urdf)
     before: dict[str, str] = {}  # moving joint to the moving joint that carries it
-    for name in moving(urdf):
+    for name in own:
         carriers = [
-            n for n in urdf.chain(urdf.joints[name].child_name("child", "link")) if n in own
+            n for n in urdf.chain(urdf.joints[name].child_name("child", "link")) if n in set(own)
         ]
         before[name] = carriers[-2] if len(carriers) > 1 else ""
     after: dict[str, list[str]] = {}
     for name, carrier in before.items():
-        if not _GRIPPER.search(name):
+        if not tells(name, GRIPPER):
             after.setdefault(carrier, []).append(name)
-    found = []
+    found, left_out = [], []
     for name in before:
-        if _GRIPPER.search(name) or (before[name] and len(after[before[name]]) == 1):
+        if tells(name, GRIPPER) or (before[name] and len(after[before[name]]) == 1):
             continue
         row = [name]
         while len(after.get(row[-1], [])) == 1:
             row.append(after[row[-1]][0])
         joints = _arm_part(urdf, row)
-        if len(joints) >= LEAST_AXES:
+        followers = _followers(urdf, joints) if joints else {}
+        if len(joints) + len(followers) < LEAST_AXES:
+            continue
+        span = f"{joints[0]} to {joints[-1]}"
+        part = next(((n, word) for n in joints if (word := tells(n, NO_ARM))), None)
+        if part is not None:
+            left_out.append(f"no arm: {span} ('{part[1]}' in {part[0]})")
+        elif followers:
+            both = ", ".join(f"{one} mimics {other}" for one, other in followers.items())
+            left_out.append(
+                f"no arm: {span}, as {both}; arms with joints that follow others cannot be planned"
+            )
+        else:
             found.append(ArmChain(joints, _tip(urdf, joints[-1])))
-    return found
+    return found, left_out
+
+
+def _followers(urdf: Urdf, joints: Sequence[str]) -> dict[str, str]:
+    """Returns the joints within a row, and behind a short one, that follow one of its own, with that one."""
+    end = urdf.joints[joints[-1]].child_name("child", "link")
+    inside = urdf.chain(end)
+    inside = inside[inside.index(joints[0]) :]
+    while len(joints) < LEAST_AXES:
+        behind = [
+            name
+            for name, joint in urdf.joints.items()
+            if joint.child_name("parent", "link") == end and joint.get("type") != "fixed"
+        ]
+        if len(behind) != 1 or tells(behind[0], GRIPPER):
+            break
+        inside.append(behind[0])
+        end = urdf.joints[behind[0]].child_name("child", "link")
+    leaders = {name: leader_of(urdf, name) for name in inside}
+    return {name: leader for name, leader in leaders.items() if leader in joints}
 
 
 def _arm_part(urdf: Urdf, row: Sequence[str]) -> tuple[str, ...]:
     """Returns a row of joints without those of a gripper at its end and those that slide at its begin and end."""
-    joints = [name for name in row if not _GRIPPER.search(name)] or list(row)
+    joints = [name for name in row if not tells(name, GRIPPER)] or list(row)
     slides = [urdf.joints[name].get("type") == "prismatic" for name in joints]
     first = max((k + 1 for k, s in enumerate(slides[: len(joints) // 2]) if s), default=0)
     last = min(

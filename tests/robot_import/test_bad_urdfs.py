@@ -92,6 +92,14 @@ BAD = {
         with_solid('<mesh filename="package://inner//etc/hostname"/>'),
         "must be package://name/path",
     ),
+    "mesh by an absolute path behind three slashes": (
+        with_solid('<mesh filename="package:///etc/hostname"/>'),
+        "package 'etc' was looked for",
+    ),
+    "mesh by an absolute path behind four slashes": (
+        with_solid('<mesh filename="package:////etc/hostname"/>'),
+        "must be package://name/path",
+    ),
     "mesh of a folder that is no package": (
         with_solid('<mesh filename="package://aside/secret.stl"/>'),
         "package 'aside' was looked for",

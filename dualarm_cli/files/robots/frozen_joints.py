@@ -149,13 +149,26 @@ def _check_chains(
     """Notes joints between root and flange that mimic a moving joint: kinematics knows none that follow."""
     for side, arm in file_arms(model).items():
         for name in urdf.chain(arm.flange) if arm.flange in urdf.links else []:
-            leader = urdf.joints[name].child_name("mimic", "joint")
+            leader = leader_of(urdf, name)
             if name not in moving and leader in moving:
                 message = (
                     f"joint {quote(name)}, which moves flange {quote(arm.flange)}, mimics {quote(leader)}; "
                     "arms with joints that follow others cannot be planned"
                 )
                 findings.add(document, ("arms", side, "joints"), message)
+
+
+def leader_of(urdf: Urdf, name: str) -> str:
+    """Returns the joint that a joint follows in the end, through any number of joints that mimic others.
+
+    Empty for a joint that mimics none, and for one whose mimics go round in a circle.
+    """
+    seen = [name]
+    while (leader := urdf.joints[seen[-1]].child_name("mimic", "joint")) in urdf.joints:
+        if leader in seen:
+            return ""
+        seen.append(leader)
+    return seen[-1] if len(seen) > 1 else ""
 
 
 def _followed(

@@ -1,6 +1,6 @@
-"""COLLADA (DAE) to the corners of what its scene shows, all or none.
+"""COLLADA (DAE) to the corners of what its scene shows, all or none, and the unit that they are in.
 
-The unit and the upward axis that the file states are not applied: the cell file's `scale` and `rpy` are.
+The upward axis that the file states is not applied: the tools of ROS show robots without it.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class _Scene:
     """Corners in the scene."""
 
 
-def dae_corners(data: bytes, most: int) -> FloatArray:
-    """Returns the corners of what a COLLADA file's scene shows, shape (n, 3).
+def dae_corners(data: bytes, most: int) -> tuple[FloatArray, float]:
+    """Returns the corners of what a COLLADA file's scene shows, shape (n, 3), and their unit [m].
 
     Args:
         data: the whole file.
@@ -86,7 +86,20 @@ def dae_corners(data: bytes, most: int) -> FloatArray:
     _show(_target(shown[0], nodes), np.eye(4), scene, 0)
     if not scene.found:
         raise MeshError("shows no geometry with faces")
-    return np.concatenate(scene.found)
+    return np.concatenate(scene.found), _unit(root)
+
+
+def _unit(root: Element) -> float:
+    """Returns the unit that a file states [m]; 1 where it states none."""
+    asset = root.find("asset")
+    element = asset.find("unit") if asset is not None else None
+    if element is None:
+        return 1.0
+    where = f"line {element.line}: <unit>"
+    unit = mesh_number(element.get("meter", "1").encode(), where)
+    if unit <= 0.0:
+        raise MeshError(f"{where} must be above 0 m, not {unit:g} m")
+    return unit
 
 
 def _below(element: Element) -> Iterator[Element]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ _MAX_STATED = 3_000_000
 
 
 def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
-    """Returns the convex hull of a mesh file.
+    """Returns the convex hull of a mesh file. A unit that a COLLADA file states is not applied.
 
     Args:
         path: the file.
@@ -41,6 +42,44 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
     Raises:
         BadReferenceError: unreadable, of an unknown kind, damaged, too large, or without volume.
     """
+    corners, _ = _corners(path, reference)
+    return _scaled_hull(corners, reference, scale)
+
+
+def link_hull(path: Path, reference: str, scale: FloatArray) -> tuple[Hull, float]:
+    """Returns the convex hull of a URDF's mesh file, and the unit that the file states [m], which is applied.
+
+    So do RViz and Gazebo; MoveIt's collision checks do not. A scale on top of a unit can mean either.
+
+    Args:
+        path: the file.
+        reference: what the user calls it.
+        scale: of the URDF, shape (3,).
+
+    Raises:
+        BadReferenceError: unreadable, of an unknown kind, damaged, too large, without volume, or scaled twice.
+    """
+    corners, unit = _corners(path, reference)
+    if unit != 1.0 and not np.allclose(np.abs(scale), 1.0):
+        factors = " ".join(f"{factor:g}" for factor in scale)
+        raise BadReferenceError(
+            f"{quote(reference)} states a unit of {unit:g} m, and the URDF scales it by {factors}: tools differ in "
+            'what that means. Take the scale away, or write <unit meter="1"/> in the file'
+        )
+    return _scaled_hull(corners, reference, scale * unit), unit
+
+
+def _scaled_hull(corners: FloatArray, reference: str, scale: FloatArray) -> Hull:
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = corners * scale
+        return convex_hull(scaled)
+    except MeshError as error:
+        raise BadReferenceError(f"{quote(reference)} {error}") from None
+
+
+def _corners(path: Path, reference: str) -> tuple[FloatArray, float]:
+    """Returns the corners of a mesh file, and the unit that it states [m], 1 where it states none."""
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise BadReferenceError(
@@ -53,24 +92,19 @@ def read_hull(path: Path, reference: str, scale: FloatArray) -> Hull:
     try:
         if not data.strip():
             raise MeshError("is empty")
-        corners = _corners(data, suffix)
+        corners, unit = _parsed(data, suffix)
         if len(corners) > _MAX_STATED:
             raise MeshError(f"has {len(corners)} corners; at most {_MAX_STATED} are read")
-        with np.errstate(over="ignore", invalid="ignore"):
-            scaled = corners * scale
-        return convex_hull(scaled)
     except MeshError as error:
         raise BadReferenceError(f"{quote(reference)} {error}") from None
+    return corners, unit
 
 
-def _corners(data: bytes, suffix: str) -> FloatArray:
-    if suffix == ".stl":
-        return stl_corners(data)
-    if suffix == ".obj":
-        return obj_corners(data)
-    if suffix == ".ply":
-        return ply_corners(data)
-    return dae_corners(data, _MAX_STATED)
+def _parsed(data: bytes, suffix: str) -> tuple[FloatArray, float]:
+    if suffix == ".dae":
+        return dae_corners(data, _MAX_STATED)
+    read = {".stl": stl_corners, ".obj": obj_corners, ".ply": ply_corners}[suffix]
+    return read(data), 1.0
 
 
 def convex_hull(corners: FloatArray) -> Hull:
@@ -113,8 +147,28 @@ def convex_hull(corners: FloatArray) -> Hull:
     return Hull(corners[used], triangles)
 
 
-def link_meshes(urdf: Urdf, finder: MeshFinder) -> dict[str, tuple[Shape, ...]]:
-    """Returns the meshes that a URDF gives to collision, by their links and in the links' frames.
+@dataclass(frozen=True)
+class LinkMeshes:
+    """The meshes that a URDF gives to collision."""
+
+    shapes: dict[str, tuple[Shape, ...]]
+    """Their hulls by link, in the links' frames."""
+    units: dict[str, float]
+    """The unit that a COLLADA file states [m] by its name in the URDF, where it is not the metre."""
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on units."""
+        if not self.units:
+            return []
+        files = ", ".join(f"{name} ({unit:g} m)" for name, unit in self.units.items())
+        return [
+            f"units that COLLADA files state are applied, as RViz does and MoveIt's collision checks do not: {files}"
+        ]
+
+
+def link_meshes(urdf: Urdf, finder: MeshFinder) -> LinkMeshes:
+    """Returns the meshes that a URDF gives to collision.
 
     Meshes that are only looked at are not read: they may be missing.
 
@@ -127,6 +181,7 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> dict[str, tuple[Shape, ...]]:
     """
     findings = UrdfFindings(urdf.source)
     shapes: dict[str, tuple[Shape, ...]] = {}
+    units: dict[str, float] = {}
     for name, link in urdf.links.items():
         for solid in link.all("collision"):
             mesh = next(mesh_elements(solid), None)
@@ -134,13 +189,15 @@ def link_meshes(urdf: Urdf, finder: MeshFinder) -> dict[str, tuple[Shape, ...]]:
                 continue
             reference = mesh.get("filename")
             try:
-                hull = read_hull(finder.find(reference), reference, mesh_scale(mesh))
+                hull, unit = link_hull(finder.find(reference), reference, mesh_scale(mesh))
             except BadReferenceError as error:
                 findings.add(mesh, f"mesh: {error}")
                 continue
             shapes[name] = (*shapes.get(name, ()), Shape("mesh", (), _pose(solid), hull))
+            if unit != 1.0:
+                units[reference] = unit
     findings.raise_if_any()
-    return shapes
+    return LinkMeshes(shapes, units)
 
 
 def mesh_scale(mesh: Element) -> FloatArray:

@@ -41,7 +41,8 @@ class MeshFinder:
                     f"{quote(reference)} holds only on the machine that wrote it; write a path relative to the URDF"
                 )
             return self.project.follow(reference, self.urdf)
-        package, _, rest = reference.removeprefix(_SCHEME).partition("/")
+        # Some files have a slash too many, `package:///name/path`; pinocchio reads them as well.
+        package, _, rest = reference.removeprefix(_SCHEME).removeprefix("/").partition("/")
         if (
             package in ("", ".", "..")
             or not rest

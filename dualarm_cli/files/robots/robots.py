@@ -13,7 +13,7 @@ from dualarm_cli.errors import Diagnostic, InputError
 from dualarm_cli.files.robots.dh_tables import read_tables
 from dualarm_cli.files.robots.frozen_joints import frozen_note, frozen_positions, listed
 from dualarm_cli.files.robots.joint_rates import joint_limits
-from dualarm_cli.files.robots.meshes import link_meshes
+from dualarm_cli.files.robots.meshes import LinkMeshes, link_meshes
 from dualarm_cli.files.robots.packages import MeshFinder
 from dualarm_cli.files.robots.robot_joints import (
     check_chains,
@@ -34,6 +34,9 @@ from dualarm_cli.files.source.text_source import quote, suggest
 from dualarm_cli.files.source.yaml_source import Document
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.shape import Shape
+
+HULL_NOTE = "collision meshes are taken as their convex hulls"
+"""How the note on meshes begins."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,8 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
     if model is None or not described:
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
-    urdf, meshes = _load_urdf(place, document, model, findings)
+    urdf, read = _load_urdf(place, document, model, findings)
+    meshes = read.shapes
     if urdf is None or not check_names(document, model, urdf, findings):
         findings.raise_if_any()
         raise InputError(findings.diagnostics)
@@ -176,7 +180,13 @@ def build_robot(place: RobotFilePlace) -> tuple[Robot, tuple[str, ...]]:
         (*contacts, *doubtful),
         meshes,
     )
-    notes += [*assumed, *frozen_note(urdf, frozen), *_contact_note(doubtful), *_mesh_note(meshes)]
+    notes += [
+        *assumed,
+        *frozen_note(urdf, frozen),
+        *_contact_note(doubtful),
+        *_mesh_note(meshes),
+        *read.notes,
+    ]
     return robot, tuple(notes)
 
 
@@ -184,7 +194,7 @@ def _contact_note(pairs: Sequence[tuple[str, str]]) -> list[str]:
     """Returns the note on links whose collisions are left out by assumption."""
     if not pairs:
         return []
-    names = ", ".join(f"{one} and {other}" for one, other in pairs)
+    names = listed([f"{one} and {other}" for one, other in pairs])
     return [
         f"collisions are not checked between {names}: `assumed_contacts` says that only their shapes touch"
     ]
@@ -205,10 +215,10 @@ def _check_description(document: Document, findings: Findings) -> bool:
 
 def _load_urdf(
     place: RobotFilePlace, document: Document, model: RobotFile, findings: Findings
-) -> tuple[Urdf | None, dict[str, tuple[Shape, ...]]]:
+) -> tuple[Urdf | None, LinkMeshes]:
     """Returns the checked URDF and its meshes by link, or None after noting what is wrong."""
     if model.urdf is None:
-        return read_tables(document, model, findings), {}
+        return read_tables(document, model, findings), LinkMeshes({}, {})
     try:
         path = place.project.follow(model.urdf, place.path)
         source = place.project.read(path, display_name(model.urdf, place.name))
@@ -221,7 +231,7 @@ def _load_urdf(
         findings.extend(error.diagnostics)
     else:
         return urdf, meshes
-    return None, {}
+    return None, LinkMeshes({}, {})
 
 
 def _checked_model(urdf: Urdf, text: str, count: int) -> pin.Model:
@@ -246,4 +256,4 @@ def _mesh_note(meshes: dict[str, tuple[Shape, ...]]) -> list[str]:
     """Returns a note on links whose meshes are taken as convex hulls."""
     if not meshes:
         return []
-    return [f"collision meshes are taken as their convex hulls: {listed(list(meshes))}"]
+    return [f"{HULL_NOTE}: {listed(list(meshes))}"]
