@@ -23,13 +23,16 @@ from dualarm_cli.errors import UsageError
 from dualarm_cli.report.printable import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from dualarm_cli.model.job import Job
     from dualarm_cli.model.schedule import Schedule
-    from dualarm_cli.plan.comparison import Case
+    from dualarm_cli.model.settings import PlanSettings
+    from dualarm_cli.page.solvers_page import PlanKey
+    from dualarm_cli.plan.comparison import Case, Outcome
 
 DOCUMENT, TABLE, FIGURE = "comparison.json", "comparison.csv", "comparison.png"
+SOLVERS_PAGE = "comparison.html"
 SCHEDULES_DOCUMENT, SCHEDULES_TABLE = "schedules.json", "schedules.csv"
 SCHEDULES_PAGE = "schedules.html"
 
@@ -89,6 +92,13 @@ def solvers_command(
         Path | None,
         typer.Option("--plot", help="Figure to write (.png, .svg, .pdf).", show_default=False),
     ] = None,
+    page: Annotated[
+        bool,
+        typer.Option(
+            "--page",
+            help="Write comparison.html as well: each method's plan in motion beside the fastest one.",
+        ),
+    ] = False,
     force: ForceOption = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -98,15 +108,18 @@ def solvers_command(
     --out writes comparison.json, comparison.csv and comparison.png. Wall-clock times are in the JSON's last member and
     the CSV's last column only. Exit code 1 if the verifier fails a plan, 3 if a job has no plan by any method.
     """
+    from dualarm_cli.model.settings import PlanSettings
     from dualarm_cli.plan.comparison import job_cases
 
-    _refuse(out, plot, force)
+    _refuse(out, plot, page, force)
     jobs = _jobs(tasks or [])
     named = (method or (), redundancy or (), timing or ())
     matrices = {name: job_cases(job, *named) for name, job in jobs.items()}
-    document = _compare(jobs, matrices, effort.value, seed, quiet)
+    settings = PlanSettings(effort=effort.value, seed=seed)
+    plans: dict[PlanKey, dict[str, Any]] | None = {} if page else None
+    document = _compare(jobs, matrices, settings, plans, quiet)
     if plot is not None or out is not None:
-        _write(document, out, plot, quiet)
+        _write(document, plans, out, plot, quiet)
     if json_output:
         print_json(document)
     elif not quiet:
@@ -115,12 +128,32 @@ def solvers_command(
         raise typer.Exit(code)
 
 
-def _refuse(out: str | None, plot: Path | None, force: bool) -> None:
+def _refuse(out: str | None, plot: Path | None, page: bool, force: bool) -> None:
     """Raises before any work is done where results could not be written anyway."""
+    if page:
+        refuse_page(out, SOLVERS_PAGE)
     if out is not None:
-        refuse_folder(out, (DOCUMENT, TABLE, FIGURE), force)
+        refuse_folder(out, (DOCUMENT, TABLE, FIGURE, *([SOLVERS_PAGE] if page else [])), force)
     if plot is not None:
         refuse_plot(plot, force)
+
+
+def refuse_page(out: str | None, name: str) -> None:
+    """Raises where a page has no folder, or this installation cannot make one.
+
+    Args:
+        out: the folder.
+        name: of the page.
+
+    Raises:
+        UsageError: there is no folder.
+        PageNotBuiltError: this installation has no code of the page.
+    """
+    from dualarm_cli.page.page import require_built
+
+    if out is None:
+        raise UsageError(f"--page writes {name}: name its folder with --out")
+    require_built()
 
 
 def _jobs(paths: list[Path]) -> dict[str, Job]:
@@ -145,20 +178,22 @@ def _jobs(paths: list[Path]) -> dict[str, Job]:
 
 
 def _compare(
-    jobs: dict[str, Job], matrices: dict[str, list[Case]], effort: str, seed: int, quiet: bool
+    jobs: dict[str, Job],
+    matrices: dict[str, list[Case]],
+    settings: PlanSettings,
+    plans: dict[PlanKey, dict[str, Any]] | None,
+    quiet: bool,
 ) -> dict[str, Any]:
-    """Returns the document of all jobs."""
-    from dualarm_cli.model.settings import PlanSettings
+    """Returns the document of all jobs; the data of the plans' pages are added to `plans`, where there is one."""
     from dualarm_cli.report.comparison.comparison import comparison_document
 
-    settings = PlanSettings(effort=effort, seed=seed)
     console = stderr_console()
     sections: list[dict[str, Any]] = []
     clock: list[dict[str, Any]] = []
 
     def run(progress: Callable[[str], None]) -> None:
         for name, job in jobs.items():
-            section, timed = _one_job(name, job, settings, matrices[name], progress)
+            section, timed = _one_job(name, job, settings, matrices[name], plans, progress)
             sections.append(section)
             clock.extend(timed)
 
@@ -170,13 +205,18 @@ def _compare(
         with console.status("comparing") as status:
             run(lambda text: status.update(escape(text)))
     document: dict[str, Any] = printable(
-        comparison_document(sections, clock, {"effort": effort, "seed": seed})
+        comparison_document(sections, clock, {"effort": settings.effort, "seed": settings.seed})
     )
     return document
 
 
 def _one_job(
-    name: str, job: Job, settings: Any, matrix: list[Case], progress: Callable[[str], None]
+    name: str,
+    job: Job,
+    settings: PlanSettings,
+    matrix: list[Case],
+    plans: dict[PlanKey, dict[str, Any]] | None,
+    progress: Callable[[str], None],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     from functools import partial
     from math import isfinite
@@ -196,10 +236,33 @@ def _one_job(
     least = bound.value if bound.value and isfinite(bound.value) else None
     judge = partial(verify, clearance=True)
     outcomes = run_cases(job, settings, matrix, least, judge, perf_counter, say)
+    if plans is not None:
+        outcomes = _kept(outcomes, name, job, plans)
     return job_comparison(name, job, outcomes, least, bound.assumptions)
 
 
-def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: bool) -> None:
+def _kept(
+    outcomes: Iterator[Outcome], name: str, job: Job, plans: dict[PlanKey, dict[str, Any]]
+) -> Iterator[Outcome]:
+    """Yields outcomes, and adds the data of their plans' pages."""
+    from dualarm_cli.page.page_data import page_data
+    from dualarm_cli.report.report import build_report
+
+    for outcome in outcomes:
+        case, schedule = outcome.case, outcome.schedule
+        if schedule is not None:
+            key = printable(name), case.method, case.redundancy, case.timing
+            plans[key] = page_data(schedule, job, build_report(schedule, job))
+        yield outcome
+
+
+def _write(
+    document: dict[str, Any],
+    plans: dict[PlanKey, dict[str, Any]] | None,
+    out: str | None,
+    plot: Path | None,
+    quiet: bool,
+) -> None:
     """Writes the folder and the figure asked for, and says so unless told to be quiet."""
     say: Callable[[str], None] = (lambda _: None) if quiet else print_message
     from dualarm_cli.errors import MissingDependencyError
@@ -218,6 +281,10 @@ def _write(document: dict[str, Any], out: str | None, plot: Path | None, quiet: 
         files[FIGURE] = draw_comparison(document, "png")
     except MissingDependencyError as error:
         say(f"{FIGURE} is not drawn: {error}")
+    if plans is not None:
+        from dualarm_cli.page.solvers_page import solvers_page
+
+        files[SOLVERS_PAGE] = solvers_page(document, plans)
     write_folder(out, files | {DOCUMENT: json_bytes(document)})
     say(f"written: {out}")
 
@@ -284,8 +351,8 @@ def schedules_command(
         schedules_table,
     )
 
-    if page and out is None:
-        raise UsageError("--page writes schedules.html: name its folder with --out")
+    if page:
+        refuse_page(out, SCHEDULES_PAGE)
     if out is not None:
         names = (SCHEDULES_TABLE, SCHEDULES_DOCUMENT, *((SCHEDULES_PAGE,) if page else ()))
         refuse_folder(out, names, force)
@@ -316,18 +383,18 @@ def _page_of_both(
     """Returns the page of two plans on one clock; each is verified anew with the task file that it was made of."""
     from dualarm_cli.cli.report import tasks_of
     from dualarm_cli.files.tasks.tasks import load_job
-    from dualarm_cli.page.page import page_html
     from dualarm_cli.page.page_data import page_data
-    from dualarm_cli.page.side_by_side import ComparedStage, side_by_side
+    from dualarm_cli.page.side_by_side import ComparedStage, side_by_side, stages_table
     from dualarm_cli.report.comparison.schedule_comparison_table import cause_text
     from dualarm_cli.report.report import build_report
     from dualarm_cli.verification import verify
 
-    pages = []
-    for schedule, path in zip(plans, paths, strict=True):
+    shown = []
+    for side, schedule, path in zip("AB", plans, paths, strict=True):
         job = load_job(tasks_of(schedule, path if path.is_dir() else path.parent))
         judged = replace(schedule, verification=verify(schedule, job, clearance=True))
-        pages.append(page_html(page_data(judged, job, build_report(judged, job))))
+        data = page_data(judged, job, build_report(judged, job))
+        shown.append(data | {"title": f"{side}: {data['title']}"})
     rows = []
     for row in document["stages"]:
         numbers = [row[side] for side in ("a", "b")]
@@ -347,7 +414,7 @@ def _page_of_both(
             )
         )
     title = f"{paths[0]} and {paths[1]}"
-    return side_by_side((pages[0], pages[1]), title, document["sentence"], rows)
+    return side_by_side(title, document["sentence"], [stages_table(rows)], shown, (0, 1))
 
 
 def _number(value: int | None) -> str:

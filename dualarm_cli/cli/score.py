@@ -27,6 +27,7 @@ from dualarm_cli.cli.parts.output import (
     print_message,
     stdout_console,
 )
+from dualarm_cli.cli.parts.plan_pages import PagesOption, refuse_pages, write_pages
 from dualarm_cli.cli.parts.score_options import (
     BaselineOption,
     CacheOption,
@@ -74,6 +75,7 @@ def score_command(
     junit: JunitOption = None,
     markdown: MarkdownOption = None,
     github: GithubOption = False,
+    pages: PagesOption = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite files that are no earlier results.")
     ] = False,
@@ -107,6 +109,7 @@ def score_command(
     refuse_same_file({"--baseline": baseline, "--junit": junit, "--markdown": markdown})
     refuse_report("--junit", junit, junit_format.MARK, force)
     refuse_report("--markdown", markdown, markdown_format.MARK.encode(), force)
+    refuse_pages(pages, force)
     requests = [
         Request.of(
             case,
@@ -115,6 +118,7 @@ def score_command(
             timing=timing,
             effort=effort.value,
             seed=seed,
+            page=pages is not None,
         )
         for case in find_cases(tasks)
     ]
@@ -132,6 +136,8 @@ def score_command(
     # Where the baseline is written anew, or is not there yet, nothing is compared with it.
     compared = baseline if former is not None and not update_baseline else None
     write_reports(verdicts, allowed, compared is not None, junit, markdown, github)
+    if pages is not None:
+        _write_pages(pages, verdicts, allowed, compared is not None, quiet)
     if update_baseline and baseline is not None:
         _update(baseline, verdicts, former if subset else None, settings, quiet)
     # Printed last: where something cannot be written, that is the one document on stdout.
@@ -243,6 +249,19 @@ def _print(verdicts: list[Verdict], allowed: float, compared: bool) -> None:
     lines += [counted(verdicts) + (f"; {rule_words(allowed)}" if compared else "")]
     for line in (*lines, *advice(verdicts)):
         console.print(line, markup=False, soft_wrap=True)
+
+
+def _write_pages(
+    folder: Path, verdicts: list[Verdict], allowed: float, compared: bool, quiet: bool
+) -> None:
+    """Writes the pages of all cases that have a plan, and their index."""
+    from dualarm_cli.page.index_page import page_names
+    from dualarm_cli.scoring.index import score_index
+
+    shown = {v.case: v.evaluation.page for v in verdicts if v.evaluation and v.evaluation.page}
+    names = dict(zip(shown, page_names(shown), strict=True))
+    plans = {names[case]: (case, page) for case, page in shown.items()}
+    write_pages(folder, score_index(verdicts, names, allowed, compared), plans, quiet)
 
 
 def _update(

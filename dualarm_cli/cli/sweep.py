@@ -26,6 +26,7 @@ from dualarm_cli.cli.parts.output import (
     print_message,
     stdout_console,
 )
+from dualarm_cli.cli.parts.plan_pages import PagesOption, refuse_pages, write_pages
 from dualarm_cli.cli.parts.result_files import json_bytes, refuse_folder, write_folder
 from dualarm_cli.cli.parts.score_options import (
     CacheOption,
@@ -142,6 +143,8 @@ def _say(text: str, quiet: bool) -> None:
 
 DEFAULT_BUDGET = 40
 """Points that --optimise tries by default."""
+DEFAULT_BEST = 10
+"""Points that get a page by default."""
 
 
 def sweep_command(
@@ -183,6 +186,18 @@ def sweep_command(
             show_default=False,
         ),
     ] = None,
+    pages: PagesOption = None,
+    best: Annotated[
+        int | None,
+        typer.Option(
+            "--best",
+            min=1,
+            max=1000,
+            metavar="N",
+            help="Points whose plans --pages shows, the Pareto set first. They are planned once more for it.",
+            show_default=str(DEFAULT_BEST),
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
@@ -198,6 +213,7 @@ def sweep_command(
     from dualarm_cli.report.printable import printable
     from dualarm_cli.studies.document import study_document
     from dualarm_cli.studies.requests import check_settings
+    from dualarm_cli.studies.study_run import Desk
 
     search = _search_options(optimise, budget, seed)
     limit = read_duration("--timeout", timeout)
@@ -211,7 +227,10 @@ def sweep_command(
         cache=cache,
         no_cache=no_cache,
     )
+    if best is not None and pages is None:
+        raise UsageError(f"--best {best}: goes with --pages DIR only")
     refuse_results(out, csv, force)
+    refuse_pages(pages, force)
     with recorded_reads() as read:
         loaded = load_study(study)
     refuse_inputs(out, csv, read)
@@ -219,10 +238,14 @@ def sweep_command(
     points, method = _points(loaded, search, quiet)
     store = open_store(cache, no_cache)
     with evaluators(jobs, scheduler, limit) as run:
-        rows, reference = _carry_out(loaded, points, method, run, store, quiet)
-    document: dict[str, Any] = printable(study_document(loaded, rows, reference, method))
+        desk = Desk(run, store)
+        rows, reference = _carry_out(loaded, points, method, desk, quiet)
+        document: dict[str, Any] = printable(study_document(loaded, rows, reference, method))
+        write_results(document, out, csv, quiet)
+        if pages is not None:
+            shown = [reference, *_best_rows(document, rows, best or DEFAULT_BEST)]
+            _write_pages(document, loaded, shown, desk, pages, quiet)
     say_unkept(store)
-    write_results(document, out, csv, quiet)
     if json_output:
         print_json(document)
     elif not quiet:
@@ -279,16 +302,13 @@ def _carry_out(
     study: Study,
     points: list[Point] | None,
     method: dict[str, Any],
-    run: Any,
-    store: Any,
+    desk: Desk,
     quiet: bool,
 ) -> tuple[list[StudyRow], StudyRow]:
     """Returns all rows and the one of the files as they are; says how far it is."""
     from dualarm_cli.studies.search import search
-    from dualarm_cli.studies.study_run import Desk
 
     total = method["budget"] if points is None else len(points)
-    desk = Desk(run, store)
     try:
         with progress_bar(total, quiet) as desk.tell:
             reference = desk.reference(study)
@@ -297,14 +317,47 @@ def _carry_out(
             else:
                 rows = desk.rows(study, points)
     except KeyboardInterrupt:
-        if not quiet and store is not None:
+        if not quiet and desk.store is not None:
             print_message(
-                f"{_plans(desk)}; finished plans are cached in {store.folder}: run the same command to continue"
+                f"{_plans(desk)}; finished plans are cached in {desk.store.folder}: run the same command to continue"
             )
         raise
     if not quiet:
         print_message(_plans(desk))
     return rows, reference
+
+
+def _best_rows(document: dict[str, Any], rows: list[StudyRow], count: int) -> list[StudyRow]:
+    """Returns the rows of the best points that have a plan, the Pareto set first."""
+    planned = [row["point"] for row in document["rows"] if row["rank"] is not None]
+    places = {row.number: row for row in rows}
+    return [places[number] for number in planned[:count]]
+
+
+def _write_pages(
+    document: dict[str, Any],
+    study: Study,
+    rows: list[StudyRow],
+    desk: Desk,
+    folder: Path,
+    quiet: bool,
+) -> None:
+    """Plans points once more for their pages, and writes these with an index of all points."""
+    from dualarm_cli.page.index_page import page_names
+    from dualarm_cli.page.study_index import page_title, study_index
+
+    before = desk.planned
+    with progress_bar(len(rows) * len(study.tasks), quiet) as desk.tell:
+        data = desk.pages(study, rows)
+    if desk.planned > before and not quiet:
+        print_message(f"{desk.planned - before} planned once more for their pages")
+    ranks = {row["point"]: f"rank {row['rank']}" for row in document["rows"]}
+    keys = sorted(data)
+    jobs = [f" {job.name}" if len(study.tasks) > 1 else "" for job in study.tasks]
+    called = [ranks.get(number, "as it is") + jobs[k] for number, k in keys]
+    names = dict(zip(keys, page_names(called), strict=True))
+    plans = {names[key]: (page_title(document, *key), data[key]) for key in keys}
+    write_pages(folder, study_index(document, names), plans, quiet)
 
 
 def _plans(desk: Desk) -> str:

@@ -17,11 +17,13 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.page.packed import packed_document
+from dualarm_cli.page.page_data import page_data
 from dualarm_cli.plan.planner import plan
 from dualarm_cli.plan.redundancy_choice import with_redundancy
 from dualarm_cli.refusals import told
 from dualarm_cli.report.measures import joint_travel, limiting_times
-from dualarm_cli.report.report import relative_gap, smallest_clearance
+from dualarm_cli.report.report import build_report, relative_gap, smallest_clearance
 from dualarm_cli.stages.methods import METHODS
 from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
@@ -75,16 +77,17 @@ def settings_of(request: Request) -> PlanSettings:
 def _evaluated(request: Request) -> Evaluation:
     job = load_job(request.path, request.case, request.overrides)
     schedule = plan(job, settings_of(request))
-    return evaluation_of(request.case, schedule, job)
+    return evaluation_of(request.case, schedule, job, request.page)
 
 
-def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
+def evaluation_of(case: str, schedule: Schedule, job: Job, page: bool = False) -> Evaluation:
     """Returns the evaluation of a plan: judged, measured, compared with its budget.
 
     Args:
         case: what the job is called.
         schedule: its plan, not yet judged.
         job: what it was planned for.
+        page: whether the data of its page are wanted.
     """
     judged = verify(schedule, job, clearance=True)
     schedule = replace(schedule, verification=judged)
@@ -117,6 +120,9 @@ def evaluation_of(case: str, schedule: Schedule, job: Job) -> Evaluation:
         return Evaluation(
             case, "internal_error", findings=(Finding("a figure is not finite", case),)
         )
+    if page:
+        data = page_data(schedule, job, build_report(schedule, job))
+        return replace(found, page=packed_document(data))
     return found
 
 

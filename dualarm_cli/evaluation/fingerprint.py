@@ -143,9 +143,9 @@ def _sources() -> str:
 
 
 def question(request: Request) -> dict[str, Any]:
-    """Returns what is asked, without what the files hold and where they are."""
+    """Returns what is asked, without what the files hold and where they are; figures do not depend on the page."""
     document = request.as_document()
-    del document["path"]
+    del document["path"], document["page"]
     return document
 
 

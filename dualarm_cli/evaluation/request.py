@@ -29,6 +29,8 @@ class Request:
     """Seed of all randomness."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """Values in place of those in the files, by `tasks:`, `cell:` or `robot:` and a JSON pointer: JSON-ready."""
+    page: bool = False
+    """Whether the data of the plan's page are asked for as well."""
 
     @classmethod
     def of(cls, tasks: str | Path, **chosen: Any) -> Request:

@@ -4,7 +4,8 @@ Each entry is a file of its own, written beside its place and moved into it, and
 cut off, changed or of another format is as if it were not there. There are no locks: who writes last has written the
 same as who wrote before.
 
-`answers/` holds evaluations by `answer_key`. `files/` holds, for a task file with what it contains, the names of the
+`answers/` holds evaluations by `answer_key`, and `pages/` by the same key the data of those plans' pages that were
+asked for. `files/` holds, for a task file with what it contains, the names of the
 files that it was read from the last time; with these and what they hold now the key of the answer is known without
 reading the job.
 """
@@ -15,6 +16,7 @@ import contextlib
 import hashlib
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +55,27 @@ class Store:
         _remove_abandoned(folder / "making")
 
     def find(self, request: Request) -> Evaluation | None:
-        """Returns the answer to a request, or None where it is not known for what the files hold now."""
+        """Returns the answer to a request, or None where it is not known for what the files hold now.
+
+        An answer without the page that is asked for is not known either.
+        """
         names = self._read("files", self._files_key(request))
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             return None
         inputs = hashes_now(names, request.folder, self._hashes)
-        document = self._read("answers", answer_key(request, inputs))
+        key = answer_key(request, inputs)
+        document = self._read("answers", key)
         try:
             found = Evaluation.of_document(document)
         except ValueError:
             return None
         same = found.case == request.case and dict(found.inputs) == inputs
-        return found if same and found.status in REPEATABLE and _adds_up(found) else None
+        if not (same and found.status in REPEATABLE and _adds_up(found)):
+            return None
+        if not request.page or found.status == "infeasible":
+            return found
+        page = self._read("pages", key)
+        return replace(found, page=page) if isinstance(page, str) else None
 
     def keep(self, request: Request, answer: Evaluation) -> None:
         """Keeps an answer, if the same input always comes to it and the files still hold what it was made from.
@@ -77,7 +88,10 @@ class Store:
             return
         files = self._files_key(request, fresh=True)
         try:
-            self._write("answers", answer_key(request, answer.inputs), answer.as_document())
+            key = answer_key(request, answer.inputs)
+            self._write("answers", key, replace(answer, page="").as_document())
+            if answer.page:
+                self._write("pages", key, answer.page)
             self._write("files", files, list(answer.inputs))
         except OSError as error:
             self.problem = self.problem or (error.strerror or type(error).__name__)

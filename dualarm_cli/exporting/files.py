@@ -64,23 +64,28 @@ def _safe(name: str) -> str:
 SCHEDULE, TABLE, URDF = "schedule.json", "schedule.csv", "robot.urdf"
 
 
-def check_writable(folder: Path, force: bool) -> None:
+def check_writable(folder: Path, force: bool, option: str = "--out") -> None:
     """Refuses early where `write_schedule_set` could not write in the end.
+
+    Args:
+        folder: where to.
+        force: whether a schedule that already exists may be replaced.
+        option: that names the folder.
 
     Raises:
         OutputError: the folder cannot be made or holds results already, with what to do.
     """
     if folder.exists() and not folder.is_dir():
-        raise OutputError(f"--out {folder}: is a file; name a folder")
+        raise OutputError(f"{option} {folder}: is a file; name a folder")
     if not force:
         _refuse_existing(folder, (SCHEDULE, TABLE, URDF))
     parent = folder
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir():
-        raise OutputError(f"--out {folder}: {parent} is a file, not a folder")
+        raise OutputError(f"{option} {folder}: {parent} is a file, not a folder")
     if not os.access(parent, os.W_OK | os.X_OK):
-        raise OutputError(f"--out {folder}: no permission to write in {parent}")
+        raise OutputError(f"{option} {folder}: no permission to write in {parent}")
 
 
 def write_schedule_set(

@@ -76,6 +76,8 @@ class Evaluation:
     """What is wrong, or is to be known."""
     inputs: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of every file that was read, by its name from the task file's folder; see `loading.text_source`."""
+    page: str = ""
+    """Data of the plan's page, packed; empty where none were asked for, or there is no plan."""
 
     @property
     def has_plan(self) -> bool:
@@ -106,6 +108,8 @@ class Evaluation:
         known = {entry.name for entry in fields(cls)}
         if not isinstance(document, dict) or set(document) != known:
             raise ValueError("not an evaluation: its keys differ")
+        if not isinstance(document["page"], str):
+            raise ValueError("page must be text")
         if document["status"] not in STATUSES or not isinstance(document["case"], str):
             raise ValueError("not an evaluation: its case or status is invalid")
         for name in _FIGURES:

@@ -1,8 +1,11 @@
-"""Arrays as text, and joint motion with no more knots than it has."""
+"""Arrays and documents as text, and joint motion with no more knots than it has."""
 
 from __future__ import annotations
 
 import base64
+import json
+import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,6 +28,18 @@ def packed(values: Any, kind: str) -> str:
     """
     form = {"f64": "<f8", "f32": "<f4", "u32": "<u4"}[kind]
     return base64.b64encode(np.ascontiguousarray(values, dtype=form).tobytes()).decode()
+
+
+def packed_document(document: Mapping[str, Any]) -> str:
+    """Returns a JSON-ready document as base64 text, compressed."""
+    text = json.dumps(document, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(zlib.compress(text.encode())).decode()
+
+
+def unpacked_document(text: str) -> dict[str, Any]:
+    """Returns the document that `packed_document` made a text of."""
+    document: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(text)))
+    return document
 
 
 def joint_knots(trajectory: Trajectory, column: int) -> FloatArray:

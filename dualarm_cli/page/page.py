@@ -66,16 +66,26 @@ def page_html(data: Mapping[str, Any]) -> bytes:
     Raises:
         PageNotBuiltError: this installation has no code of the page.
     """
+    before, after = page_ends(str(data["title"]))
+    return f"{before}{script_json(data)}{after}".encode("utf-8", "backslashreplace")
+
+
+def page_ends(title: str) -> tuple[str, str]:
+    """Returns what stands before and after the data in a page with that title.
+
+    Raises:
+        PageNotBuiltError: this installation has no code of the page.
+    """
     require_built()
     css, js = ((built_folder() / name).read_text(encoding="utf-8") for name in BUILT)
-    # `<` begins nothing within a script then, whatever the names in the data are.
-    text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
-    text = text.replace("<", "\\u003c")
-    page = _PAGE.format(
-        title=html.escape(str(data["title"])),
-        policy=POLICY,
-        css=css.replace("</style", "<\\/style"),
-        js=js.replace("</script", "<\\/script"),
-        data=text,
+    before, _, after = _PAGE.partition("{data}")
+    head = before.format(
+        title=html.escape(title), policy=POLICY, css=css.replace("</style", "<\\/style")
     )
-    return page.encode("utf-8", "backslashreplace")
+    return head, after.format(js=js.replace("</script", "<\\/script"))
+
+
+def script_json(document: Any) -> str:
+    """Returns JSON that ends no script and begins nothing within one, whatever the names in it are."""
+    text = json.dumps(document, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    return text.replace("<", "\\u003c")

@@ -1,16 +1,18 @@
-"""Two plans on one clock: their pages side by side, and the stages that differ."""
+"""Plans side by side on one clock: one HTML file with a table, and the pages of one or two of its plans below."""
 
 from __future__ import annotations
 
-import html
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from dualarm_cli.page.page import POLICY
+from dualarm_cli.page.page import POLICY, page_ends, script_json
+from dualarm_cli.page.tables import STYLE, PageCell, PageRow, PageTable, table_html, text_html
 
 SAME = 0.0005
 """Stages whose lengths differ by less are equally long [s]."""
+NARROWEST = 1100
+"""Width that a page needs [CSS pixels]."""
 _PAGE = """<!doctype html>
 <html lang="en">
 <head>
@@ -19,59 +21,85 @@ _PAGE = """<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
 <style>
-:root {{ color-scheme: light dark; font: 14px/1.4 system-ui, sans-serif }}
-* {{ box-sizing: border-box }}
-body {{ margin: 0; height: 100vh; display: grid; grid-template: auto minmax(0, 1fr) / 1fr 1fr; gap: 0 4px }}
-header {{ grid-column: 1 / 3; padding: 6px 12px; max-height: 30vh; overflow: auto }}
+{style}body {{ margin: 0; height: 100vh; display: grid; grid-template: auto minmax(0, 1fr) / 1fr 1fr; gap: 0 4px }}
+header {{ grid-column: 1 / 3; padding: 6px 12px; max-height: 34vh; overflow: auto }}
+p {{ margin: 4px 0 }}
 iframe {{ width: 100%; height: 100%; border: 0 }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums }}
-th, td {{ padding: 1px 10px; text-align: right }}
-th:nth-child(3), td:nth-child(3), th:last-child, td:last-child {{ text-align: left }}
-tbody tr {{ cursor: pointer }}
-tbody tr:hover {{ background: color-mix(in srgb, currentColor 12%, transparent) }}
-.slower {{ color: #c0392b; font-weight: 600 }}
-.faster {{ color: #1a7f5a; font-weight: 600 }}
-@media (prefers-color-scheme: dark) {{ .slower {{ color: #ff8f80 }} .faster {{ color: #6fd3ab }} }}
+iframe:only-of-type {{ grid-column: 1 / 3 }}
+tr[tabindex] {{ cursor: pointer }}
+tr[tabindex]:hover {{ background: color-mix(in srgb, currentColor 12%, transparent) }}
+tr.left > :first-child::before {{ content: "◧ " }}
+tr.right > :first-child::before {{ content: "◨ " }}
+tr.left, tr.right, tr.alone {{ background: color-mix(in srgb, currentColor 8%, transparent) }}
 </style>
 </head>
 <body>
 <header>
 <details open><summary>{sentence}</summary>
-<table>
-<thead><tr><th>A</th><th>B</th><th>work</th><th>A s</th><th>B s</th><th>B − A s</th><th>cause</th></tr></thead>
-<tbody>{rows}</tbody>
-</table>
-</details>
+{tables}</details>
 </header>
-<script type="application/json" id="pages">{pages}</script>
+<script type="application/json" id="ends">{ends}</script>
+{plans}
 <script>
-const frames = JSON.parse(document.getElementById("pages").textContent).map((text, k) => {{
-  const frame = document.createElement("iframe");
-  frame.title = "AB"[k];
-  frame.srcdoc = text;
-  return document.body.appendChild(frame);
-}});
-const shown = [0, 0];
-const clocks = () => frames.map((frame) => frame.contentWindow.dualarm);
-const ready = () => clocks().every((clock) => clock && clock.ready);
-const show = (k, time) => {{
-  const clock = clocks()[k];
-  clock.setTime(time);
-  shown[k] = clock.time;
+const [before, after] = JSON.parse(document.getElementById("ends").textContent);
+const plans = [...document.querySelectorAll("script.plan")];
+const rows = [...document.querySelectorAll("tbody tr")];
+let frames = [], time = 0;
+
+/** Shows plans from left to right; those that are shown already stay. */
+function open(numbers) {{
+  const former = frames;
+  frames = numbers.map((plan, k) => {{
+    if (former[k]?.plan === plan) return former[k];
+    const frame = document.createElement("iframe");
+    frame.title = `plan ${{plan + 1}}`;
+    frame.srcdoc = before + plans[plan].textContent + after;
+    return {{ plan, frame, shown: null }};
+  }});
+  former.filter((old) => !frames.includes(old)).forEach((old) => old.frame.remove());
+  document.body.append(...frames.map((one) => one.frame).filter((frame) => !frame.isConnected));
+  const places = numbers.length > 1 ? ["left", "right"] : ["alone"];
+  rows.forEach((row) => {{
+    const at = row.dataset.plan === undefined ? -1 : numbers.indexOf(Number(row.dataset.plan));
+    row.className = places[at] ?? "";
+  }});
+  fit();
+}}
+
+/** Makes pages smaller that are narrower than they can be. */
+function fit() {{
+  const size = Math.min(1, innerWidth / frames.length / {narrowest});
+  frames.forEach((one) => (one.frame.style.zoom = size));
+}}
+addEventListener("resize", fit);
+
+const clock = (one) => one.frame.contentWindow.dualarm;
+const show = (one, at) => {{
+  clock(one).setTime(at);
+  one.shown = clock(one).time;
 }};
 setInterval(() => {{
-  if (!ready()) return;
-  clocks().forEach((clock, k) => {{
-    if (Math.abs(clock.time - shown[k]) < 1e-9) return;
-    shown[k] = clock.time;
-    show(1 - k, clock.time);
+  if (!frames.every((one) => clock(one)?.ready)) return;
+  const led = frames.find((one) => one.shown !== null && Math.abs(clock(one).time - one.shown) > 1e-9);
+  if (led) time = led.shown = clock(led).time;
+  frames.forEach((one) => {{
+    if ((led && one !== led) || one.shown === null) show(one, time);
   }});
 }}, 30);
-document.querySelectorAll("tbody tr").forEach((row) => row.addEventListener("click", () => {{
-  clocks().forEach((clock) => clock.pause());
-  show(0, Number(row.dataset.a));
-  show(1, Number(row.dataset.b));
-}}));
+
+/** Does what a row is for: shows its plan beside the one it is compared with, or puts both to its stage. */
+function choose(row) {{
+  const {{ plan, beside, a, b }} = row.dataset;
+  if (plan !== undefined) return open([...new Set([Number(beside), Number(plan)])]);
+  frames.forEach((one) => clock(one)?.pause());
+  if (frames.every((one) => clock(one)?.ready)) frames.forEach((one, k) => show(one, Number([a, b][k])));
+}}
+rows.filter((row) => Object.keys(row.dataset).length).forEach((row) => {{
+  row.tabIndex = 0;
+  row.addEventListener("click", () => choose(row));
+  row.addEventListener("keydown", (event) => event.key === "Enter" && choose(row));
+}});
+open({first});
 </script>
 </body>
 </html>
@@ -96,37 +124,53 @@ class ComparedStage:
     """What is to blame."""
 
 
+def stages_table(stages: Sequence[ComparedStage]) -> PageTable:
+    """Returns the table of two schedules' stages; what differs is marked."""
+    columns = [(name, name != "work") for name in ("A", "B", "work", "A s", "B s", "B − A s")]
+    return PageTable("", [*columns, ("cause", False)], [_stage_row(stage) for stage in stages])
+
+
+def _stage_row(stage: ComparedStage) -> PageRow:
+    change = stage.difference
+    mark = "bad" if change > SAME else "good" if change < -SAME else ""
+    signed = f"{change:+.3f}".replace("-", "−") if mark else "0.000"
+    texts = [PageCell(text) for text in (*stage.numbers, stage.work, *stage.lengths)]
+    cells = [*texts, PageCell(signed, mark), PageCell(stage.cause)]
+    return PageRow(cells, {"a": repr(stage.starts[0]), "b": repr(stage.starts[1])})
+
+
 def side_by_side(
-    pages: tuple[bytes, bytes], title: str, sentence: str, stages: Sequence[ComparedStage]
+    title: str,
+    sentence: str,
+    tables: Sequence[PageTable],
+    plans: Sequence[Mapping[str, Any]],
+    first: Sequence[int],
 ) -> bytes:
-    """Returns one HTML file with two plans on one clock.
+    """Returns one HTML file with plans, of which one or two are in sight, on one clock.
 
     Args:
-        pages: of the plans (`page_html`).
         title: of the file.
-        sentence: which plan is faster, and why.
-        stages: what differs is marked in their table.
+        sentence: above the tables.
+        tables: rows with the data `plan` and `beside` show plans, by their places; rows with `a` and `b` put the left
+            plan and the right one to these times [s].
+        plans: data of their pages (`page_data`), held once, as is the code that shows them.
+        first: places of the plans in sight at first.
+
+    Raises:
+        PageNotBuiltError: this installation has no code of the page.
     """
-    texts = json.dumps([page.decode("utf-8") for page in pages])
     words = {
-        "title": html.escape(title),
-        "sentence": html.escape(sentence),
-        "rows": "".join(map(_row, stages)),
-        "pages": texts.replace("<", "\\u003c"),
         "policy": POLICY,
+        "title": text_html(title),
+        "style": STYLE,
+        "sentence": text_html(sentence),
+        "tables": "".join(map(table_html, tables)),
+        "ends": script_json(page_ends(title)),
+        "plans": "\n".join(
+            f'<script type="application/json" class="plan">{script_json(plan)}</script>'
+            for plan in plans
+        ),
+        "first": script_json(list(first)),
+        "narrowest": NARROWEST,
     }
-    return _PAGE.format(**words).encode()
-
-
-def _row(stage: ComparedStage) -> str:
-    """Returns a row as HTML; everything that comes from files is text."""
-    change = stage.difference
-    mark = "slower" if change > SAME else "faster" if change < -SAME else ""
-    signed = f"{change:+.3f}".replace("-", "−") if mark else "0.000"
-    cells = [*stage.numbers, stage.work, *stage.lengths]
-    texts = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
-    a, b = stage.starts
-    return (
-        f'<tr data-a="{a!r}" data-b="{b!r}">{texts}<td class="{mark}">{signed}</td>'
-        f"<td>{html.escape(stage.cause)}</td></tr>"
-    )
+    return _PAGE.format(**words).encode("utf-8", "backslashreplace")

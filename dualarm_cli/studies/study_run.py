@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dualarm_cli.evaluation.answers import Run, answers
 from dualarm_cli.evaluation.request import Request
@@ -68,6 +68,36 @@ class Desk:
         """Returns what the files come to as they are; its number is -1."""
         asked = [reference_requests(study)]
         return self._evaluated(asked, lambda _, e: StudyRow(-1, (), e), study, None)[0]
+
+    def pages(self, study: Study, rows: Sequence[StudyRow]) -> dict[tuple[int, int], str]:
+        """Returns the data of plans' pages, packed, by the numbers of row and task file; none where there is no plan.
+
+        What the store has no page of is planned again.
+
+        Args:
+            study: what the rows are of.
+            rows: that are to be seen.
+
+        Raises:
+            InputError: a file of the jobs changed meanwhile.
+        """
+        asked = [
+            replace(request, page=True)
+            for row in rows
+            for request in (
+                point_requests(study, row.point) if row.number >= 0 else reference_requests(study)
+            )
+        ]
+        places = [(row.number, k) for row in rows for k in range(len(study.tasks))]
+        found: dict[tuple[int, int], str] = {}
+        every = answers(asked, self.run, self.store, self.seen)
+        for done, answer in enumerate(every, start=1):
+            self.known += answer.known
+            self.planned += not answer.known
+            if answer.evaluation.page:
+                found[places[answer.index]] = answer.evaluation.page
+            self.tell(Progress(done, len(asked), self.known, None))
+        return found
 
     def _evaluated(
         self,

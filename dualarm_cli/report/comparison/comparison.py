@@ -253,9 +253,14 @@ def group_name(group: str) -> str:
     return group if group == PLATFORM else f"{group} arm"
 
 
+def varied_solvers(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Returns which solvers differ between the rows, beside the method."""
+    return [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+
+
 def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
     """Returns how a row is called: its method, and whatever else differs between the rows."""
-    varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+    varied = varied_solvers(rows)
 
     def called(row: dict[str, Any]) -> str:
         rest = ", ".join(row[key] for key in varied)

@@ -10,7 +10,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.report.comparison.comparison import row_namer, section_title
+from dualarm_cli.report.comparison.comparison import row_namer, section_title, varied_solvers
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -25,7 +25,7 @@ def comparison_table(section: dict[str, Any], clock: list[dict[str, Any]]) -> Ta
         clock: the same rows' wall-clock times.
     """
     rows = section["rows"]
-    varied = [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+    varied = varied_solvers(rows)
     title = section_title(section, section["tasks"])
     if section["lower_bound"] is not None:
         title += f", lower bound {section['lower_bound']:.3f} s"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rich.markup import escape
@@ -54,10 +55,10 @@ def rows_table(document: dict[str, Any]) -> Table:
         table.add_column(escape(parameter_label(parameter)), justify=side)
     for objective in named:
         arrow = ARROWS[objective.sense]
-        head = f"{_head(objective)} {arrow}"
+        head = f"{objective_head(objective)} {arrow}"
         table.add_column(head, justify="right", style="bold" if objective is named[0] else "")
     for objective in others:
-        table.add_column(_head(objective), justify="right", style="dim")
+        table.add_column(objective_head(objective), justify="right", style="dim")
     table.add_column("most time", no_wrap=True)
     for row in shown:
         table.add_row(
@@ -71,7 +72,7 @@ def rows_table(document: dict[str, Any]) -> Table:
     return table
 
 
-def _head(objective: Objective) -> str:
+def objective_head(objective: Objective) -> str:
     """Returns the short head of an objective's column."""
     return f"{objective.name.replace('_', ' ')} {objective.shown_unit}"
 
@@ -89,14 +90,19 @@ def most_time(jobs: list[dict[str, Any]]) -> str:
     return f"{name} {times[name] / whole:.0%}"
 
 
-def sentences(document: dict[str, Any]) -> list[str]:
-    """Returns what is to be said below the table: rows left out, the best, what failed and why."""
+def sentences(document: Mapping[str, Any], every: bool = False) -> list[str]:
+    """Returns what is to be said beside the table: rows left out, the best, what failed and why.
+
+    Args:
+        document: of `dualarm sweep`.
+        every: whether the table has every row.
+    """
     planned = [row for row in document["rows"] if row["rank"] is not None]
     lines = []
     if not planned:
         points = document["counts"]["points"]
         lines.append(f"{document['study']}: none of {points} points has a plan")
-    if len(planned) > MOST_ROWS:
+    if len(planned) > MOST_ROWS and not every:
         lines.append(f"... and {len(planned) - MOST_ROWS} more rows; --csv FILE has all")
     if len(document["objectives"]) > 1 and planned:
         titles = ", ".join(OBJECTIVES[o["name"]].title for o in document["objectives"])
@@ -110,15 +116,15 @@ def sentences(document: dict[str, Any]) -> list[str]:
     for failure in document["failures"]:
         many = f"{failure['count']} point{'s' * (failure['count'] > 1)}"
         whose = "; of the first" if failure["count"] > 1 else ""
-        at = _at(document, rows[failure["points"][0]])
+        at = point_text(document, rows[failure["points"][0]])
         lines.append(
-            f"{many} {STATUS_WORDS[failure['status']]}{whose} ({at}): {_one_line(failure['example'])}"
+            f"{many} {STATUS_WORDS[failure['status']]}{whose} ({at}): {one_line_reason(failure['example'])}"
         )
     return lines
 
 
-def _one_line(reason: str) -> str:
-    """Returns a reason on one line; the files have all of it."""
+def one_line_reason(reason: str) -> str:
+    """Returns a reason on one line, cut where it is long; the files have all of it."""
     text = ""
     for line in reason.splitlines():
         joint = " " if text.endswith(":") else "; "
@@ -126,7 +132,7 @@ def _one_line(reason: str) -> str:
     return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}…"
 
 
-def _best_lines(document: dict[str, Any], planned: list[dict[str, Any]]) -> list[str]:
+def _best_lines(document: Mapping[str, Any], planned: list[dict[str, Any]]) -> list[str]:
     """Returns a sentence per objective: its best row, against the files as they are."""
     lines = []
     for entry in document["objectives"]:
@@ -146,12 +152,12 @@ def _best_lines(document: dict[str, Any], planned: list[dict[str, Any]]) -> list
             lines.append(f"{objective.title}{many}: {best_text} in all plans{against}")
         else:
             lines.append(
-                f"best {objective.title}{many}: {best_text} with {_at(document, best)}{against}"
+                f"best {objective.title}{many}: {best_text} with {point_text(document, best)}{against}"
             )
     return lines
 
 
-def _at(document: dict[str, Any], row: dict[str, Any]) -> str:
+def point_text(document: Mapping[str, Any], row: Mapping[str, Any]) -> str:
     """Returns the values of a row's parameters."""
     return ", ".join(
         f"{p['name']} {value_text(row['values'][p['name']])}{' ' * bool(p['unit'])}{p['unit']}"
@@ -256,7 +262,7 @@ def study_csv(document: dict[str, Any]) -> bytes:
         planned = row["rank"] is not None
         cells += [
             most_time(row["jobs"]) if planned else None,
-            _one_line("; ".join(row["reasons"])) or None,
+            one_line_reason("; ".join(row["reasons"])) or None,
         ]
         table.append([cell_text(cell) for cell in cells])
     return csv_bytes(table)

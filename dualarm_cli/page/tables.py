@@ -1,0 +1,91 @@
+"""Tables of HTML pages: everything in them that comes from files is text."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from urllib.parse import quote
+
+from dualarm_cli.report.printable import printable
+
+STYLE = """\
+:root { color-scheme: light dark; font: 14px/1.4 system-ui, sans-serif; --good: #1a7f5a; --bad: #c0392b }
+@media (prefers-color-scheme: dark) { :root { --good: #6fd3ab; --bad: #ff8f80 } }
+* { box-sizing: border-box }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums }
+caption { text-align: left; font-weight: 600; padding: 6px 0 2px }
+th, td { padding: 1px 10px; text-align: left; vertical-align: top; white-space: pre-line }
+.number { text-align: right; white-space: nowrap }
+.good { color: var(--good); font-weight: 600 }
+.bad { color: var(--bad); font-weight: 600 }
+"""
+"""Of pages with such tables."""
+
+
+@dataclass(frozen=True)
+class PageCell:
+    """What stands in one place of a table."""
+
+    text: str
+    """What is read there; its lines stay lines."""
+    mark: str = ""
+    """`good`, `bad`, or nothing."""
+    links: Mapping[str, str] = field(default_factory=dict)
+    """Files beside the page by the words that lead to them, after the text."""
+
+
+@dataclass(frozen=True)
+class PageRow:
+    """One row of a table."""
+
+    cells: Sequence[PageCell]
+    """One per column."""
+    data: Mapping[str, object] = field(default_factory=dict)
+    """Values for a script, by name."""
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table of a page."""
+
+    title: str
+    """What stands above it; empty for nothing."""
+    columns: Sequence[tuple[str, bool]]
+    """Names, and whether they hold numbers."""
+    rows: Sequence[PageRow]
+    """From top to bottom."""
+    note: str = ""
+    """What stands below it; empty for nothing."""
+
+
+def text_html(text: str) -> str:
+    """Returns a text as HTML that shows it, and does nothing else."""
+    return html.escape(printable(text))
+
+
+def table_html(table: PageTable) -> str:
+    """Returns a table as HTML."""
+    title = f"<caption>{text_html(table.title)}</caption>" if table.title else ""
+    head = "".join(f"<th{_class(number)}>{text_html(name)}</th>" for name, number in table.columns)
+    rows = "\n".join(_row(row, table.columns) for row in table.rows)
+    note = f"<p>{text_html(table.note)}</p>\n" if table.note else ""
+    whole = f"{title}\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>"
+    return f"<table>{whole}</table>\n{note}"
+
+
+def _row(row: PageRow, columns: Sequence[tuple[str, bool]]) -> str:
+    data = "".join(f' data-{name}="{text_html(str(v))}"' for name, v in row.data.items())
+    pairs = zip(row.cells, columns, strict=True)
+    return f"<tr{data}>{''.join(_cell(cell, number) for cell, (_, number) in pairs)}</tr>"
+
+
+def _cell(cell: PageCell, number: bool) -> str:
+    links = [f'<a href="{html.escape(quote(p))}">{text_html(w)}</a>' for w, p in cell.links.items()]
+    content = "\n".join([text_html(cell.text), *links] if cell.text else links)
+    return f"<td{_class(number, cell.mark)}>{content}</td>"
+
+
+def _class(number: bool, mark: str = "") -> str:
+    names = " ".join(name for name in ("number" if number else "", mark) if name)
+    return f' class="{names}"' if names else ""
