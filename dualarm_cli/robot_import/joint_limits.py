@@ -48,7 +48,7 @@ class StatedLimits:
     jerk: float | None = None
     """Largest jerk [rad/s³ or m/s³]."""
     positions: tuple[float, float] | None = None
-    """Lowest and highest position [rad or m], within those of the URDF."""
+    """Lowest and highest position [rad or m]; some of them are within those of the URDF."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,40 @@ def read_joint_limits(path: Path, urdf: Urdf) -> JointLimitsFile:
         else:
             found[name] = _stated(document, loc, limits, urdf.joints[name], findings)
     findings.raise_if_any()
-    reasons = []
+    reasons = _wider(path.name, urdf, found)
     for key in document.data:
         if key != "joint_limits":
             scales = ": it scales MoveIt's motions; here `speed` of tasks does"
             more = scales if key.startswith("default_") else ""
             reasons.append(f"{path.name}:{document.place((key,))[0]}: {key} is not taken{more}")
     return JointLimitsFile(found, tuple(reasons))
+
+
+def _wider(file: str, urdf: Urdf, found: Mapping[str, StatedLimits]) -> list[str]:
+    """Returns messages on joints for which a file allows more than the URDF."""
+    faster, farther = [], []
+    for name, limits in found.items():
+        speed = _speed(urdf.joints[name])
+        if limits.velocity is not None and speed is not None and 0.0 < speed < limits.velocity:
+            faster.append(name)
+        if limits.positions is not None:
+            lower, upper = position_range(urdf.joints[name])
+            if limits.positions[0] < lower or upper < limits.positions[1]:
+                farther.append(name)
+    return [
+        f"{file} allows larger {what} than the URDF, whose limits hold: {', '.join(names)}"
+        for what, names in {"velocities": faster, "positions": farther}.items()
+        if names
+    ]
+
+
+def _speed(joint: Element) -> float | None:
+    """Returns a joint's velocity limit [rad/s or m/s], 0 where it has none, None where that is no number."""
+    limit = joint.find("limit")
+    try:
+        return float(limit.get("velocity", "0")) if limit is not None else 0.0
+    except ValueError:
+        return None
 
 
 def _stated(
@@ -155,13 +182,13 @@ def _number(
 def _positions(
     document: Document, loc: Loc, values: Mapping[str, float], joint: Element, findings: Findings
 ) -> tuple[float, float] | None:
-    """Returns stated positions within those of the URDF, or None after noting that there are none."""
+    """Returns stated positions, or None after noting that none is within those of the URDF."""
+    found = values["min_position"], values["max_position"]
     lower, upper = position_range(joint)
-    found = max(values["min_position"], lower), min(values["max_position"], upper)
-    if found[0] <= found[1]:
+    if max(found[0], lower) <= min(found[1], upper):
         return found
     message = (
-        f"no position of {quote(joint.name)} is within {values['min_position']:g} to {values['max_position']:g} and "
+        f"no position of {quote(joint.name)} is within {found[0]:g} to {found[1]:g} and "
         f"within the URDF's {lower:g} to {upper:g}"
     )
     findings.add(document, (*loc, "min_position"), message)
@@ -187,12 +214,12 @@ def with_limits(
         attributes = dict(own.attributes)
         kind = joint.get("type")
         if other.positions is not None:
-            kind = "revolute" if kind == "continuous" else kind
-            lower, upper = other.positions
+            lower, upper = position_range(joint)
+            lower, upper = max(other.positions[0], lower), min(other.positions[1], upper)
             attributes |= {"lower": repr(lower), "upper": repr(upper)}
-        try:
-            speed = float(own.get("velocity", "0"))
-        except ValueError:
+            kind = "revolute" if kind == "continuous" else kind
+        speed = _speed(joint)
+        if speed is None:
             continue  # the reader of limits reports it
         if other.velocity is not None and (speed == 0.0 or 0.0 < other.velocity < speed):
             attributes["velocity"] = repr(other.velocity)

@@ -52,12 +52,14 @@ def served_settings(settings: PlanSettings, robot: Robot) -> tuple[PlanSettings,
     free = "redundancy" not in settings.named and settings.redundancy == default.redundancy
     if not free or own == settings.redundancy:
         return settings, []
-    closed = [arm.kind for arm in robot.arms if arm.kind not in ("srs", "general")]
-    how = (
-        f", which has closed forms for kind {' and '.join(dict.fromkeys(closed))}" if closed else ""
-    )
-    note = f"solvers: {_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}{how}"
-    return replace(settings, redundancy=own), [note]
+    kinds = [arm.kind for arm in robot.arms if arm.kind != "srs"]
+    closed = " and ".join(dict.fromkeys(kind for kind in kinds if kind != "general"))
+    if "general" in kinds:
+        note = f"{_which(robot)} not spherical-revolute-spherical; planned with --redundancy {own}"
+        note += f", which has closed forms for kind {closed}" if closed else ""
+    else:
+        note = f"planned with --redundancy {own}, in closed form for kind {closed}"
+    return replace(settings, redundancy=own), [f"solvers: {note}"]
 
 
 def why_no_closed_form(robot: Robot) -> str | None:

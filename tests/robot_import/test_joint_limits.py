@@ -33,6 +33,8 @@ def test_positions_narrow_those_of_the_urdf(
     limits = found.loaded.robot.limits
     np.testing.assert_allclose(limits.lower, [-2.9, -0.5, -2.9, -2.9, -2.9, -3.0])
     np.testing.assert_allclose(limits.upper, [2.9, 0.25, 1.0, 2.9, 2.9, 3.0])
+    wider = "joint_limits.yaml allows larger positions than the URDF, whose limits hold: joint3"
+    assert wider in found.reasons
     home = found.loaded.robot.postures["home"]
     assert ((limits.lower <= home) & (home <= limits.upper)).all()
 
@@ -57,11 +59,12 @@ def test_scaling_factors_of_motions_are_told(
         write_rows(row("", 0)),
         joint_limits="default_velocity_scaling_factor: 0.1\n"
         "default_acceleration_scaling_factor: 0.1\n"
-        "joint_limits:\n  joint1: {max_velocity: 0.5}\n",
+        "joint_limits:\n  joint1: {max_velocity: 0.5}\n  joint2: {max_velocity: 2.5}\n",
     )
     told = "\n".join(found.reasons)
     assert "joint_limits.yaml:1: default_velocity_scaling_factor is not taken" in told
     assert "joint_limits.yaml:2: default_acceleration_scaling_factor is not taken" in told
+    assert "allows larger velocities than the URDF, whose limits hold: joint2" in told
     assert found.loaded.robot.limits.velocity.tolist() == [0.5, 2, 2, 2, 2, 2]
 
 
