@@ -11,7 +11,7 @@ import pinocchio as pin
 from dualarm_cli.exporting.schedule_json import event_row, segment_row, stage_row
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule, ScheduleRobot
-from dualarm_cli.page.clearance_curve import clearance_curve
+from dualarm_cli.page.clearance_curve import clearance_curves
 from dualarm_cli.page.packed import joint_knots, packed
 from dualarm_cli.page.scene import DrawnHulls, bodies, placed, solids, tcp
 from dualarm_cli.page.things import things
@@ -50,7 +50,7 @@ def page_data(schedule: Schedule, job: Job, report: Mapping[str, Any]) -> dict[s
         "segments": [segment_row(segment) for segment in schedule.segments],
         "events": [event_row(event) for event in schedule.events],
         "stages": [stage_row(stage) for stage in schedule.stages],
-        "clearance": clearance_curve(schedule, done),
+        "clearances": clearance_curves(schedule, done),
         "report": dict(report),
     }
 

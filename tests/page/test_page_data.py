@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -127,21 +128,51 @@ def test_parts_lie_in_the_end_where_they_were_placed(shown) -> None:
         assert thing_pose(shown.data, thing, end)[:3, 3] == pytest.approx(expected, abs=1e-4)
 
 
-def test_the_clearance_curve_meets_what_is_proven(shown) -> None:
-    """At the verifier's instants it is not above what is proven, by its precision, and nowhere below."""
-    curve, proven = shown.data["clearance"], shown.schedule.verification.clearances
-    distance = unpacked(curve["distance"], "<f4")
-    times = unpacked(curve["time"])
-    points = unpacked(curve["points"], "<f4").reshape(-1, 2, 3)
-    apart = np.linalg.norm(points[:, 0] - points[:, 1], axis=1)
-    outside = distance > 0
-    assert apart[outside] == pytest.approx(distance[outside], abs=1e-4)
-    required = np.array(curve["required"])[unpacked(curve["pair"], "<u4")]
+def test_the_clearance_curves_meet_what_is_proven(shown) -> None:
+    """At the verifier's instants one is not above what is proven, by its precision, and none anywhere below."""
+    proven = shown.schedule.verification.clearances
+    least: dict[float, float] = {}
+    for curve in shown.data["clearances"]:
+        distance = unpacked(curve["distance"], "<f4")
+        points = unpacked(curve["points"], "<f4").reshape(-1, 2, 3)
+        apart = np.linalg.norm(points[:, 0] - points[:, 1], axis=1)
+        outside = distance > 0
+        assert apart[outside] == pytest.approx(distance[outside], abs=1e-4)
+        required = np.array(curve["required"])[unpacked(curve["pair"], "<u4")]
+        for time, margin in zip(unpacked(curve["time"]), distance - required, strict=True):
+            least[time] = min(margin, least.get(time, np.inf))
     for stage in proven:
         if stage.required >= 0.0:
-            at = int(np.argmin(np.abs(times - stage.time)))
-            assert distance[at] - required[at] <= stage.margin + PRECISION + 1e-6
-    assert (distance - required).min() >= min(stage.margin for stage in proven) - 1e-6
+            assert least[stage.time] <= stage.margin + PRECISION + 1e-6
+    assert min(least.values()) >= min(stage.margin for stage in proven) - 1e-6
+
+
+def test_near_links_are_those_with_few_joints_between_them(shown) -> None:
+    """By the joints on the way from one link to the other in the URDF; obstacles and the other arm are never near."""
+    parents = {
+        joint.find("child").get("link"): (
+            joint.find("parent").get("link"),
+            joint.get("type") != "fixed",
+        )
+        for joint in ElementTree.fromstring(shown.job.cell.robot.urdf).iter("joint")
+    }
+
+    def way(link: str) -> list[tuple[str, bool]]:
+        found = []
+        while link in parents:
+            found.append((link, parents[link][1]))
+            link = parents[link][0]
+        return found
+
+    curves = {curve["name"]: curve["pairs"] for curve in shown.data["clearances"]}
+    assert list(curves) == ["clearance", "near links"]
+    for name, pairs in curves.items():
+        for pair in pairs:
+            if all(body in parents for body in pair):
+                moving = set(way(pair[0])) ^ set(way(pair[1]))
+                assert (sum(moves for _, moves in moving) <= 3) == (name == "near links"), pair
+            obstacles = {obstacle.name for obstacle in shown.job.cell.obstacles}
+            assert name == "clearance" or obstacles.isdisjoint(pair)
 
 
 def test_knots_of_other_joints_are_left_out_and_jumps_stay() -> None:

@@ -6,12 +6,11 @@ import { countUpTo } from "./trajectory.js";
 
 /**
  * Returns the closest pair at a time: between two samples of one pair its points are interpolated, else the nearest sample counts.
- * @param {Clearance | null} clearance
+ * @param {Clearance} clearance
  * @param {number} time s
- * @returns {{distance: number, pair: [string, string], required: number, points: number[]} | null}
+ * @returns {{distance: number, pair: [string, string], required: number, points: number[]}}
  */
 export function clearanceAt(clearance, time) {
-  if (!clearance || clearance.time.length === 0) return null;
   const last = clearance.time.length - 1;
   const i = Math.min(Math.max(countUpTo(clearance.time, time) - 1, 0), last);
   const j = Math.min(i + 1, last);
@@ -30,3 +29,9 @@ export function clearanceAt(clearance, time) {
     points,
   };
 }
+
+/**
+ * Returns the name of the colour of a clearance's curve and pair.
+ * @param {Clearance} clearance
+ */
+export const clearanceColour = ({ name }) => name.replace(" ", "-");

@@ -1,8 +1,9 @@
 // Curves of chosen joints, with their limits, and the clearance: one plot per quantity, all on the timeline's axis.
 
 import uPlot from "uplot";
+import { clearanceAt, clearanceColour } from "./clearance.js";
 import { CURVES, DASHES, colour } from "./colours.js";
-import { FONT, GUTTER, MARGIN, SMALL } from "./gantt.js";
+import { GUTTER, MARGIN, SMALL } from "./gantt.js";
 import { sampleCurves } from "./trajectory.js";
 import { jointUnit, rulerTimes } from "./units.js";
 
@@ -103,8 +104,8 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
           ticks: { show: false },
           label: title,
           labelSize: LABEL,
-          labelFont: FONT,
-          space: 20,
+          labelFont: SMALL,
+          space: 22,
           gap: 6,
         },
       ],
@@ -175,7 +176,7 @@ export function jointPlots(quantity, chosen, shown, size) {
     );
     return makePlot({
       name: quantity,
-      title: `${quantity} [${unit.name}]`,
+      title: `${quantity === "acceleration" ? "accel." : quantity} [${unit.name}]`,
       shown,
       size,
       series: styles,
@@ -190,24 +191,24 @@ export function jointPlots(quantity, chosen, shown, size) {
 }
 
 /**
- * Returns the plot of the clearance over time.
- * @param {Plan} plan with clearance
+ * Returns the plot of the clearances over time.
+ * @param {Plan} plan with clearances
  * @param {import("./clock.js").TimeWindow} shown
  * @param {Size} size
  * @returns {Plot}
  */
 export function clearancePlot(plan, shown, size) {
-  const clearance = /** @type {import("./types.js").Clearance} */ (plan.clearance);
-  const distance = Float64Array.from(clearance.distance, (d) => d * 1e3);
-  const required = [...new Set(clearance.required)].filter((r) => r > 0);
+  const times = Float64Array.from(new Set(plan.clearances.flatMap(({ time }) => [...time]))).sort();
+  const curves = plan.clearances.map((clearance) => times.map((time) => clearanceAt(clearance, time).distance * 1e3));
+  const required = new Set(plan.clearances.flatMap((clearance) => clearance.required.filter((r) => r > 0)));
   return makePlot({
     name: "clearance",
     title: "clearance [mm]",
     shown,
     size,
     fromZero: true,
-    series: [{ colour: colour("clearance"), dash: [] }],
-    limits: required.map((value) => ({ value: value * 1e3, colour: colour("clearance") })),
-    data: () => [clearance.time, distance],
+    series: plan.clearances.map((clearance) => ({ colour: colour(clearanceColour(clearance)), dash: [] })),
+    limits: [...required].map((value) => ({ value: value * 1e3, colour: colour("clearance") })),
+    data: () => [times, ...curves],
   });
 }

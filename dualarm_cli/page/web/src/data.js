@@ -47,14 +47,14 @@ export function readPlan(text) {
     corners: f32(hull.corners),
     triangles: u32(hull.triangles),
   }));
-  const clearance = raw.clearance && {
-    ...raw.clearance,
-    time: f64(raw.clearance.time),
-    distance: f32(raw.clearance.distance),
-    pair: u32(raw.clearance.pair),
-    points: f32(raw.clearance.points),
-  };
-  return { task_lines: {}, ...raw, joints, hulls, clearance };
+  const clearances = raw.clearances.map((/** @type {any} */ clearance) => ({
+    ...clearance,
+    time: f64(clearance.time),
+    distance: f32(clearance.distance),
+    pair: u32(clearance.pair),
+    points: f32(clearance.points),
+  }));
+  return { task_lines: {}, ...raw, joints, hulls, clearances };
 }
 
 /**

@@ -14,6 +14,8 @@ export function commonPrefix(ids) {
     length++;
   }
   while (length > 0 && !/[-_. :/]/.test(different[0][length - 1])) length--;
+  const zeros = () => different.every((id) => id[length] === "0" && /\d/.test(id[length + 1] ?? ""));
+  while (zeros()) length++;
   return different.every((id) => id.length > length) ? length : 0;
 }
 

@@ -4,7 +4,7 @@ import "uplot/dist/uPlot.min.css";
 import "./page.css";
 import { Clock, TimeWindow } from "./clock.js";
 import { colour, themes } from "./colours.js";
-import { clearanceAt } from "./clearance.js";
+import { clearanceAt, clearanceColour } from "./clearance.js";
 import { readPlan } from "./data.js";
 import { button, element, toggle } from "./dom.js";
 import { helpOverlay, listenToKeys } from "./keyboard.js";
@@ -30,7 +30,7 @@ function start(root) {
   const transport = new Transport(plan, clock, shown);
   const report = new ReportView(plan, clock);
   const stage = element("div", { class: "stage" });
-  const nearest = element("div", { class: "nearest" });
+  const nearest = element("div", { class: "nearest" }, ...plan.clearances.map((clearance) => element("div", { class: clearanceColour(clearance) })));
   const viewBar = element("div", { class: "view-bar" });
   const viewer = element("section", { class: "viewer", "aria-label": "3-D view" }, stage, transport.status, nearest, viewBar);
 
@@ -55,8 +55,11 @@ function start(root) {
     nameSolids(scene, stage);
   }
   const showNearest = () => {
-    const pair = clearanceAt(plan.clearance, clock.time);
-    nearest.textContent = pair ? `closest: ${pair.pair[0]} – ${pair.pair[1]}, ${millimetres(pair.distance)}` : "";
+    plan.clearances.forEach((clearance, i) => {
+      const { pair, distance } = clearanceAt(clearance, clock.time);
+      const named = clearance.name === "clearance" ? "closest" : clearance.name;
+      nearest.children[i].textContent = `${named}: ${pair[0]} – ${pair[1]}, ${millimetres(distance)}`;
+    });
   };
   clock.onChange(showNearest);
   showNearest();
@@ -115,7 +118,7 @@ function viewButtons(scene) {
     button("side", "From the side", from(0, -1, 0.12)),
     toggle("traces", "Traces of the tools", true, (on) => scene.show("traces", on)),
     toggle("frames", "Axes of the tools", true, (on) => scene.show("frames", on)),
-    toggle("closest", "Closest pair", true, (on) => scene.show("pair", on)),
+    toggle("closest", "Closest pairs", true, (on) => scene.show("pair", on)),
     toggle("skeleton", "Joints and what joins them", false, (on) => scene.show("skeleton", on)),
   ];
 }

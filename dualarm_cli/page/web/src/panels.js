@@ -152,12 +152,15 @@ export function stages(plan, go) {
 export function stageText(plan, stage) {
   if (stage.tasks.length === 0) return "return";
   const within = plan.events.filter((e) => e.time >= stage.start - 1e-9 && e.time < stage.end);
-  return stage.tasks
-    .map((task) => {
-      const actions = within.filter((e) => e.task === task).map((e) => e.action);
-      return actionOn([...new Set(actions)].join(" and "), task);
-    })
-    .join(", ");
+  /** @type {Map<string, string>} */
+  const done = new Map();
+  for (const task of stage.tasks) {
+    const actions = new Set(within.filter((e) => e.task === task).map((e) => e.action));
+    const action = [...actions].join(" and ");
+    const before = done.get(action);
+    done.set(action, before ? `${before}, ${task}` : actionOn(action, task));
+  }
+  return [...done.values()].join("; ");
 }
 
 /**

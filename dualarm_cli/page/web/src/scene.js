@@ -2,8 +2,8 @@
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { clearanceAt } from "./clearance.js";
-import { Belt, Skeleton, traces } from "./scene_parts.js";
+import { clearanceColour } from "./clearance.js";
+import { Belt, ClosestPair, Skeleton, traces } from "./scene_parts.js";
 import { Things } from "./scene_things.js";
 import { Materials, meshOf, place } from "./shapes.js";
 import { WORLD, compose, forwardKinematics } from "./poses.js";
@@ -19,10 +19,10 @@ const SLOW = 26;
 /** Pixels drawn per pixel of the page while things move slowly on this machine, and at first. */
 const COARSE = 0.6;
 const FIRST = 1;
-/** Length of the axes of a frame, and radii of the closest pair and what joins it, for a cell of 1 m. */
+/** Length of the axes of a frame, for a cell of 1 m. */
 const AXIS = 0.06;
-const DOT = 0.006;
-const ROD = 0.0025;
+/** Diagonal of solids that need not be in sight as a whole [m]. */
+const LARGE = 3;
 /** Share of the view that the cell fills. */
 const FILLED = 0.9;
 /** Pixels of a fine picture. */
@@ -43,7 +43,6 @@ export class Scene {
     this.time = 0;
     /** @type {Pose[]} */
     this.poses = [];
-    this.pairWanted = true;
     this.drawn = 0;
     this.slow = 0;
     this.moving = FIRST;
@@ -63,10 +62,12 @@ export class Scene {
     const { materials } = this;
     this.frames = plan.bodies.map(() => new THREE.Group());
     this.add(this.frames);
-    for (const solid of plan.solids) {
+    this.meshes = plan.solids.map((solid) => {
       const at = solid.body === WORLD || solid.body === undefined ? this.world : this.frames[solid.body];
-      at.add(meshOf(solid, plan.hulls, this.materialOf(solid)));
-    }
+      const mesh = meshOf(solid, plan.hulls, this.materialOf(solid));
+      at.add(mesh);
+      return mesh;
+    });
     this.things = new Things(plan, materials);
     this.add(this.things.meshes);
     this.belts = plan.conveyors.map((conveyor) => new Belt(conveyor, materials));
@@ -76,14 +77,8 @@ export class Scene {
     this.add(this.traces.flatMap((trace) => trace.lines));
     this.tips = armsOf(plan).map(() => tripod(materials));
     this.add(this.tips);
-    this.pair = new THREE.Group();
-    this.pairLine = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), materials.solid("clearance"));
-    this.pairEnds = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), materials.solid("clearance")));
-    this.pair.add(this.pairLine, ...this.pairEnds);
-    // Seen through what is around it: the gap of a closest pair is narrow.
-    materials.solid("clearance").depthTest = false;
-    for (const part of this.pair.children) part.renderOrder = 1;
-    this.world.add(this.pair);
+    this.pairs = plan.clearances.map((clearance) => new ClosestPair(clearance, materials.solid(clearanceColour(clearance))));
+    this.add(this.pairs.map((pair) => pair.group));
     const floor = new THREE.GridHelper(8, 32, 0xffffff, 0xffffff).rotateX(Math.PI / 2);
     floor.material = materials.line("floor");
     floor.position.z = -0.001;
@@ -130,25 +125,8 @@ export class Scene {
       const tcp = this.plan.tcps[arm];
       place(this.tips[i], compose(poses[tcp.body], tcp));
     });
-    this.showPair();
+    for (const pair of this.pairs) pair.setTime(time);
     this.request();
-  }
-
-  showPair() {
-    const nearest = clearanceAt(this.plan.clearance, this.time);
-    this.pair.visible = nearest !== null && this.pairWanted;
-    if (!nearest) return;
-    const a = new THREE.Vector3().fromArray(nearest.points, 0);
-    const b = new THREE.Vector3().fromArray(nearest.points, 3);
-    this.pairEnds[0].position.copy(a);
-    this.pairEnds[1].position.copy(b);
-    this.pairLine.position.copy(a).add(b).multiplyScalar(0.5);
-    const along = b.clone().sub(a);
-    const length = along.length();
-    this.pairLine.scale.set(ROD * this.size, Math.max(length, 1e-6), ROD * this.size);
-    if (length > 1e-9) {
-      this.pairLine.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.divideScalar(length));
-    }
   }
 
   /**
@@ -160,7 +138,7 @@ export class Scene {
     if (name === "traces") for (const trace of this.traces) trace.setVisible(on);
     if (name === "frames") for (const tip of this.tips) tip.visible = on;
     if (name === "skeleton") this.skeleton.setWanted(on);
-    if (name === "pair") this.pairWanted = on;
+    if (name === "pair") for (const pair of this.pairs) pair.group.visible = on;
     this.setTime(this.time);
   }
 
@@ -225,18 +203,17 @@ export class Scene {
     this.render();
   }
 
-  /** Returns points around robot, things and ways of the tools; what only stands in the cell may be much larger. */
+  /** Returns points around robot, things, ways of the tools, and obstacles of no more than a few metres. */
   outline() {
     this.world.updateMatrixWorld(true);
     /** @type {THREE.Vector3[]} */
     const found = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.places()];
     for (const pose of this.poses) found.push(new THREE.Vector3(...pose.xyz));
-    for (const group of this.frames) {
-      for (const mesh of group.children) {
-        if (!(mesh instanceof THREE.Mesh)) continue;
-        mesh.geometry.computeBoundingBox();
-        found.push(...corners(/** @type {THREE.Box3} */ (mesh.geometry.boundingBox)).map((p) => p.applyMatrix4(mesh.matrixWorld)));
-      }
+    for (const mesh of this.meshes) {
+      mesh.geometry.computeBoundingBox();
+      const box = /** @type {THREE.Box3} */ (mesh.geometry.boundingBox);
+      if (box.getSize(new THREE.Vector3()).length() > LARGE) continue;
+      found.push(...corners(box).map((p) => p.applyMatrix4(mesh.matrixWorld)));
     }
     return found;
   }
@@ -246,7 +223,7 @@ export class Scene {
     const box = new THREE.Box3().setFromPoints(this.outline());
     this.size = box.getSize(new THREE.Vector3()).length() || 1;
     for (const tip of this.tips) tip.scale.setScalar(AXIS * this.size);
-    for (const end of this.pairEnds) end.scale.setScalar(DOT * this.size);
+    for (const pair of this.pairs) pair.setSize(this.size);
     this.floor.scale.setScalar(2 ** Math.round(Math.log2(this.size / 1.6)));
     this.setTime(this.time);
   }

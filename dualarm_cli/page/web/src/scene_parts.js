@@ -1,6 +1,9 @@
 // Parts of the 3-D view that are not solids of the cell: skeletons, traces of tools, belts that run.
 
 import * as THREE from "three";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
+import { clearanceAt } from "./clearance.js";
 import { WORLD, compose, forwardKinematics } from "./poses.js";
 import { place } from "./shapes.js";
 import { countUpTo, positionsAt } from "./trajectory.js";
@@ -101,24 +104,42 @@ class Trace {
    */
   constructor(times, points, arm, materials) {
     this.times = times;
-    const attribute = new THREE.BufferAttribute(points, 3);
-    this.whole = new THREE.BufferGeometry().setAttribute("position", attribute);
-    this.recent = new THREE.BufferGeometry().setAttribute("position", attribute);
+    this.points = points;
+    const step = times.length > 1 ? times[1] - times[0] : 1;
     this.lines = [
-      new THREE.Line(this.whole, materials.line(`${arm}-way`)),
-      new THREE.Line(this.recent, materials.line(`${arm}-trace`)),
-    ];
-    this.lines[1].frustumCulled = false;
+      { span: 2 * SEEN, material: materials.wideLine(`${arm}-way`, 1) },
+      { span: TAIL, material: materials.wideLine(`${arm}-trace`, 2.5) },
+    ].map(({ span, material }) => {
+      const most = Math.min(Math.ceil(span / step) + 2, times.length);
+      const geometry = new LineSegmentsGeometry().setPositions(new Float32Array(6 * most));
+      const line = new LineSegments2(geometry, material);
+      line.frustumCulled = false;
+      return line;
+    });
   }
 
   /** @param {number} time */
   setTime(time) {
-    const show = (/** @type {THREE.BufferGeometry} */ line, /** @type {number} */ from, /** @type {number} */ to) => {
-      const first = Math.max(countUpTo(this.times, from) - 1, 0);
-      line.setDrawRange(first, Math.max(countUpTo(this.times, to) - first, 0));
-    };
-    show(this.whole, time - SEEN, time + SEEN);
-    show(this.recent, time - TAIL, time);
+    this.draw(this.lines[0], time - SEEN, time + SEEN);
+    this.draw(this.lines[1], time - TAIL, time);
+  }
+
+  /**
+   * Draws a stretch of the way.
+   * @param {LineSegments2} line
+   * @param {number} from
+   * @param {number} to
+   */
+  draw({ geometry }, from, to) {
+    const first = Math.max(countUpTo(this.times, from) - 1, 0);
+    const count = Math.max(countUpTo(this.times, to) - first - 1, 0);
+    const start = /** @type {THREE.InterleavedBufferAttribute} */ (geometry.getAttribute("instanceStart"));
+    for (let i = 0; i < count; i++) {
+      const at = 3 * (first + i);
+      start.data.array.set(this.points.subarray(at, at + 6), 6 * i);
+    }
+    start.data.needsUpdate = true;
+    geometry.instanceCount = count;
   }
 
   /** @param {boolean} visible */
@@ -127,8 +148,47 @@ class Trace {
   }
 
   bounds() {
-    this.whole.computeBoundingBox();
-    return /** @type {THREE.Box3} */ (this.whole.boundingBox);
+    return new THREE.Box3().setFromArray(this.points);
+  }
+}
+
+/** Radii of the ends of a closest pair and of what joins them, for a cell of 1 m. */
+const DOT = 0.006;
+const ROD = 0.0025;
+
+/** Two nearest points and what joins them. */
+export class ClosestPair {
+  /** @param {import("./types.js").Clearance} clearance @param {THREE.ShaderMaterial} material its own */
+  constructor(clearance, material) {
+    this.clearance = clearance;
+    this.group = new THREE.Group();
+    this.line = new THREE.Mesh(new THREE.CylinderGeometry(1, 1, 1, 8), material);
+    this.ends = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(1, 12, 8), material));
+    this.group.add(this.line, ...this.ends);
+    // Seen through what is around it: the gap is narrow.
+    material.depthTest = false;
+    for (const part of this.group.children) part.renderOrder = 1;
+    this.setSize(1);
+  }
+
+  /** @param {number} size of the cell [m] */
+  setSize(size) {
+    for (const end of this.ends) end.scale.setScalar(DOT * size);
+    this.line.scale.x = this.line.scale.z = ROD * size;
+  }
+
+  /** @param {number} time */
+  setTime(time) {
+    const { points } = clearanceAt(this.clearance, time);
+    const a = new THREE.Vector3().fromArray(points, 0);
+    const b = new THREE.Vector3().fromArray(points, 3);
+    this.ends[0].position.copy(a);
+    this.ends[1].position.copy(b);
+    this.line.position.copy(a).add(b).multiplyScalar(0.5);
+    const along = b.sub(a);
+    const length = along.length();
+    this.line.scale.y = Math.max(length, 1e-6);
+    if (length > 1e-9) this.line.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.divideScalar(length));
   }
 }
 

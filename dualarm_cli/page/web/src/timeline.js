@@ -6,7 +6,7 @@ import { button, element, toggle } from "./dom.js";
 import { GUTTER, Gantt, LEGEND, MARGIN, drawLegendEntry } from "./gantt.js";
 import { QUANTITIES, stateAt } from "./trajectory.js";
 import { jointValue, millimetres } from "./units.js";
-import { clearanceAt } from "./clearance.js";
+import { clearanceAt, clearanceColour } from "./clearance.js";
 
 /** @typedef {import("./types.js").Plan} Plan */
 /** @typedef {import("./trajectory.js").Quantity} Quantity */
@@ -25,10 +25,16 @@ export function firstJoints(plan) {
   });
 }
 
+/** What the clearances are. */
+const ABOUT = /** @type {Object<string, string>} */ ({
+  clearance: "Least distance of arms, tools, parts and obstacles from each other",
+  "near links": "Least distance of the robot's own bodies with at most three joints between them: these joints alone set it",
+});
+
 /** Width of what is printed [px]. */
 const PAPER = 740;
 /** Heights of a plot [px]. */
-const LEAST_HEIGHT = 96;
+const LEAST_HEIGHT = 78;
 const MOST_HEIGHT = 400;
 
 /** Gantt chart, curves, and what is chosen of them. */
@@ -45,7 +51,7 @@ export class Timeline {
     this.gantt = new Gantt(plan, shown);
     this.joints = firstJoints(plan);
     /** @type {string[]} */
-    this.quantities = ["velocity", ...(plan.clearance ? ["clearance"] : [])];
+    this.quantities = ["velocity", ...(plan.clearances.length ? ["clearance"] : [])];
     /** @type {import("./curves.js").Plot[]} */
     this.plots = [];
     this.cursor = element("div", { class: "cursor" });
@@ -90,7 +96,7 @@ export class Timeline {
   }
 
   makeChoices() {
-    const names = [...QUANTITIES, ...(this.plan.clearance ? ["clearance"] : [])];
+    const names = [...QUANTITIES, ...(this.plan.clearances.length ? ["clearance"] : [])];
     const quantities = names.map((name) =>
       toggle(name, `Show ${name} over time`, this.quantities.includes(name), (on) => {
         this.quantities = names.filter((n) => (n === name ? on : this.quantities.includes(n)));
@@ -115,7 +121,7 @@ export class Timeline {
       element("div", { class: "group", role: "group", "aria-label": "Curves" }, ...quantities),
       element(
         "details",
-        { class: "joints" },
+        { class: "joints", ontoggle: () => this.showReadings() },
         element("summary", { title: "Choose joints" }, "joints"),
         element("div", { class: "joint-list" }, ...joints),
       ),
@@ -201,10 +207,7 @@ export class Timeline {
   rebuild() {
     for (const plot of this.plots) plot.destroy();
     const size = this.plotSize();
-    const chosen = this.joints.map((name, number) => ({
-      joint: /** @type {import("./types.js").Joint} */ (this.plan.joints.find((j) => j.name === name)),
-      number,
-    }));
+    const chosen = this.joints.map((name, number) => ({ joint: this.joint(name), number }));
     this.plots = this.quantities.flatMap((name) =>
       name === "clearance"
         ? [clearancePlot(this.plan, this.shown, size)]
@@ -214,21 +217,27 @@ export class Timeline {
     this.showChosen();
   }
 
+  /** @param {string} name */
+  joint(name) {
+    return /** @type {import("./types.js").Joint} */ (this.plan.joints.find((joint) => joint.name === name));
+  }
+
   showChosen() {
+    /** @type {{joint?: import("./types.js").Joint, clearance?: import("./types.js").Clearance, reading: HTMLElement, element: HTMLElement}[]} */
     this.chosenReadings = this.joints.map((name, number) => {
       const { colour: stroke, dash } = curveStyle(number);
       const line = element("span", { class: "line" });
       line.style.borderTopColor = stroke;
       line.style.borderTopStyle = dash.length ? "dashed" : "solid";
       const reading = element("span", { class: "reading" });
-      return { name, reading, element: element("span", { class: "curve" }, line, name, reading) };
+      return { joint: this.joint(name), reading, element: element("span", { class: "curve" }, line, name, reading) };
     });
-    if (this.quantities.includes("clearance")) {
+    for (const clearance of this.quantities.includes("clearance") ? this.plan.clearances : []) {
       const line = element("span", { class: "line" });
-      line.style.borderTopColor = colour("clearance");
+      line.style.borderTopColor = colour(clearanceColour(clearance));
       const reading = element("span", { class: "reading" });
-      const made = element("span", { class: "curve" }, line, "clearance", reading);
-      this.chosenReadings.push({ name: "", reading, element: made });
+      const made = element("span", { class: "curve", title: ABOUT[clearance.name] }, line, clearance.name, reading);
+      this.chosenReadings.push({ clearance, reading, element: made });
     }
     this.chosen.replaceChildren(...this.chosenReadings.map((entry) => entry.element));
     this.showReadings();
@@ -236,13 +245,12 @@ export class Timeline {
 
   showReadings() {
     const shownFirst = QUANTITIES.find((name) => this.quantities.includes(name)) ?? "position";
-    for (const { name, reading } of this.chosenReadings ?? []) {
-      const joint = this.plan.joints.find((j) => j.name === name);
+    for (const { joint, clearance, reading } of this.chosenReadings ?? []) {
       if (joint) {
         const value = stateAt(joint.knots, this.clock.time)[shownFirst];
         reading.textContent = jointValue(value, joint.slides, shownFirst);
-      } else {
-        reading.textContent = millimetres(clearanceAt(this.plan.clearance, this.clock.time)?.distance);
+      } else if (clearance) {
+        reading.textContent = millimetres(clearanceAt(clearance, this.clock.time).distance);
       }
     }
     if (!this.choices.querySelector("details")?.open) return;

@@ -75,7 +75,8 @@
  */
 
 /**
- * @typedef {object} Clearance Samples of the least distance.
+ * @typedef {object} Clearance Samples of the least distance of some pairs.
+ * @property {string} name "clearance", or "near links" of the robot, whose distance a few joints alone set
  * @property {Float64Array} time
  * @property {Float32Array} distance m
  * @property {Uint32Array} pair number of the pair
@@ -101,7 +102,7 @@
  * @property {Segment[]} segments
  * @property {Event[]} events
  * @property {Stage[]} stages
- * @property {Clearance | null} clearance
+ * @property {Clearance[]} clearances none, one or both
  * @property {any} report report.json as it is
  * @property {Object<string, string>} task_lines
  */

@@ -82,7 +82,8 @@ const WORDS = /** @type {Object<string, string>} */ ({
   seam_end: "seam end",
   path_start: "path start",
   path_end: "path end",
-  shared_zone: "shared zone",
+  partner: "other arm",
+  end: "work is done",
 });
 
 /** @param {string} name of a kind, an action or a reason in the schedule */
