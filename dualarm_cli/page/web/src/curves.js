@@ -105,7 +105,7 @@ function makePlot({ name, title, shown, size, series, limits, data, fromZero }) 
           label: title,
           labelSize: LABEL,
           labelFont: SMALL,
-          space: 22,
+          space: 16,
           gap: 6,
         },
       ],

@@ -223,7 +223,7 @@ export class Scene {
     const box = new THREE.Box3().setFromPoints(this.outline());
     this.size = box.getSize(new THREE.Vector3()).length() || 1;
     for (const tip of this.tips) tip.scale.setScalar(AXIS * this.size);
-    for (const pair of this.pairs) pair.setSize(this.size);
+    for (const part of [...this.pairs, ...this.traces]) part.setSize(this.size);
     this.floor.scale.setScalar(2 ** Math.round(Math.log2(this.size / 1.6)));
     this.setTime(this.time);
   }

@@ -1,8 +1,6 @@
 // Parts of the 3-D view that are not solids of the cell: skeletons, traces of tools, belts that run.
 
 import * as THREE from "three";
-import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
-import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { clearanceAt } from "./clearance.js";
 import { WORLD, compose, forwardKinematics } from "./poses.js";
 import { place } from "./shapes.js";
@@ -18,6 +16,8 @@ const MOST = 8000;
 /** How much of a trace is seen before and after the cursor, and how much of it is bold behind the tool [s]. */
 const SEEN = 20;
 const TAIL = 1.5;
+/** Radius of the bold part, for a cell of 1 m. */
+const THIN = 0.0013;
 
 /** The joints of the robot as dots, joined by lines. */
 export class Skeleton {
@@ -105,41 +105,43 @@ class Trace {
   constructor(times, points, arm, materials) {
     this.times = times;
     this.points = points;
+    this.radius = THIN;
+    this.way = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(points, 3));
     const step = times.length > 1 ? times[1] - times[0] : 1;
-    this.lines = [
-      { span: 2 * SEEN, material: materials.wideLine(`${arm}-way`, 1) },
-      { span: TAIL, material: materials.wideLine(`${arm}-trace`, 2.5) },
-    ].map(({ span, material }) => {
-      const most = Math.min(Math.ceil(span / step) + 2, times.length);
-      const geometry = new LineSegmentsGeometry().setPositions(new Float32Array(6 * most));
-      const line = new LineSegments2(geometry, material);
-      line.frustumCulled = false;
-      return line;
-    });
+    const most = Math.min(Math.ceil(TAIL / step) + 2, times.length);
+    const rod = new THREE.CylinderGeometry(1, 1, 1, 6, 1, true).rotateX(Math.PI / 2);
+    this.tail = new THREE.InstancedMesh(rod, materials.solid(`${arm}-trace`), most);
+    this.lines = [new THREE.Line(this.way, materials.line(`${arm}-way`)), this.tail];
+    for (const line of this.lines) line.frustumCulled = false;
   }
 
   /** @param {number} time */
   setTime(time) {
-    this.draw(this.lines[0], time - SEEN, time + SEEN);
-    this.draw(this.lines[1], time - TAIL, time);
+    const between = (/** @type {number} */ from, /** @type {number} */ to) => {
+      const first = Math.max(countUpTo(this.times, from) - 1, 0);
+      return { first, count: Math.max(countUpTo(this.times, to) - first, 0) };
+    };
+    const way = between(time - SEEN, time + SEEN);
+    this.way.setDrawRange(way.first, way.count);
+    const tail = between(time - TAIL, time);
+    this.tail.count = Math.max(tail.count - 1, 0);
+    const [a, b, rod] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Object3D()];
+    for (let i = 0; i < this.tail.count; i++) {
+      const at = 3 * (tail.first + i);
+      a.fromArray(this.points, at);
+      b.fromArray(this.points, at + 3);
+      rod.position.addVectors(a, b).multiplyScalar(0.5);
+      rod.scale.set(this.radius, this.radius, a.distanceTo(b));
+      rod.lookAt(b);
+      rod.updateMatrix();
+      this.tail.setMatrixAt(i, rod.matrix);
+    }
+    this.tail.instanceMatrix.needsUpdate = true;
   }
 
-  /**
-   * Draws a stretch of the way.
-   * @param {LineSegments2} line
-   * @param {number} from
-   * @param {number} to
-   */
-  draw({ geometry }, from, to) {
-    const first = Math.max(countUpTo(this.times, from) - 1, 0);
-    const count = Math.max(countUpTo(this.times, to) - first - 1, 0);
-    const start = /** @type {THREE.InterleavedBufferAttribute} */ (geometry.getAttribute("instanceStart"));
-    for (let i = 0; i < count; i++) {
-      const at = 3 * (first + i);
-      start.data.array.set(this.points.subarray(at, at + 6), 6 * i);
-    }
-    start.data.needsUpdate = true;
-    geometry.instanceCount = count;
+  /** @param {number} size of the cell [m] */
+  setSize(size) {
+    this.radius = THIN * size;
   }
 
   /** @param {boolean} visible */

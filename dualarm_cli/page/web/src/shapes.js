@@ -1,7 +1,6 @@
 // Geometries and materials of solids for the 3-D view.
 
 import * as THREE from "three";
-import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 
 /** @typedef {import("./types.js").Solid} Solid */
 /** @typedef {import("./types.js").Hull} Hull */
@@ -68,19 +67,8 @@ export class Materials {
   constructor() {
     /** @type {Map<string, THREE.ShaderMaterial>} */
     this.solids = new Map();
-    /** @type {Map<string, THREE.LineBasicMaterial | LineMaterial>} */
+    /** @type {Map<string, THREE.LineBasicMaterial>} */
     this.lines = new Map();
-  }
-
-  /**
-   * @param {string} name
-   * @param {number} width px
-   * @returns {LineMaterial}
-   */
-  wideLine(name, width) {
-    const made = new LineMaterial({ linewidth: width });
-    this.lines.set(name, made);
-    return made;
   }
 
   /** @param {string} name @returns {THREE.ShaderMaterial} */
@@ -92,7 +80,7 @@ export class Materials {
 
   /** @param {string} name @returns {THREE.LineBasicMaterial} */
   line(name) {
-    const found = /** @type {THREE.LineBasicMaterial | undefined} */ (this.lines.get(name)) ?? new THREE.LineBasicMaterial();
+    const found = this.lines.get(name) ?? new THREE.LineBasicMaterial();
     this.lines.set(name, found);
     return found;
   }

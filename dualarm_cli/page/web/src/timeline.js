@@ -125,8 +125,8 @@ export class Timeline {
         element("summary", { title: "Choose joints" }, "joints"),
         element("div", { class: "joint-list" }, ...joints),
       ),
-      (this.chosen = element("div", { class: "chosen" })),
       button("whole", "Show the whole plan (0)", () => this.shown.showAll()),
+      (this.chosen = element("div", { class: "chosen" })),
     );
   }
 
