@@ -19,6 +19,7 @@ from dualarm_cli.files.source.text_source import quote
 from dualarm_cli.robot_import.contacts import contact_reasons, find_contacts
 from dualarm_cli.robot_import.convex_parts import convex_parts
 from dualarm_cli.robot_import.description import described
+from dualarm_cli.robot_import.expanded_text import read_expanded
 from dualarm_cli.robot_import.group_states import find_postures
 from dualarm_cli.robot_import.joint_limits import (
     ASSUMED,
@@ -29,7 +30,6 @@ from dualarm_cli.robot_import.joint_limits import (
 from dualarm_cli.robot_import.robot_file import RobotText, robot_text
 from dualarm_cli.robot_import.srdf import Srdf, named_tips, read_srdf
 from dualarm_cli.robot_import.structure import Structure, find_structure
-from dualarm_cli.robot_import.urdf_source import urdf_source
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def import_robot(request: ImportRequest) -> Imported:
         InputError: a file that cannot be used.
         UsageError: the tree leaves a choice that an option settles.
     """
-    urdf = read_urdf(urdf_source(request.urdf))
+    urdf = read_urdf(read_expanded(request.urdf))
     srdf = read_srdf(request.srdf, urdf) if request.srdf is not None else Srdf()
     limits = JointLimitsFile()
     if request.joint_limits is not None:

@@ -9,7 +9,8 @@ from pathlib import Path
 from dualarm_cli.errors import UsageError
 from dualarm_cli.files.robots.urdf import Urdf
 from dualarm_cli.files.robots.urdf_tree import Element, UrdfFindings, parse_xml
-from dualarm_cli.files.source.text_source import quote, read_text
+from dualarm_cli.files.source.text_source import quote
+from dualarm_cli.robot_import.expanded_text import read_expanded
 from dualarm_cli.robot_import.names import GRIPPER, NO_ARM, side_of, tells, words
 from dualarm_cli.robot_import.structure import SIDES, NamedTip
 
@@ -40,8 +41,9 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
 
     Raises:
         InputError: not XML, not an SRDF, or a link or joint that the URDF does not have.
+        MissingDependencyError: it is a xacro file, and xacro is not installed.
     """
-    source = read_text(path, str(path))
+    source = read_expanded(path)
     root = parse_xml(source)
     findings = UrdfFindings(source)
     if root.tag != "robot":
@@ -87,7 +89,7 @@ def _tips(root: Element, urdf: Urdf, findings: UrdfFindings) -> dict[str, tuple[
         tip = chain.get("tip_link")
         if tip not in urdf.links:
             findings.add(chain, f"the URDF has no link {quote(tip)}")
-        place = f"group {quote(group.name)}, {Path(findings.source.name).name}:{group.line}"
+        place = f"group {quote(group.name)} of {Path(findings.source.name).name}"
         tips[side][group.name] = NamedTip(tip, place)
     found = {}
     for side, groups in tips.items():

@@ -156,6 +156,21 @@ def test_units_that_can_mean_two_things_are_refused_at_the_mesh(
         import_with(with_box(row, write_rows, unit, scale=scale))
 
 
+def test_an_srdf_is_expanded_as_well(
+    row: Row, write_rows: Write, import_with: Import, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its macros hold the groups; without the expansion they would be passed over without a word."""
+    path = write_rows(row("a_", 0.3), row("b_", -0.3))
+    groups = "".join(
+        f'<group name="{side}_arm"><chain base_link="base" tip_link="{tip}"/></group>'
+        for side, tip in (("left", "b_l6"), ("right", "a_l6"))
+    )
+    document = SimpleNamespace(toxml=lambda: f'<robot name="odd">{groups}</robot>')
+    monkeypatch.setitem(sys.modules, "xacro", SimpleNamespace(process_file=lambda _: document))
+    found = import_with(path, '<xacro:macro name="groups"/>')
+    assert found.loaded.robot.arm("left").flange == "b_l6"
+
+
 def test_errors_after_xacro_name_the_file_and_the_element(
     row: Row, write_rows: Write, import_with: Import, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,14 +85,14 @@ def test_rows_of_legs_are_told(row: Row, write_rows: Write, import_with: Import)
 
 
 def test_groups_of_legs_are_no_arms(row: Row, write_rows: Write, import_with: Import) -> None:
-    """Legs first, as in the SRDF of a humanoid; the file and line of the group that names the flange are told."""
+    """Legs first, as in the SRDF of a humanoid; messages name the group and the file that name the flange."""
     rows = [row(f"{s}_{k}", y) for s, y in (("left", 0.3), ("right", -0.3)) for k in ("", "leg_")]
     names = [("left_leg", "left_leg_l6"), ("right_leg", "right_leg_l6")]
     names += [("left_arm", "left_l6"), ("right_arm", "right_l6")]
     found = import_with(write_rows(*rows), "\n".join(group(*pair) for pair in names))
     assert sides(found) == {"left": "left_l6", "right": "right_l6"}
     assert re.search(
-        r"left arm: .*; flange left_l6 \(group 'left_arm', robot.srdf:\d+\)", told(found)
+        r"left arm: .*; flange left_l6 \(group 'left_arm' of robot.srdf\)", told(found)
     )
 
 
@@ -117,7 +117,7 @@ def test_groups_with_arm_in_their_name_come_first_and_two_are_refused(
     found = import_with(urdf, group("left_side", "left_second_l6") + both)
     assert sides(found)["left"] == "left_l6"
     two = both + group("left_arm_2", "left_second_l6")
-    message = r"left_l6 \(group 'left_arm', .*\), left_second_l6 \(group 'left_arm_2', .*\); say which with --left-tip"
+    message = r"left_l6 \(group 'left_arm' of .*\), left_second_l6 \(group 'left_arm_2' of .*\); say which with"
     with pytest.raises(UsageError, match=message):
         import_with(urdf, two)
     assert (
@@ -194,7 +194,10 @@ def test_a_flange_that_follows_through_another_joint_is_refused(
         UsageError, match="link 'tip' is moved by joint 'follow', which mimics 'joint1'"
     ):
         import_with(urdf, tips={"left": "tip"})
-    assert sides(import_with(urdf)) == {"left": "l6"}
+    found = import_with(urdf)
+    assert sides(found) == {"left": "l6"}
+    still = "joints that mimic moving ones stand still, their links' shapes with them: follow (joint1), mid (joint1)"
+    assert still in found.loaded.notes
     joints = ", ".join(f"joint{k}" for k in range(1, 7))
     file = urdf.parent / "robot.yaml"
     file.write_text(

@@ -60,7 +60,7 @@ def frozen_positions(
 
 
 def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
-    """Returns a note on joints of the URDF that do not move: which, and where they stand.
+    """Returns notes on joints of the URDF that do not move: which, where they stand, and which of them should follow.
 
     Args:
         urdf: a checked URDF.
@@ -80,10 +80,21 @@ def frozen_note(urdf: Urdf, positions: Mapping[str, float]) -> list[str]:
         if position != 0.0
     ]
     parts = [f"{listed(zero)} at 0"] if zero else []
-    return [
+    notes = [
         "joints that neither platform nor arms name are fixed: "
         f"{'; '.join([*parts, *([listed(elsewhere)] if elsewhere else [])])}"
     ]
+    leaders = {name: leader_of(urdf, name) for name in positions}
+    followers = [
+        f"{name} ({leader})"
+        for name, leader in leaders.items()
+        if leader and leader not in positions and urdf.joints[leader].get("type") in MOVING_TYPES
+    ]
+    if followers:
+        notes.append(
+            f"joints that mimic moving ones stand still, their links' shapes with them: {listed(followers)}"
+        )
+    return notes
 
 
 def listed(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""The text of a robot description: a URDF as it is, a xacro file expanded."""
+"""The text of a URDF or SRDF: as it is, or as xacro expands it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class ExpandedText(TextSource):
         return Diagnostic(self.name, 0, 0, code, message)
 
 
-def urdf_source(path: Path) -> TextSource:
-    """Returns the text of a URDF, expanded where it is a xacro file.
+def read_expanded(path: Path) -> TextSource:
+    """Returns the text of a URDF or SRDF, expanded where it is a xacro file.
 
     Args:
         path: the file.
