@@ -14,9 +14,9 @@ from dualarm_cli.files.robots.urdf_writer import urdf_text
 from dualarm_cli.model.shape import Hull, Shape
 from dualarm_cli.robot_import.names import count_of
 
-NOISE, DIGITS = 1e-9, 4
-"""A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one of DIGITS decimals or more
-that differs from it in its last decimal only, as 1.5708 and 3.14159 do."""
+NOISE, COARSE, UNITS = 1e-9, 1e-4, 5
+"""A written angle within NOISE of a multiple of a quarter turn is that one [rad]; so is one within UNITS of its last
+decimal, at most COARSE: 1.5708, 3.14159, and 1.570795, which is half of 3.14159."""
 _KEPT = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 
@@ -99,10 +99,9 @@ def _exact(rpy: str) -> tuple[str, int]:
     for word in rpy.split():
         value = float(word)
         quarter = round(value / (0.5 * math.pi)) * 0.5 * math.pi
-        exponent = Decimal(word).as_tuple().exponent
-        decimals = -exponent if isinstance(exponent, int) else 0
-        last = 10.0**-decimals if decimals >= DIGITS else 0.0
-        near = quarter != 0.0 and abs(value - quarter) < max(NOISE, last)
+        exponent = Decimal(word).normalize().as_tuple().exponent
+        last = 10.0**exponent if isinstance(exponent, int) and 10.0**exponent <= COARSE else 0.0
+        near = quarter != 0.0 and abs(value - quarter) < max(NOISE, min(UNITS * last, COARSE))
         found.append(repr(quarter) if near else word)
         count += near and abs(value - quarter) > 1e-12
     return " ".join(found), count

@@ -29,20 +29,24 @@ Import = Callable[..., Imported]
 def test_multiples_of_a_quarter_turn_are_exact_and_all_else_stays(
     exact: float, digits: int, row: Row, write_rows: Write, import_with: Import
 ) -> None:
-    """Rounded or cut off after some digits; two of the last digit more stay, as a calibration has measured them."""
+    """Rounded, cut off, padded, or half of what was rounded; seven of the last digit more stay: a calibration."""
     step = 10.0**-digits
     cut = math.trunc(exact / step) * step
-    words = [f"{exact:.{digits}f}", f"{cut:.{digits}f}", f"{exact + 2.2 * step:.{digits}f}"]
-    words += ["0.00004", "-1e-7", "3e-10"]
-    wanted = [exact, exact, float(words[2]), 4e-5, -1e-7, 3e-10]
+    near = [f"{exact + units * step:.{digits}f}" for units in (7.2, 8.2)]
+    measured = next(word for word in near if not word.endswith("0"))
+    half = 0.5 * float(f"{2 * exact:.{digits}f}")
+    words = [f"{exact:.{digits}f}", f"{cut:.{digits}f}", f"{half:.{digits + 1}f}"]
+    words += [f"{exact:.{digits}f}00", measured, "0.00004"]
+    words += ["-1e-7", "3e-10", "1.57"]
+    wanted = [*[exact] * 4, float(words[4]), 4e-5, -1e-7, 3e-10, 1.57]
     text = row("", 0)
     for k, (first, second, third) in enumerate(zip(*[iter(words)] * 3, strict=True)):
         origin = f'<child link="l{k + 2}"/><origin rpy="{first} {second} {third}" '
         text = text.replace(f'<child link="l{k + 2}"/><origin ', origin)
     written = import_with(write_rows(text)).files["odd.urdf"].decode()
     found = [float(word) for rpy in re.findall(r'rpy="([^"]*)"', written) for word in rpy.split()]
-    if digits >= 9:  # two of the last digit are 2e-9 rad at least: noise begins below
-        wanted[2] = exact if abs(wanted[2] - exact) < 1e-9 else wanted[2]
+    if abs(wanted[4] - exact) < 1e-9:  # noise
+        wanted[4] = exact
     assert [w for w in found if w != 0.0] == wanted
 
 
