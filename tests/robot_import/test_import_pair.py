@@ -86,6 +86,18 @@ def test_a_robot_of_two_arms_is_refused(urdfs: Path) -> None:
         import_pair(arm, both)
 
 
+def test_a_tip_takes_one_arm_of_a_robot_of_two(urdfs: Path) -> None:
+    """The other arm stands still, without `--right-tip none`: a member of a pair has one arm."""
+    flange = load_robot("nextage").robot.arm("right").flange
+    both = ImportRequest(urdfs / "nextage.urdf", tips={"right": flange})
+    files = import_pair(ImportRequest(urdfs / "iiwa7.urdf"), both).files
+    (text,) = (
+        t.decode() for n, t in files.items() if n.startswith("nextage") and n.endswith("yaml")
+    )
+    assert f"flange: {flange}" in text
+    assert "left:" not in text
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

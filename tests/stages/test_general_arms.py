@@ -28,7 +28,9 @@ def test_any_arms_are_planned_and_verified_and_not_slower_than_greedily(
     assert not closed or 0.5 * schedule.duration < schedule.lower_bound <= schedule.duration
     assert schedule.provenance.settings["platform"] == "sequence"
     assert schedule.provenance.settings["redundancy"] == "numeric"
-    assert any("planned with --redundancy numeric" in note for note in schedule.notes)
+    (note,) = (one for one in schedule.notes if "planned with --redundancy numeric" in one)
+    assert ("in closed form" in note) == closed
+    assert ("not spherical-revolute-spherical" in note) != closed
     greedy = plan_without_bound(job, PlanSettings("fixed", effort="quick"))
     assert verify(greedy, job).passed
     assert schedule.duration <= greedy.duration + 1e-9
