@@ -213,10 +213,11 @@ export class Gantt {
       // What does not fit even so stands over its neighbours, which have none then.
       const text = fitting(allowed, room, width);
       const half = width(text) / 2;
-      if ((from + to) / 2 - half < end + 4) continue;
-      end = (from + to) / 2 + half;
+      const middle = Math.min(Math.max((from + to) / 2, GUTTER + half), this.width - MARGIN - half);
+      if (middle - half < end + 4) continue;
+      end = middle + half;
       g.fillStyle = colour(`${visit.family}-text`);
-      g.fillText(text, (from + to) / 2, top + TASKS / 2);
+      g.fillText(text, middle, top + TASKS / 2);
     }
   }
 

@@ -23,6 +23,8 @@ const FIRST = 1;
 const AXIS = 0.06;
 /** Diagonal of solids that need not be in sight as a whole [m]. */
 const LARGE = 3;
+/** Postures of the plan that are brought in sight. */
+const POSTURES = 60;
 /** Share of the view that the cell fills. */
 const FILLED = 0.9;
 /** Pixels of a fine picture. */
@@ -208,7 +210,10 @@ export class Scene {
     this.world.updateMatrixWorld(true);
     /** @type {THREE.Vector3[]} */
     const found = [...this.traces.flatMap((trace) => corners(trace.bounds())), ...this.things.places()];
-    for (const pose of this.poses) found.push(new THREE.Vector3(...pose.xyz));
+    for (let i = 0; i <= POSTURES; i++) {
+      const positions = positionsAt(this.plan.joints, (this.plan.duration * i) / POSTURES);
+      for (const pose of forwardKinematics(this.plan.bodies, positions)) found.push(new THREE.Vector3(...pose.xyz));
+    }
     for (const mesh of this.meshes) {
       mesh.geometry.computeBoundingBox();
       const box = /** @type {THREE.Box3} */ (mesh.geometry.boundingBox);

@@ -61,12 +61,13 @@ export class Timeline {
     this.scroll = element("div", { class: "timeline-scroll" }, this.stack);
     this.legend = this.makeLegend();
     this.choices = element("div", { class: "choices" });
+    this.chosen = element("div", { class: "chosen" });
     /** @type {Map<string, HTMLElement>} */
     this.readings = new Map();
     this.element = element(
       "section",
       { class: "timeline", "aria-label": "Timeline" },
-      element("div", { class: "timeline-head" }, this.choices, this.legend),
+      element("div", { class: "timeline-head" }, this.choices, this.chosen, this.legend),
       this.scroll,
       this.hint,
     );
@@ -126,7 +127,6 @@ export class Timeline {
         element("div", { class: "joint-list" }, ...joints),
       ),
       button("whole", "Show the whole plan (0)", () => this.shown.showAll()),
-      (this.chosen = element("div", { class: "chosen" })),
     );
   }
 
