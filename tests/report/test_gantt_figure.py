@@ -182,6 +182,25 @@ def test_what_ids_of_a_lane_begin_with_is_what_is_left_out(by_hand):
     assert [word.short for word in task_words(alone, ["left"], 0.0, 2.0)] == ["left-cup"]
 
 
+def test_zeros_that_all_ids_share_are_left_out_but_never_the_last_digit(by_hand):
+    left = by_hand.row("left", ("transfer", "left-0009", 1.0), ("transfer", "left-0010", 1.0))
+    words = task_words(by_hand.schedule(left), ["left"], 0.0, 2.0)
+    assert [word.short for word in words] == ["09", "10"]
+    left = by_hand.row("left", ("transfer", "p-00", 1.0), ("transfer", "p-0", 1.0))
+    words = task_words(by_hand.schedule(left), ["left"], 0.0, 2.0)
+    assert [word.short for word in words] == ["00", "0"]
+
+
+def test_numbers_never_lose_digits():
+    """An angle that has no room is left out: its first digit would be another angle."""
+    narrow = (text_width("3…") * SMALLEST + 1.05 * FREE) / POINTS
+    angle = Wanted("31.4°", 0, (Bar(0, 0.0, narrow, False),), True, number=True)
+    assert labels([angle], 1.0) == []
+    assert [label.text for label in labels([dataclasses.replace(angle, number=False)], 1.0)] == [
+        "3…"
+    ]
+
+
 def test_picks_and_places_approaches_and_retracts_look_different(by_hand):
     parts = ("transfer", "approach", "dwell", "retract")
     row = by_hand.row("left", *((kind, "a", 1.0) for kind in 2 * parts))

@@ -76,6 +76,8 @@ class Wanted:
     """Whether nothing of them is cut off at the end of a row."""
     short: str = ""
     """A shorter word that says the same beside the others; empty for none."""
+    number: bool = False
+    """Whether it is a number, which must not lose digits."""
 
 
 def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float) -> list[Wanted]:
@@ -112,13 +114,18 @@ def task_words(schedule: Schedule, arms: Sequence[str], start: float, end: float
 
 
 def _shared_begin(ids: Collection[str]) -> str:
-    """Returns what all ids begin with, up to a sign that parts words: `left-` of left-01 and left-02."""
+    """Returns what all ids begin with, up to a sign that parts words, and zeros: `left-0` of left-01 and left-02."""
     if len(ids) < 2:
         return ""
     # What the first and the last in order have in common, all between them have.
     same = takewhile(lambda pair: pair[0] == pair[1], zip(min(ids), max(ids), strict=False))
     begin = re.match(r".*[^A-Za-z0-9]", "".join(letter for letter, _ in same))
-    return begin[0] if begin is not None and begin[0] not in ids else ""
+    if begin is None or begin[0] in ids:
+        return ""
+    shared = begin[0]
+    while all(re.match(r"0\d", name.removeprefix(shared)) for name in ids):
+        shared += "0"
+    return shared
 
 
 def labels(words: Sequence[Wanted], inch: float) -> list[Label]:
@@ -155,8 +162,8 @@ def _place(text: str, word: Wanted, inch: float, size: float) -> Bar | None:
 def _longest(word: Wanted, inch: float, size: float) -> tuple[str, Wanted, Bar | None]:
     """Returns the longest form of a word that fits into one of its bars, and that bar; None where none does."""
     short = word.short or word.text
-    forms = [word.text, short, *(f"{short[:count]}…" for count in range(len(short) - 1, 0, -1))]
-    for form in forms:
+    counts = () if word.number else range(len(short) - 1, 0, -1)
+    for form in (word.text, short, *(f"{short[:count]}…" for count in counts)):
         bar = _place(form, word, inch, size)
         if bar is not None:
             return form, word, bar
@@ -232,7 +239,7 @@ def platform_words(
             q = trajectory.at(np.array([(a + b) / 2.0]))[0][0, columns]
             text = ", ".join(place_text(float(v), s) for v, s in zip(q, slides, strict=True))
             whole = stands >= start and leaves <= end
-            words.append(Wanted(text, lane, (Bar(0, a, b, False),), whole))
+            words.append(Wanted(text, lane, (Bar(0, a, b, False),), whole, number=True))
     return words
 
 
@@ -255,7 +262,7 @@ COLUMNS, LINE = 10, 0.2
 """Names in a line of the legend, and the height of every further line [inch]."""
 BAR = 0.76
 """Height of a bar, as a share of its lane."""
-STOPS_A_ROW, MOST_ROWS = 9, 6
+STOPS_A_ROW, MOST_ROWS = 9, 12
 """An arm's stops in one row of the time axis, and how many rows there are at most."""
 LEAST = 1e-3
 """Shortest time axis [s]."""

@@ -11,10 +11,16 @@ from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import Schedule
 from dualarm_cli.report.figures.figures import new_figure, rendered
 
-WIDTH, HEIGHT = 16.0, 12.0
+WIDTH, HEIGHT = 16.0, 13.0
 """Size of one path's part [inch]."""
 PLANES = ((0, 1), (0, 2), (1, 2))
+VIEWS = ("from above", "from the side", "from the front")
 AXES = "xyz"
+RATES = {
+    "position": "positions",
+    "velocity": "velocities",
+    "acceleration": "accelerations",
+}
 STYLES = {"left": ("tab:blue", 2.2, "-"), "right": ("tab:red", 1.2, (0, (4, 2)))}
 """Colour, width and line of each arm: where both do the same the thin one is seen on the wide one."""
 
@@ -31,8 +37,9 @@ def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
     """
     samples = path_samples(schedule, job)
     figure = new_figure(WIDTH, HEIGHT * len(samples))
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12)
     for part, path in zip(np.atleast_1d(figure.subfigures(len(samples), 1)), samples, strict=True):
-        part.suptitle(f"{path.task} by {path.method}, {path.time[-1]:.3f} s")
+        part.suptitle(f"{path.task}, by {path.method}, {path.time[-1]:.3f} s", fontsize=12)
         trails, curves, joints = part.subfigures(3, 1, height_ratios=[1.1, 0.9, 1.2])
         _draw_trails(trails, path)
         sprung = _sprung(path)
@@ -43,7 +50,7 @@ def draw_paths(schedule: Schedule, job: Job, kind: str) -> bytes:
         _draw_manipulability(panels[-1], path, together=True)
         _beside(curves, panels)
         panels = joints.subplots(1, 3)
-        for axes, what in zip(panels, ("position", "velocity", "acceleration"), strict=True):
+        for axes, what in zip(panels, RATES, strict=True):
             _draw_joints(axes, path, job, what)
         _beside(joints, panels[:1], columns=2)
     return rendered(figure, kind)
@@ -64,7 +71,8 @@ def _beside(part: Any, panels: Any, columns: int = 1) -> None:
         list(found.values()),
         list(found),
         loc="outside right center",
-        fontsize=8,
+        fontsize=9,
+        frameon=False,
         ncols=columns,
         handlelength=3.5,
     )
@@ -79,6 +87,7 @@ def _draw_trails(part: Any, path: PathSamples) -> None:
     """Draws tools, elbows and, where springs pull, critical points: in space and seen along each axis."""
     spatial = part.add_subplot(1, 4, 1, projection="3d")
     flat = [part.add_subplot(1, 4, k) for k in (2, 3, 4)]
+    spatial.set_title("tools and elbows (dots: where they begin)", fontsize=10)
     sprung = _sprung(path)
     for m, arm in enumerate(path.arms):
         colour = _style(arm)["color"]
@@ -93,7 +102,8 @@ def _draw_trails(part: Any, path: PathSamples) -> None:
             for axes, (i, j) in zip(flat, PLANES, strict=True):
                 axes.plot(trail[:, i], trail[:, j], **look)
                 axes.plot(trail[0, i], trail[0, j], "o", color=colour, markersize=4)
-    for axes, (i, j) in zip(flat, PLANES, strict=True):
+    for axes, (i, j), view in zip(flat, PLANES, VIEWS, strict=True):
+        axes.set_title(view, fontsize=10)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(f"{AXES[i]} [m]")
         axes.set_ylabel(f"{AXES[j]} [m]")
@@ -101,7 +111,6 @@ def _draw_trails(part: Any, path: PathSamples) -> None:
     for name in AXES:
         getattr(spatial, f"set_{name}label")(f"{name} [m]")
         spatial.tick_params(axis=name, labelsize=7)
-    flat[0].set_title("dots: where they begin", fontsize=9)
     _beside(part, [spatial])
 
 
@@ -115,18 +124,21 @@ def _draw_forces(axes: Any, path: PathSamples) -> None:
             look |= {"linestyle": ":", "alpha": 0.7}
             axes.plot(path.time, least, **look, label=f"{arm}, least force with tools there")
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"contraction force K D [m], K = {path.work.stiffness:g}")
+    axes.set_ylabel("K D [m]")
+    axes.set_title(f"contraction force, stiffness K = {path.work.stiffness:g}", fontsize=10)
 
 
 def _draw_manipulability(axes: Any, path: PathSamples, *, together: bool = False) -> None:
     """Draws the manipulability of each arm, or of all tools by all joints."""
     if together:
-        axes.plot(path.time, path.together, color="k", label="together")
-        axes.set_ylabel("manipulability M of all tools together")
+        axes.plot(path.time, path.together, color="k", label="both together")
+        axes.set_title("manipulability of all tools together", fontsize=10)
+        axes.set_ylabel("M")
     else:
         for m, arm in enumerate(path.arms):
             axes.plot(path.time, path.alone[:, m], **_style(arm), label=arm)
-        axes.set_ylabel("manipulability M of each arm [m³/rad³]")
+        axes.set_title("manipulability of each arm", fontsize=10)
+        axes.set_ylabel("M [m³/rad³]")
     highest = float((path.together if together else path.alone).max())
     axes.set_ylim(0.0, 1.1 * highest if highest > 0.0 else 1.0)
     axes.set_xlabel("time [s]")
@@ -156,4 +168,5 @@ def _draw_joints(axes: Any, path: PathSamples, job: Job, what: str) -> None:
     for edge in (-1.0, 1.0):
         axes.axhline(edge, color="0.5", linestyle="--")
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"{what}, share of its limit")
+    axes.set_ylabel("share of its limit")
+    axes.set_title(f"joint {RATES[what]} (dashed: limits)", fontsize=10)

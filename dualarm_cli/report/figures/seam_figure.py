@@ -141,7 +141,7 @@ def _draw_chain(axes: Any, seam: SeamSamples) -> None:
         middles, largest = np.array([(t.mean(), r.max()) for t, r in parts]).T
         axes.semilogy(middles, np.maximum(largest, 1e-16), label=name, linewidth=1.2)
     axes.axhline(1e-6, color="0.5", linestyle="--")
-    axes.set_ylim(1e-14, 1e-5)
+    axes.set_ylim(3e-17, 1e-5)
     # Powers as plain numbers: raised ones ask for fonts that may be missing.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")
     axes.minorticks_off()

@@ -82,7 +82,6 @@ const WORDS = /** @type {Object<string, string>} */ ({
   seam_end: "seam end",
   path_start: "path start",
   path_end: "path end",
-  partner: "other arm",
   end: "work is done",
 });
 

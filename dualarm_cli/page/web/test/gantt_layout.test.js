@@ -73,8 +73,8 @@ test("the bar at a time is the one that lasts then, or the nearest within the to
 test("a wait tells its reason and whom it is for", () => {
   const wait = SEGMENTS[8];
   assert.equal(waitsFor(PLAN, wait), "the left arm, a-1");
-  assert.match(segmentText(wait, waitsFor(PLAN, wait)), /^right: wait \(other arm\), for the left arm, a-1, 2\.000–3\.000 s/);
-  assert.equal(ganttRows(PLAN)[1].bars[1].label, "other arm");
+  assert.match(segmentText(wait, waitsFor(PLAN, wait)), /^right: wait \(partner\), for the left arm, a-1, 2\.000–3\.000 s/);
+  assert.equal(ganttRows(PLAN)[1].bars[1].label, "partner");
 });
 
 test("what each arm does at a time", () => {
