@@ -425,8 +425,9 @@ def _limits_table(robot: Robot) -> Any:
     table = Table(title=robot.name, title_justify="left")
     for column in ("joint", "group", "lower °", "upper °", "velocity °/s"):
         table.add_column(column, justify="left" if column in ("joint", "group") else "right")
-    for column in ("acceleration °/s²", "jerk °/s³", "source"):
+    for column in ("acceleration °/s²", "jerk °/s³"):
         table.add_column(column, justify="right")
+    table.add_column("source")
     groups = dict.fromkeys(robot.platform, "platform")
     groups |= {joint: arm.name for arm in robot.arms for joint in arm.joints}
     limits = robot.limits

@@ -12,6 +12,8 @@ from rich.table import Table
 from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.schedule import WORK_ENDS
 
+NOTHING = "–"
+"""What stands where there is nothing to say."""
 SHOWN = 0.0005
 """Times that differ by less are the same to the printed digit [s], and shares of less are 0.0 %."""
 SHOWN_WAIT = 0.005
@@ -21,42 +23,72 @@ SHOWN_LIMITS = 3
 
 
 def stage_table(report: dict[str, Any]) -> Table:
-    """Returns the table of stages: who needs how long, who is the bottleneck.
+    """Returns the table of stages: what is done, who needs how long, who is the bottleneck.
+
+    What is the same in every row stands in its title, or nowhere where it says nothing.
 
     Args:
         report: as built by `build_report`.
     """
-    arms = list(report["arms"])
-    table = Table(title=f"{report['robot']}: stages", title_justify="left")
+    stages, slides = report["stages"], report["platform_slides"]
+    title = f"{report['robot']}: stages"
+    methods = [stage["platform_solver"] for stage in stages if stage["tasks"]]
+    if len(set(methods)) == 1:
+        title += f", method {methods[0]}"
+    places = [_place(stage["platform_angle"], slides) for stage in stages]
+    if len(set(places)) == 1 and places[0] != NOTHING:
+        title += f", platform at {places[0]} {'mm' if slides else '°'}"
+    table = Table(title=escape(title), title_justify="left")
     table.add_column("#", justify="right")
-    table.add_column("tasks")
+    table.add_column("work")
     table.add_column("start s", justify="right")
     table.add_column("length s", justify="right")
-    table.add_column("platform s", justify="right")
-    for arm in arms:
-        table.add_column(f"{arm} s", justify="right")
+    moving = {"platform": [stage["platform_time"] for stage in stages]}
+    moving |= {arm: [s["arm_times"].get(arm, 0.0) for s in stages] for arm in report["arms"]}
+    moving = {name: times for name, times in moving.items() if max(times, default=0.0) >= SHOWN}
+    for name in moving:
+        table.add_column(f"{name} s", justify="right")
     table.add_column("bottleneck")
-    table.add_column("platform solver")
-    slides = report["platform_slides"]
-    table.add_column("place mm" if slides else "angle °", justify="right")
-    for number, stage in enumerate(report["stages"], start=1):
-        angle = stage["platform_angle"]
+    if len(set(methods)) > 1:
+        table.add_column("method")
+    turning = len(set(places)) > 1
+    if turning:
+        table.add_column("place mm" if slides else "angle °", justify="right")
+    for k, stage in enumerate(stages):
         table.add_row(
-            str(number),
-            escape(", ".join(stage["tasks"]) or "(return)"),
+            str(k + 1),
+            escape(stage_work(stage)),
             f"{stage['start']:.3f}",
             f"{stage['duration']:.3f}",
-            f"{stage['platform_time']:.3f}",
-            *(f"{stage['arm_times'].get(arm, 0.0):.3f}" for arm in arms),
-            stage["bottleneck"] or "–",
-            stage["platform_solver"],
-            "–" if angle is None else _place(angle, slides),
+            *(f"{times[k]:.3f}" for times in moving.values()),
+            stage["bottleneck"] or NOTHING,
+            *([stage["platform_solver"]] if len(set(methods)) > 1 else []),
+            *([places[k]] if turning else []),
         )
     return table
 
 
-def _place(position: float, slides: bool) -> str:
-    """Returns where a platform stands [rad or m], in degrees or millimetres."""
+def stage_work(stage: Mapping[str, Any]) -> str:
+    """Returns what is done in a stage, such as `pick a, b` or `pick a, place b`.
+
+    Args:
+        stage: of the report.
+    """
+    by_action: dict[str, list[str]] = {}
+    for one in stage["work"]:
+        # Visits to stands say in their own names what is done there.
+        action = "" if one["action"].endswith("_tool") else one["action"].replace("_", " ")
+        by_action.setdefault(action, []).append(one["task"])
+    texts = [
+        f"{action} {', '.join(dict.fromkeys(tasks))}".strip() for action, tasks in by_action.items()
+    ]
+    return ", ".join(texts) or ", ".join(stage["tasks"]) or "(return)"
+
+
+def _place(position: float | None, slides: bool) -> str:
+    """Returns where a platform stands [rad or m], in degrees or millimetres; NOTHING where there is none."""
+    if position is None:
+        return NOTHING
     shown = 1e3 * position if slides else math.degrees(position)
     digits = 1 if slides else 2
     return f"{round(shown, digits) + 0.0:.{digits}f}"

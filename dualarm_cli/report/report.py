@@ -14,6 +14,7 @@ from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
+from dualarm_cli.report.stage_parts import StageParts, stage_parts
 from dualarm_cli.report.waits import drawn_out, wait_rows, waited
 from dualarm_cli.verification.budget_checks import judge_budget
 from dualarm_cli.verification.motion_checks import jerk_share, velocity_extrema
@@ -51,7 +52,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "clearance_cost": schedule.clearance_cost,
         "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
         **_kind_rows("work", schedule, job),
-        "stages": [_stage_row(stage) for stage in schedule.stages],
+        "stages": _stage_rows(schedule),
         "bottlenecks": _bottlenecks(schedule),
         "arms": {
             name: _arm_use(schedule, name) | {"drawn_out_for_platform": drawn[name]}
@@ -163,12 +164,27 @@ def _check_row(check: Check) -> dict[str, Any]:
     }
 
 
-def _stage_row(stage: Stage) -> dict[str, Any]:
+def _stage_rows(schedule: Schedule) -> list[dict[str, Any]]:
+    parts = stage_parts(schedule) if schedule.stages else []
+    return [_stage_row(one.stage, _work(one, schedule)) for one in parts]
+
+
+def _work(parts: StageParts, schedule: Schedule) -> list[dict[str, str]]:
+    """Returns what each arm does in a stage; an arm that only waits is left out."""
+    found = []
+    for arm in schedule.robot.arms:
+        own = [part for part in parts.arms.get(arm, ()) if part.task]
+        found += [{"arm": arm, "action": part.action, "task": part.task} for part in own[-1:]]
+    return found
+
+
+def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
     return {
         "start": stage.start,
         "end": stage.end,
         "duration": stage.end - stage.start,
         "tasks": list(stage.tasks),
+        "work": work,
         "platform_solver": stage.platform_solver,
         "platform_angle": stage.platform_angle,
         "platform_time": stage.platform_time,

@@ -20,6 +20,8 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON documen
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
+PIPE_WIDTH = 120
+"""Width of tables where stdout is no terminal [characters]."""
 STDOUT = "-"
 """What `--out` takes for standard output."""
 
@@ -53,9 +55,17 @@ def text_console(out: object) -> Console:
 def stdout_console() -> Console:
     """Returns a console for results; plain text where stdout is no terminal."""
     from rich.console import Console as RichConsole
+    from rich.table import Table
+
+    from dualarm_cli.cli.parts.fitting import fitted
 
     class Console(RichConsole):
-        """A console that leaves a closed pipe to the one place that knows its exit code."""
+        """A console whose tables fit; a closed pipe is left to the one place that knows its exit code."""
+
+        def print(self, *objects: Any, **options: Any) -> None:
+            """Prints as rich does."""
+            shown = [fitted(one, self) if isinstance(one, Table) else one for one in objects]
+            super().print(*shown, **options)
 
         def on_broken_pipe(self) -> None:
             """Passes the error on instead of ending the process with 1."""
@@ -65,7 +75,7 @@ def stdout_console() -> Console:
         # A stdout that is not UTF-8 gets escapes for what it cannot show, not a traceback.
         sys.stdout.reconfigure(errors="backslashreplace")
     console = Console(highlight=False, soft_wrap=False)
-    return console if console.is_terminal else Console(highlight=False, width=120)
+    return console if console.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
 def stderr_console() -> Console:
