@@ -73,7 +73,7 @@ for (const theme of ["light", "dark"]) {
   });
 
   test(`${theme}: arms, and what is done, differ with any colour vision`, () => {
-    const alike = [["left-arm", "right-arm"], ["left-trace", "right-trace"], ["pick", "place"], ["give", "take"], ["clearance", "near-links"], ["curve-1", "curve-2"], ["curve-2", "curve-3"], ["curve-1", "curve-3"]];
+    const alike = [["left-arm", "right-arm"], ["left-trace", "right-trace"], ["pick", "place"], ["pick", "tool"], ["give", "take"], ["clearance", "near-links"], ["curve-1", "curve-2"], ["curve-2", "curve-3"], ["curve-1", "curve-3"]];
     for (const [name, vision] of Object.entries(VISIONS)) {
       for (const [one, other] of alike) {
         const found = distance(named[one], named[other], vision);
