@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
-from collections.abc import Mapping
-from dataclasses import replace
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +19,7 @@ import pytest
 
 import dualarm_cli
 from dualarm_cli.files.source.bundled import bundled_tasks
-from dualarm_cli.files.tasks.tasks import load_job
-from dualarm_cli.model.job import Job
-from dualarm_cli.model.schedule import Schedule
-from dualarm_cli.model.settings import PlanSettings
 from dualarm_cli.page.page import page_html
-from dualarm_cli.page.page_data import page_data
-from dualarm_cli.plan.planner import plan
-from dualarm_cli.report.report import build_report
-from dualarm_cli.verification import verify
 
 WEB = Path(dualarm_cli.__file__).parent / "page" / "web"
 CHROMIUM = next(
@@ -54,22 +48,43 @@ def built() -> Path:
     return playwright / "index.mjs"
 
 
-def planned(name: str) -> tuple[Job, Schedule, dict[str, Any]]:
-    """Returns a bundled job, its verified plan and the data of its page."""
-    job = load_job(bundled_tasks()[name])
-    schedule = plan(job, PlanSettings(effort="quick"))
-    schedule = replace(schedule, verification=verify(schedule, job, clearance=True))
-    return job, schedule, page_data(schedule, job, build_report(schedule, job))
+@dataclass(frozen=True)
+class Planned:
+    """What `dualarm plan` wrote: the schedule as any reader of JSON has it, and the robot's model from its URDF."""
+
+    page: Path
+    schedule: dict[str, Any]
+    model: pin.Model
 
 
-def seen_in_browser(
-    playwright: Path, data: Mapping[str, Any], times: np.ndarray, folder: Path
-) -> dict[str, Any]:
-    """Returns what `in_browser.mjs` saw on the page of some data."""
-    page = folder / "report.html"
-    page.write_bytes(page_html(data))
+@pytest.fixture
+def planned(built: Path, tmp_path: Path) -> Callable[[str], Planned]:
+    """Returns what plans bundled jobs as users do."""
+
+    def run(name: str) -> Planned:
+        out = tmp_path / name
+        command = ["plan", bundled_tasks()[name], "--effort", "quick", "--out", out]
+        subprocess.run([sys.executable, "-m", "dualarm_cli", *command], check=True)
+        schedule = json.loads((out / "schedule.json").read_text())
+        return Planned(
+            out / "report.html", schedule, pin.buildModelFromUrdf(str(out / "robot.urdf"))
+        )
+
+    return run
+
+
+def data_of(page: Path) -> dict[str, Any]:
+    """Returns the data of a page."""
+    found = re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def seen_in_browser(playwright: Path, page: Path, times: Sequence[float]) -> dict[str, Any]:
+    """Returns what `in_browser.mjs` saw on a page."""
     script = Path(__file__).parent / "in_browser.mjs"
-    command = ["node", script, playwright, CHROMIUM, page, json.dumps(times.tolist())]
+    command = ["node", script, playwright, CHROMIUM, page, json.dumps(list(times))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
@@ -77,83 +92,91 @@ def seen_in_browser(
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_the_page_shows_the_plan(name: str, built: Path, tmp_path: Path) -> None:
+def test_the_page_shows_the_plan(name: str, built: Path, planned: Callable[[str], Planned]) -> None:
     """Joints are the schedule's, tools are pinocchio's, clicks and keys lead there, and nothing is loaded."""
-    job, schedule, data = planned(name)
-    rng = np.random.default_rng(1)
-    inside = rng.uniform(0.0, schedule.duration, 25)
-    times = np.concatenate([[0.0, schedule.duration], inside, schedule.trajectory.time[::97]])
-    seen = seen_in_browser(built, data, times, tmp_path)
+    plan = planned(name)
+    schedule = plan.schedule
+    inside = np.random.default_rng(1).uniform(0.0, schedule["duration"], 25)
+    knots = schedule["trajectory"]["time"][::97]
+    seen = seen_in_browser(built, plan.page, [0.0, schedule["duration"], *inside.tolist(), *knots])
 
     assert seen["errors"] == []
     assert [
         url for url in seen["requests"] if not url.startswith(("file:", "data:", "blob:"))
     ] == []
-    model = pin.buildModelFromXML(job.cell.robot.urdf)
     for state in seen["states"]:
-        assert_state_is_the_schedules(state, schedule, model, job)
+        assert_joints_are_the_schedules(state["joints"], state["time"], schedule)
+        assert_tools_are_pinocchios(state, plan)
     assert 0.2 <= seen["playedTo"] <= 2.0
     assert seen["stands"]
-    assert 0.3 * schedule.duration < seen["clickedTo"] < 0.8 * schedule.duration
+    assert 0.3 * schedule["duration"] < seen["clickedTo"] < 0.8 * schedule["duration"]
     assert_joints_are_the_schedules(seen["clickedJoints"], seen["clickedTo"], schedule)
     assert seen["pictureChanged"]
-    assert seen["endsAt"] == schedule.duration
-    assert seen["rowLedTo"] == pytest.approx(schedule.stages[1].start, abs=1e-12)
+    assert seen["endsAt"] == schedule["duration"]
+    assert seen["rowLedTo"] == pytest.approx(schedule["stages"][1]["start"], abs=1e-12)
+
+
+def positions(schedule: dict[str, Any], time: float) -> dict[str, float]:
+    """Returns joint positions by the cubic between two rows of schedule.json: accelerations are linear in time."""
+    rows = {name: np.array(values) for name, values in schedule["trajectory"].items()}
+    t = rows["time"]
+    k = min(int(np.searchsorted(t, time, "right")) - 1, len(t) - 2)
+    dt, span = time - t[k], t[k + 1] - t[k]
+    q, v, a = (rows[name][k] for name in ("position", "velocity", "acceleration"))
+    jerk = (rows["acceleration"][k + 1] - a) / span
+    found = q + v * dt + a * dt**2 / 2 + jerk * dt**3 / 6
+    return dict(zip(schedule["robot"]["joints"], found.tolist(), strict=True))
 
 
 def assert_joints_are_the_schedules(
-    joints: dict[str, float], time: float, schedule: Schedule
+    joints: dict[str, float], time: float, schedule: dict[str, Any]
 ) -> None:
     """Asserts that joint positions are those of the schedule."""
-    position = schedule.trajectory.at(np.array([time]))[0][0]
-    assert set(joints) == set(schedule.robot.limits.joints)
-    for joint, value in joints.items():
-        expected = position[schedule.trajectory.joints.index(joint)]
-        assert value == pytest.approx(expected, abs=1e-9), (joint, time)
+    assert joints == pytest.approx(positions(schedule, time), abs=1e-9)
 
 
-def assert_state_is_the_schedules(
-    state: dict[str, Any], schedule: Schedule, model: pin.Model, job: Job
-) -> None:
-    """Asserts that joints and tools are where schedule and pinocchio say."""
-    assert_joints_are_the_schedules(state["joints"], state["time"], schedule)
-    position = schedule.trajectory.at(np.array([state["time"]]))[0][0]
-    q = pin.neutral(model)
-    for joint, value in zip(schedule.trajectory.joints, position, strict=True):
+def assert_tools_are_pinocchios(state: dict[str, Any], plan: Planned) -> None:
+    """Asserts that tools are where pinocchio has the tool centre points of robot.urdf."""
+    model, frames, q = plan.model, plan.model.createData(), pin.neutral(plan.model)
+    for joint, value in positions(plan.schedule, state["time"]).items():
         q[model.joints[model.getJointId(joint)].idx_q] = value
-    frames = model.createData()
     pin.framesForwardKinematics(model, frames, q)
-    assert set(state["tools"]) == set(schedule.robot.arms)
-    for name, arm in schedule.robot.arms.items():
-        flange = frames.oMf[model.getFrameId(arm.flange, pin.FrameType.BODY)]
-        tool = (job.cell.base * flange * arm.tcp).translation
-        assert np.linalg.norm(tool - state["tools"][name]) < 1e-6, (name, state["time"])
+    assert set(state["tools"]) == set(plan.schedule["robot"]["arms"])
+    base = plan.schedule["robot"]["base"]
+    T_world_root = pin.XYZQUATToSE3(np.array([*base["xyz"], *base["quat_xyzw"]]))
+    for name, shown in state["tools"].items():
+        tcp = T_world_root * frames.oMf[model.getFrameId(f"{name}_tcp", pin.FrameType.BODY)]
+        assert np.linalg.norm(tcp.translation - shown) < 1e-6, (name, state["time"])
 
 
-def test_a_robot_without_solids_is_drawn(built: Path, tmp_path: Path) -> None:
+def test_a_robot_without_solids_is_drawn(built: Path, planned: Callable[[str], Planned]) -> None:
     """By its joints and what joins them."""
-    _, _, data = planned("05_two_robots")
-    bare = data | {"solids": [], "things": []}
-    seen = seen_in_browser(built, bare, np.array([0.0]), tmp_path)
+    page = planned("05_two_robots").page
+    page.write_bytes(page_html(data_of(page) | {"solids": [], "things": []}))
+    seen = seen_in_browser(built, page, [0.0])
     assert seen["errors"] == []
     assert seen["pictureChanged"]
 
 
-def test_names_with_markup_are_shown_as_text(built: Path, tmp_path: Path) -> None:
-    _, schedule, data = planned("05_two_robots")
-    task = schedule.events[0].task
-    text = json.dumps(data).replace(json.dumps(task), json.dumps(EVIL))
-    seen = seen_in_browser(built, json.loads(text) | {"title": EVIL}, np.array([0.0]), tmp_path)
+def test_names_with_markup_are_shown_as_text(
+    built: Path, planned: Callable[[str], Planned]
+) -> None:
+    plan = planned("05_two_robots")
+    task = plan.schedule["events"][0]["task"]
+    text = json.dumps(data_of(plan.page)).replace(json.dumps(task), json.dumps(EVIL))
+    plan.page.write_bytes(page_html(json.loads(text) | {"title": EVIL}))
+    seen = seen_in_browser(built, plan.page, [0.0])
     assert seen["errors"] == []
     assert seen["evil"] is None
     assert seen["elements"] == 0
     assert seen["text"].count(EVIL) >= 3
 
 
-def test_the_page_is_quick_without_a_graphics_card(built: Path, tmp_path: Path) -> None:
+def test_the_page_is_quick_without_a_graphics_card(
+    built: Path, planned: Callable[[str], Planned]
+) -> None:
     """With software rendering; only where the machine has two processors to spare, as times are wall-clock times."""
-    _, _, data = planned("04_packing")
-    seen = seen_in_browser(built, data, np.array([0.0]), tmp_path)
+    seen = seen_in_browser(built, planned("04_packing").page, [0.0])
     busy = os.getloadavg()[0] > (os.cpu_count() or 1) - 2
     slack = 2.0 if busy else 1.0
     assert seen["firstPicture"] < 1.5 * slack
