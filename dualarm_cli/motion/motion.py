@@ -18,7 +18,9 @@ from dualarm_cli.motion.stop_motion import (
     add_handover,
     add_segment,
     add_stop,
+    rates_between,
     stage_of,
+    stop_duration,
 )
 from dualarm_cli.motion.transfers import (
     PLATFORM,
@@ -206,11 +208,10 @@ def realise(
     """
     drive = Drive.of(model, job, timing, known)
     record = MotionBuilder({name: [] for name in drive.columns})
+    before: StagePlan | None = None
     for plan, after in zip(plans, waiting_for_tasks(plans), strict=True):
-        key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes())
-        if key not in drive.known.transfers:
-            drive.known.transfers[key] = transfers_within_tool_speed(drive, plan)
-        transfers = drive.known.transfers[key]
+        transfers = _transfers(drive, before, plan)
+        before = plan
         begin = record.clock
 
         def arrivals(
@@ -229,6 +230,16 @@ def realise(
             # Nothing ever moves: a free start that is also the end.
             record.add(name, hold(drive.joints(name), plans[-1].end[index], 0.0))
     return record.build(job.cell.robot)
+
+
+def _transfers(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Transfers:
+    """Returns the transfers of a stage, in motion where they come from and lead to lines that are passed in motion."""
+    rates = rates_between(drive, before, plan)
+    passed = [str(way) for one in (before, plan) if one is not None for way in one.passes.items()]
+    key: Key = (*plan.stops, plan.start.tobytes(), plan.arrival.tobytes(), *passed)
+    if key not in drive.known.transfers:
+        drive.known.transfers[key] = transfers_within_tool_speed(drive, plan, rates)
+    return drive.known.transfers[key]
 
 
 def _wait(record: MotionBuilder, drive: Drive, plan: StagePlan, waits: StageWaits) -> None:
@@ -275,11 +286,18 @@ def _add_stage(
     if pair is not None:
         ends |= add_handover(record, drive, plan, pair, ends)
     else:
+        over = {
+            name: ends[name] + stop_duration(drive, plan, arm_stop)
+            for name, arm_stop in plan.stops.items()
+        }
+        latest = begin + max((ends | over).values())
         for name, arm_stop in plan.stops.items():
-            ends[name] = add_stop(record, drive, plan, arm_stop, begin + ends[name]) - begin
+            clock = begin + ends[name]
+            ends[name] = add_stop(record, drive, plan, arm_stop, clock, latest) - begin
     length = max(ends.values())
     for name, index in drive.columns.items():
-        if ends[name] < length:
+        # What leaves in motion is the last, up to rounding.
+        if ends[name] < length and (name, "retract") not in plan.passes:
             record.add(name, hold(drive.joints(name), plan.end[index], length - ends[name]))
             if name != PLATFORM:
                 span = begin + ends[name], begin + length

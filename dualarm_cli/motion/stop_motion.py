@@ -15,7 +15,7 @@ from dualarm_cli.model.robot import JointLimits
 from dualarm_cli.model.schedule import Event, Segment, SegmentKind, Stage, WaitReason
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import MotionBuilder
-from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, Transfers
+from dualarm_cli.motion.transfers import PLATFORM, Drive, Key, Rates, Transfers
 from dualarm_cli.postures import StopProblem
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan
@@ -23,6 +23,7 @@ from dualarm_cli.postures.tracked import Tracked
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.composition import hold
+from dualarm_cli.timing.launch import Launch, reversed_in_time, solve_launch
 from dualarm_cli.timing.problem import LineProblem
 
 
@@ -96,6 +97,7 @@ def solve_line(
     limits: JointLimits,
     tool_speed: float | None,
     timing: TimingSolver,
+    launch: Launch | None = None,
 ) -> Trajectory:
     """Returns the timed motion of one arm along its approach or retract.
 
@@ -105,13 +107,22 @@ def solve_line(
         limits: of the arm's joints.
         tool_speed: cap on the speed along the line [m/s], or None.
         timing: how lines are timed.
+        launch: how it passes the line's outer end in motion; None: at rest.
 
     Raises:
         InfeasibleError: the tool cannot be kept within the tolerance.
     """
     q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
     for knots in KNOTS:
-        trajectory = timing.line(LineProblem(limits.joints, q, length, limits, tool_speed, knots))
+        if launch is None:
+            asked = LineProblem(limits.joints, q, length, limits, tool_speed, knots)
+            trajectory = timing.line(asked)
+        elif line == "retract":
+            asked = LineProblem(limits.joints, q, length, limits, tool_speed, knots)
+            trajectory = solve_launch(asked, launch)
+        else:
+            asked = LineProblem(limits.joints, q[::-1], length, limits, tool_speed, knots)
+            trajectory = reversed_in_time(solve_launch(asked, launch))
         distance, angle = line_deviation(arm_stop.problem, q, trajectory)
         if max(distance, angle) <= LINE_TOLERANCE:
             return trajectory
@@ -184,12 +195,50 @@ def add_handover(
     return {taker.arm: gripped - begin, giver.arm: away - begin}
 
 
+def timed_line(drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Trajectory:
+    """Returns the timed `approach` or `retract` of a stop in its stage, which has one; see `solve_line`."""
+    launch = plan.passes.get((arm_stop.arm, line))
+    key = (line, str(launch), *_line_key(drive.model, plan, arm_stop))
+    if key not in drive.known.lines:
+        own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+        timed = solve_line(arm_stop, line, own, drive.cap, drive.timing, launch)
+        drive.known.lines[key] = arm_stop.stop, timed
+    return drive.known.lines[key][1]
+
+
+def rates_between(drive: Drive, before: StagePlan | None, plan: StagePlan) -> Rates:
+    """Returns the rates with which arms leave the stage before and arrive at their lines, where they are in motion."""
+    found = {}
+    for name in drive.model.arms:
+        leaving = arriving = None
+        if before is not None and (name, "retract") in before.passes:
+            line = timed_line(drive, before, before.stops[name], "retract")
+            leaving = np.stack([line.velocity[-1], line.acceleration[-1]])
+        if (name, "approach") in plan.passes:
+            line = timed_line(drive, plan, plan.stops[name], "approach")
+            arriving = np.stack([line.velocity[0], line.acceleration[0]])
+        if leaving is not None or arriving is not None:
+            found[name] = leaving, arriving
+    return found
+
+
+def stop_duration(drive: Drive, plan: StagePlan, arm_stop: ArmStop) -> float:
+    """Returns how long an arm takes from where its approach begins to where its retract ends [s]."""
+    if arm_stop.tracked is not None:
+        return arm_stop.tracked.motion.duration
+    stop, length = arm_stop.stop, arm_stop.stop.dwell.total
+    for line, way in (("approach", stop.approach), ("retract", stop.retract)):
+        length += timed_line(drive, plan, arm_stop, line).duration if way > 0.0 else 0.0
+    return length
+
+
 def add_stop(
     record: MotionBuilder,
     drive: Drive,
     plan: StagePlan,
     arm_stop: ArmStop,
     clock: float,
+    over: float = 0.0,
 ) -> float:
     """Appends approach, dwell and retract of one arm; returns when they are over [s].
 
@@ -199,33 +248,30 @@ def add_stop(
         plan: the stage.
         arm_stop: what the arm does in it.
         clock: when it begins [s].
+        over: when it may be over at the earliest [s]: until then an arm that is in motion then waits at its target.
     """
-    name, model = arm_stop.arm, drive.model
-    arm, stop = model.arms[name], arm_stop.stop
-    own = drive.limits.select(arm.arm.joints)
+    name, stop = arm_stop.arm, arm_stop.stop
+    joints = drive.model.arms[name].arm.joints
 
-    def line(which: str) -> Trajectory:
-        key = (which, *_line_key(model, plan, arm_stop))
-        if key not in drive.known.lines:
-            timed = solve_line(arm_stop, which, own, drive.cap, drive.timing)
-            drive.known.lines[key] = arm_stop.stop, timed
-        return drive.known.lines[key][1]
-
-    def add(piece: Trajectory, kind: SegmentKind) -> None:
+    def add(piece: Trajectory, kind: SegmentKind, reason: WaitReason = "") -> None:
         nonlocal clock
         record.add(name, piece)
-        add_segment(record, name, kind, arm_stop, clock, clock + piece.duration)
+        add_segment(record, name, kind, arm_stop, clock, clock + piece.duration, reason)
         clock += piece.duration
 
     if arm_stop.tracked is not None:
-        return _add_tracked(record, model, plan, arm_stop, arm_stop.tracked, clock)
+        return _add_tracked(record, drive.model, plan, arm_stop, arm_stop.tracked, clock)
     if stop.approach > 0:
-        add(line("approach"), "approach")
-    record.events.append(event_of(model, plan, arm_stop, clock))
+        add(timed_line(drive, plan, arm_stop, "approach"), "approach")
+    record.events.append(event_of(drive.model, plan, arm_stop, clock))
     if stop.dwell.total > 0:
-        add(hold(arm.arm.joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
+        add(hold(joints, arm_stop.posture.q_target, stop.dwell.total), "dwell")
     if stop.retract > 0:
-        add(line("retract"), "retract")
+        away = timed_line(drive, plan, arm_stop, "retract")
+        early = over - (clock + away.duration)
+        if (name, "retract") in plan.passes and early > 0.0:
+            add(hold(joints, arm_stop.posture.q_target, early), "wait", "partner")
+        add(away, "retract")
     return clock
 
 

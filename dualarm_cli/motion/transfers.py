@@ -20,6 +20,7 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.timing import TimingSolver
 from dualarm_cli.timing.problem import TransferProblem
 from dualarm_cli.timing.rest_to_rest import rest_to_rest_duration
+from dualarm_cli.timing.ruckig_ import solve_moving_transfer
 
 PLATFORM = "platform"
 """Name of the joint group of the platform; arms' groups bear the arms' names."""
@@ -108,16 +109,24 @@ class Drive:
         return tuple(self.limits.joints[i] for i in self.columns[group])
 
 
-def time_transfers(drive: Drive, plan: StagePlan) -> Transfers:
+Rates = Mapping[str, tuple[FloatArray | None, FloatArray | None]]
+"""Velocities and accelerations, shape (2, n), with which groups leave and arrive; None: at rest."""
+
+
+def time_transfers(drive: Drive, plan: StagePlan, rates: Rates | None = None) -> Transfers:
     """Returns the transfers of one stage.
 
     An arm's transfer lasts as long as its slowest joint, or the platform's where that is slower, because its line
     starts when both are there. The platform arrives with the first arm that waits for it. In a return all arrive
-    together.
+    together, but for arms that leave in motion.
 
     Args:
         drive: of the job.
         plan: the stage.
+        rates: of arms that leave or arrive in motion.
+
+    Raises:
+        InfeasibleError: no transfer leaves and arrives in such motion.
     """
     columns, limits = drive.columns, drive.limits
     moved = np.abs(plan.arrival - plan.start)
@@ -128,35 +137,50 @@ def time_transfers(drive: Drive, plan: StagePlan) -> Transfers:
         for g, index in columns.items()
     }
     platform = times.get(PLATFORM, 0.0)
+    motion = {}
+
+    def problem(group: str, length: float) -> TransferProblem:
+        index, names = columns[group], drive.joints(group)
+        own = limits.select(names)
+        leaving, arriving = (rates or {}).get(group, (None, None))
+        return TransferProblem(
+            names, plan.start[index], plan.arrival[index], own, length, leaving, arriving
+        )
+
     lengths = {g: max(platform, times[g]) for g in times if g != PLATFORM}
+    for group in rates or {}:
+        least = platform if plan.stops else max(times.values())
+        found = solve_moving_transfer(problem(group, least))
+        if found is None:
+            raise InfeasibleError(Refusal("no_plan_on_grid"))
+        motion[group], lengths[group] = found, found.duration
     if not plan.stops:
         lengths = dict.fromkeys(times, max(times.values()))
     elif PLATFORM in times:
         lengths[PLATFORM] = min(lengths[name] for name in plan.stops)
-    motion = {}
-    for group, index in columns.items():
-        if times[group] > 0 or group in plan.stops:
-            names = drive.joints(group)
-            own = limits.select(names)
-            motion[group] = drive.timing.transfer(
-                TransferProblem(names, plan.start[index], plan.arrival[index], own, lengths[group])
-            )
+    for group in columns:
+        if group not in motion and (times[group] > 0 or group in plan.stops):
+            motion[group] = drive.timing.transfer(problem(group, lengths[group]))
     joint_times = dict(zip(limits.joints, alone.tolist(), strict=True))
     return Transfers(motion, times, joint_times, slowest)
 
 
-def transfers_within_tool_speed(drive: Drive, plan: StagePlan) -> Transfers:
+def transfers_within_tool_speed(
+    drive: Drive, plan: StagePlan, rates: Rates | None = None
+) -> Transfers:
     """Returns the transfers, slowed until no tool exceeds the cap on its speed.
 
     All joint velocity limits are lowered by one factor; accelerations and jerks stay, so that the tools reach the cap
-    as fast as before.
+    as fast as before. A transfer that leaves or arrives in motion cannot be slowed: who asks for it looks at its
+    speed (`tool_speed_of`).
 
     Args:
         drive: of the job.
         plan: the stage.
+        rates: of arms that leave or arrive in motion.
     """
-    transfers, cap, limits = time_transfers(drive, plan), drive.cap, drive.limits
-    if cap is None or not transfers.motion:
+    transfers, cap, limits = time_transfers(drive, plan, rates), drive.cap, drive.limits
+    if cap is None or not transfers.motion or rates:
         return transfers
 
     def slower(factor: float) -> Transfers:
@@ -165,20 +189,21 @@ def transfers_within_tool_speed(drive: Drive, plan: StagePlan) -> Transfers:
         slow = replace(limits, velocity=limits.velocity * factor)
         return time_transfers(replace(drive, limits=slow), plan)
 
-    def speed(tried: Transfers) -> float:
-        length = max(t.duration for t in tried.motion.values())
-        return largest_tool_speed(
-            drive.model,
-            list(drive.model.arms),
-            lambda time: _positions(plan, drive.columns, tried, time),
-            length,
-        )
-
-    best = slowed(slower, speed, cap)
+    best = slowed(slower, lambda tried: tool_speed_of(drive, plan, tried), cap)
     if best is None:
         more = {"slowest": SLOWEST}
         raise InfeasibleError(Refusal("tool_speed_too_low", allowed=cap, more=more))
     return best if best is transfers else replace(best, capped=True)
+
+
+def tool_speed_of(drive: Drive, plan: StagePlan, transfers: Transfers) -> float:
+    """Returns the largest speed of a tool in a stage's transfers [m/s]."""
+    return largest_tool_speed(
+        drive.model,
+        list(drive.model.arms),
+        lambda time: _positions(plan, drive.columns, transfers, time),
+        max(t.duration for t in transfers.motion.values()),
+    )
 
 
 T = TypeVar("T")

@@ -11,6 +11,7 @@ from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.model.job import Stop, Task
 from dualarm_cli.postures import StopPosture, StopProblem
 from dualarm_cli.postures.tracked import Tracked
+from dualarm_cli.timing.launch import Launch
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,9 @@ class StagePlan:
     """How long an arm waits before it leaves [s], for the other one to get out of its way; by arm."""
     detours: Mapping[str, Detour] = field(default_factory=dict)
     """What an arm passes by on its transfer, to be clear of the cell or the other arm; by arm."""
+    passes: Mapping[tuple[str, str], Launch] = field(default_factory=dict)
+    """How an arm passes the outer end of a line in motion, by arm and line (`approach` or `retract`); at rest where
+    there is nothing."""
 
 
 def giver_and_taker(stops: Mapping[str, ArmStop]) -> tuple[ArmStop, ArmStop] | None:

@@ -18,7 +18,7 @@ PHASES = 7
 
 @dataclass(frozen=True)
 class Phases:
-    """Stretches of constant jerk of n joints, one after the other, from rest to rest."""
+    """Stretches of constant jerk of n joints, one after the other."""
 
     duration: FloatArray
     """Lengths [s], shape (n, 7); all zero for a joint that stands."""
@@ -45,7 +45,7 @@ class Phases:
 def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: float) -> Trajectory:
     """Returns the transfer that its joints' phases make.
 
-    The last knot is exactly the goal, at rest: what rounding left over is below 1e-12 of the way. Knots nearer than
+    The last knot is exactly the goal: what rounding left over is below 1e-12 of the way. Knots nearer than
     SAME_TIME become one. Only accelerations of joints without a jerk limit jump, at two knots at one time.
 
     Args:
@@ -57,9 +57,9 @@ def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: floa
     time = distinct_times(np.append(edges.ravel(), [0.0, duration]))[0]
     right = _evaluate(edges, states, time, SAME_TIME)
     before = _evaluate(edges, states, time, -SAME_TIME)
-    # Before its first knot every joint stands.
-    before[:, 0] = 0.0
+    # Before its first knot every joint is as the problem says.
     before[0, 0] = problem.start
+    before[1:, 0] = problem.rates()[0]
     jumps: BoolArray = np.isinf(problem.limits.jerk) & (before[2] != right[2])
     left = np.where(jumps, before, right)
     index = np.repeat(np.arange(len(time)), 1 + jumps.any(axis=1))
@@ -75,7 +75,7 @@ def transfer_trajectory(problem: TransferProblem, phases: Phases, duration: floa
 def _states(
     problem: TransferProblem, phases: Phases, duration: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns starts of all phases, (n, 8), with q, v, a, j there, (4, n, 8); the eighth is rest."""
+    """Returns starts of all phases, (n, 8), with q, v, a, j there, (4, n, 8); the eighth is the goal."""
     n = len(problem.joints)
     edges, states = np.zeros((n, PHASES + 1)), np.zeros((4, n, PHASES + 1))
     np.cumsum(phases.duration, axis=1, out=edges[:, 1:])
@@ -86,11 +86,13 @@ def _states(
     q, v, a, j = states
     a[:, :-1], j[:, :-1] = phases.acceleration, phases.jerk
     q[:, 0] = problem.start
+    leaving, arriving = problem.rates()
+    v[:, 0] = leaving[0]
     for k in range(PHASES):
         d = phases.duration[:, k]
         q[:, k + 1] = q[:, k] + d * (v[:, k] + d * (a[:, k] / 2.0 + d * j[:, k] / 6.0))
         v[:, k + 1] = v[:, k] + d * (a[:, k] + d * j[:, k] / 2.0)
-    q[:, -1], v[:, -1] = problem.goal, 0.0
+    q[:, -1], v[:, -1], a[:, -1] = problem.goal, *arriving
     return edges, states
 
 

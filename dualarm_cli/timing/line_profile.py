@@ -74,7 +74,16 @@ class PathCoordinates:
             coordinate: index of the coordinate each of them shapes, shape (g,).
             per_phase: instants per phase that are looked at.
         """
-        way, sd, sdd, sddd = shapes.within_phases(per_phase)
+        return self.least_time(np.stack(shapes.within_phases(per_phase)), coordinate)
+
+    def least_time(self, profile: FloatArray, coordinate: IntArray) -> FloatArray:
+        """Returns how long profiles of way 1 in time 1 must take for every limit to hold [s], shape (g,).
+
+        Args:
+            profile: way, speed, acceleration and jerk at m instants of each, shape (4, g, m).
+            coordinate: index of the coordinate each of them shapes, shape (g,).
+        """
+        way, sd, sdd, sddd = profile
         last = self.share.shape[1] - 1
         at = coordinate[:, None], (way * last + 0.5).astype(np.int64)
         velocity = (self.speed[at] * sd).max(axis=1)
@@ -174,7 +183,7 @@ def solve_line(problem: LineProblem) -> Trajectory:
     A line on which no joint moves takes no time.
     """
     n = len(problem.joints)
-    position, law = _with_tool_speed(problem)
+    position, law = path_and_law(problem)
     if np.ptp(position, axis=0).max() == 0.0:
         return hold(problem.joints, problem.position[0], 0.0)
     share, shape = _best_shape(position, law)
@@ -269,7 +278,7 @@ def estimate_operators(samples: int) -> tuple[FloatArray, FloatArray, FloatArray
     )
 
 
-def _with_tool_speed(problem: LineProblem) -> tuple[FloatArray, RestToRest]:
+def path_and_law(problem: LineProblem) -> tuple[FloatArray, RestToRest]:
     """Returns path and limits, with the path length as one more joint where its speed is capped."""
     limits = problem.limits
     if problem.tool_speed is None:

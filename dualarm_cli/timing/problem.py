@@ -1,4 +1,4 @@
-"""What a timing solver is asked: transfers from rest to rest, and lines along a given path."""
+"""What a timing solver is asked: transfers from state to state, and lines along a given path."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dualarm_cli.model.robot import JointLimits
 
 @dataclass(frozen=True)
 class TransferProblem:
-    """From rest to rest, every joint by itself, all arriving together."""
+    """From one state to another, at rest unless it is said, every joint by itself, all arriving together."""
 
     joints: tuple[str, ...]
     """Names of the n joints."""
@@ -24,6 +24,23 @@ class TransferProblem:
     """What these joints may do."""
     minimum_duration: float = 0.0
     """Least time that the transfer may take [s]."""
+    leaving: FloatArray | None = None
+    """Velocities [rad/s] and accelerations [rad/s²] at the start, shape (2, n); None: at rest."""
+    arriving: FloatArray | None = None
+    """The same at the end."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether it begins or ends in motion."""
+        return self.leaving is not None or self.arriving is not None
+
+    def rates(self) -> tuple[FloatArray, FloatArray]:
+        """Returns velocities and accelerations at the start and at the end, shape (2, n) each."""
+        rest = np.zeros((2, len(self.joints)))
+        return (
+            rest if self.leaving is None else self.leaving,
+            rest if self.arriving is None else self.arriving,
+        )
 
     def __post_init__(self) -> None:
         """Freezes the arrays.
@@ -32,6 +49,11 @@ class TransferProblem:
             ValueError: no joints, wrong shapes, or numbers that are not finite.
         """
         n = len(self.joints)
+        for name in ("leaving", "arriving"):
+            if (rates := getattr(self, name)) is not None:
+                object.__setattr__(self, name, readonly(rates))
+                if rates.shape != (2, n) or not np.isfinite(rates).all():
+                    raise ValueError(f"{name} must be finite and of shape (2, {n}), not {rates}")
         for name in ("start", "goal"):
             values = readonly(getattr(self, name))
             object.__setattr__(self, name, values)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import IntArray
+from dualarm_cli.geometry.arrays import FloatArray, IntArray
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing import double_s
 from dualarm_cli.timing.composition import hold
@@ -20,6 +20,8 @@ SAME_POSITION = 1e-10
 """How far from its goal a joint of ruckig's may end [rad]; it promises 1e-8."""
 SAME_LIMIT = 1e-10
 """Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
+SAME_RATE = 1e-9
+"""How far from its goal's velocity a joint of ruckig's may end [rad/s]."""
 SHORTEST_PHASE = 1e-6
 """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 
@@ -47,6 +49,113 @@ def solve_transfer(problem: TransferProblem) -> Trajectory:
         rows["acceleration"][joint] = profile.a[:PHASES]
         rows["jerk"][joint] = profile.j
     return transfer_trajectory(problem, Phases(**rows), duration)
+
+
+def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
+    """Returns a transfer that begins or ends in motion, None where ruckig has no usable one.
+
+    It takes the least time in which every joint can arrive then, or the minimum duration.
+
+    Args:
+        problem: the transfer.
+    """
+    asked = MovingTransfer(problem)
+    trajectory = asked.calculated(*problem.rates())
+    if trajectory is None or not asked.is_within(trajectory):
+        return None
+    rows = {name: np.zeros((len(problem.joints), PHASES)) for name in ("t", "a", "j")}
+    (_, arriving), limits = problem.rates(), problem.limits
+    for k, profile in enumerate(trajectory.profiles[0]):
+        if not _is_usable(profile, problem.goal[k], arriving[:, k]) or (
+            max(map(abs, profile.a)) > limits.acceleration[k] * (1.0 + SAME_LIMIT)
+        ):
+            return None
+        rows["t"][k], rows["a"][k], rows["j"][k] = profile.t, profile.a[:PHASES], profile.j
+    phases = Phases(rows["t"], rows["a"], rows["j"])
+    return transfer_trajectory(problem, phases, float(trajectory.duration))
+
+
+def _is_usable(profile: Any, goal: float, arriving: FloatArray) -> bool:
+    """Returns whether a joint's profile has no part before its phases, none too short, and ends where it has to."""
+    return bool(
+        profile.brake.duration == 0.0
+        and profile.accel.duration == 0.0
+        and all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
+        and abs(profile.p[-1] - goal) <= SAME_POSITION
+        and abs(profile.v[-1] - arriving[0]) <= SAME_RATE
+    )
+
+
+class MovingTransfer:
+    """Transfers between two postures in given states of motion, of which many are tried."""
+
+    def __init__(self, problem: TransferProblem) -> None:
+        """Prepares the request; rates of the problem do not count."""
+        import ruckig
+
+        n, limits = len(problem.joints), problem.limits
+        self._request = ruckig.InputParameter(n)
+        self._request.current_position = problem.start.tolist()
+        self._request.target_position = problem.goal.tolist()
+        self._request.max_velocity = limits.velocity.tolist()
+        self._request.max_acceleration = limits.acceleration.tolist()
+        self._request.max_jerk = limits.jerk.tolist()
+        if problem.minimum_duration > 0.0:
+            self._request.minimum_duration = problem.minimum_duration
+        # Where it begins or ends outside by rounding, it may stay there.
+        ends = np.stack([problem.start, problem.goal])
+        self._lower = np.minimum(limits.lower, ends.min(axis=0))
+        self._upper = np.maximum(limits.upper, ends.max(axis=0))
+        self._solver = ruckig.Ruckig(n)
+        self._answer = ruckig.Trajectory(n)
+        self._good = (ruckig.Result.Working, ruckig.Result.Finished)
+        self._errors = (ruckig.RuckigError, ValueError)
+
+    def calculated(self, leaving: FloatArray, arriving: FloatArray) -> Any:
+        """Returns ruckig's trajectory, None where it has none; valid until the next one is asked for.
+
+        Args:
+            leaving: velocities and accelerations at the start, shape (2, n).
+            arriving: the same at the end.
+        """
+        request = self._request
+        request.current_velocity, request.current_acceleration = leaving.tolist()
+        request.target_velocity, request.target_acceleration = arriving.tolist()
+        try:
+            result = self._solver.calculate(request, self._answer)
+        except self._errors:
+            # ValueError: result codes that its Python binding does not know.
+            return None
+        return self._answer if result in self._good else None
+
+    def duration(self, leaving: FloatArray, arriving: FloatArray, most: float = np.inf) -> float:
+        """Returns how long the transfer takes [s], see `calculated`.
+
+        Infinite where there is none within the limits of position, or none that takes less than `most` [s].
+        """
+        found = self.calculated(leaving, arriving)
+        if found is None or found.duration >= most:
+            return np.inf
+        return float(found.duration) if self.is_within(found) else np.inf
+
+    def is_within(self, trajectory: Any) -> bool:
+        """Returns whether every joint keeps its limits of position on the way; ruckig's own extrema miss some."""
+        profiles = trajectory.profiles[0]
+        dt, j = (np.array([getattr(one, name) for one in profiles]) for name in ("t", "j"))
+        q, v, a = (
+            np.array([getattr(one, name)[:PHASES] for one in profiles]) for name in ("p", "v", "a")
+        )
+        low, high = self._lower[:, None], self._upper[:, None]
+        # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
+        root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
+        large = -(a + np.where(a < 0.0, -root, root))
+        for numerator, denominator in ((large, j), (2.0 * v, large)):
+            t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0.0)
+            t = np.where((t > 0.0) & (t < dt), t, 0.0)
+            at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
+            if not ((at >= low) & (at <= high)).all():
+                return False
+        return True
 
 
 def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> dict[int, Any]:

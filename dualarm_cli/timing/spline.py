@@ -66,6 +66,37 @@ def clamped_spline(
     return position, v, a
 
 
+def launch_spline(
+    time: FloatArray, position: FloatArray, last: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns positions, velocities, accelerations at the knots of a C2 cubic spline from rest to an end velocity.
+
+    It starts at rest as `rest_to_rest_spline` does, its second knot giving way, and ends as `clamped_spline`.
+
+    Args:
+        time: knots [s], increasing, shape (k,), k at least 4.
+        position: what to interpolate [rad], shape (k, n).
+        last: velocities at the end [rad/s], shape (n,).
+    """
+    h = np.diff(time)
+    q = np.array(position)
+    # The unknowns are the accelerations of all knots but the first; the last row has the end velocity.
+    below, above = h[1:].copy(), h[1:].copy()
+    diagonal = np.append(2.0 * (h[:-1] + h[1:]), 2.0 * h[-1])
+    first = h[0] ** 2
+    diagonal[0] += first / h[1] + first / h[0]
+    below[0] -= first / h[1]
+    q[1] = q[0]
+    rates = np.vstack([np.diff(q, axis=0) / h[:, None], last])
+    a = np.zeros_like(q)
+    a[1:] = _solve_tridiagonal(below, diagonal, above, 6.0 * np.diff(rates, axis=0))
+    q[1] += first * a[1] / 6.0
+    v = np.zeros_like(q)
+    v[1:] = np.cumsum(h[:, None] * (a[:-1] + a[1:]) / 2.0, axis=0)
+    v[-1] = last
+    return q, v, a
+
+
 def _solve_tridiagonal(
     below: FloatArray, diagonal: FloatArray, above: FloatArray, right: FloatArray
 ) -> FloatArray:

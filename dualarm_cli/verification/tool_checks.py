@@ -190,6 +190,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     events = {(e.arm, e.task, e.action): e for e in schedule.events}
     stops = job.stops_by_key() if job else {}
     lines = [s for s in schedule.segments if s.kind in ("approach", "retract")]
+    waits = [s for s in schedule.segments if s.kind == "wait"]
     for segment in lines:
         key = (segment.arm, segment.task, segment.action)
         where = f"{segment.kind} of {segment.task} ({segment.action}) at {segment.start:.3f} s"
@@ -202,7 +203,7 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
         _measure_line(
             schedule, model, segment, event, stops.get(key), (beside, turned, length), where
         )
-        apart.add(_apart(segment, event), where)
+        apart.add(_apart(segment, event, waits), where)
     missing = _missing_lines(lines, stops)
     if missing:
         length.add(np.inf, missing)
@@ -215,11 +216,19 @@ def check_lines(schedule: Schedule, job: Job | None, model: ToolModel) -> list[C
     ]
 
 
-def _apart(line: Segment, event: Event) -> float:
-    """Returns the time between a line and the stand-still that it leads to or from [s]."""
+def _apart(line: Segment, event: Event, waits: Sequence[Segment]) -> float:
+    """Returns the time between a line and the stand-still that it leads to or from [s].
+
+    After its dwell an arm may go on waiting at the target; that it stands then is checked of every wait.
+    """
     if line.kind == "approach":
         return abs(line.end - event.time)
-    return abs(line.start - event.time - event.dwell)
+    over = event.time + event.dwell
+    own = (event.arm, event.task, event.action)
+    for wait in waits:
+        if (wait.arm, wait.task, wait.action) == own and abs(wait.start - over) <= tol.SAME_TIME:
+            over = wait.end
+    return abs(line.start - over)
 
 
 def _measure_line(

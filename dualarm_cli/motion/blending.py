@@ -1,0 +1,199 @@
+"""Where arms need not stop: lines whose outer ends are passed in motion, chosen transfer by transfer.
+
+A retract, the transfer after it and the approach after that take R + X + A. Each line has a family of ways to pass its
+outer end (`timing/launch`), which fix the state of motion there; the transfer between two such states is ruckig's.
+The pair of ways with the least R + X + A is found by going through one line's family while the other's way is kept,
+in turns. What comes before a retract and after an approach does not change: the arm rests at its targets. So every
+transfer of every arm is a problem of its own. Our own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dualarm_cli.errors import InfeasibleError
+from dualarm_cli.geometry.arrays import FloatArray
+from dualarm_cli.motion.stop_motion import (
+    PATH_SAMPLES,
+    rates_between,
+    timed_line,
+)
+from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
+from dualarm_cli.postures.candidates import line_path
+from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
+from dualarm_cli.timing.launch import Launch, launches
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.ruckig_ import MovingTransfer
+
+ROUNDS = 4
+"""So often both lines' families are gone through at most."""
+WORTH = 1e-4
+"""What is gained by passing a line's end in motion that is worth it [s]."""
+
+
+@dataclass(frozen=True)
+class Passings:
+    """One line: how long it takes and in which state its outer end is passed; the first is at rest."""
+
+    ways: tuple[Launch | None, ...]
+    """What each way is."""
+    time: FloatArray
+    """How long the line takes [s], shape (g,)."""
+    rates: FloatArray
+    """Velocities and accelerations at the outer end, in the direction of motion, shape (g, 2, n)."""
+
+    @classmethod
+    def none(cls, joints: int) -> Passings:
+        """Returns those of no line: rest."""
+        return cls((None,), np.zeros(1), np.zeros((1, 2, joints)))
+
+    @classmethod
+    def of(cls, drive: Drive, plan: StagePlan, arm_stop: ArmStop, line: str) -> Passings:
+        """Returns those of a stop's `approach` or `retract`."""
+        own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
+        q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
+        outward = q if line == "retract" else q[::-1]
+        found = launches(LineProblem(own.joints, outward, length, own, drive.cap))
+        rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
+        sign = 1.0 if line == "retract" else -1.0
+        rates = np.stack([sign * found.velocity, found.acceleration], axis=1)
+        return cls(
+            (None, *found.ways),
+            np.append(rest, found.time),
+            np.concatenate([np.zeros((1, *rates.shape[1:])), rates]),
+        )
+
+
+def quickest_pair(
+    before: Passings, after: Passings, problem: TransferProblem, rest: float
+) -> tuple[int, int, float]:
+    """Returns which ways of two lines go best with the transfer between them, and how long all three take [s].
+
+    Args:
+        before: of the retract.
+        after: of the approach.
+        problem: the transfer; its rates do not count.
+        rest: how long it takes from rest to rest [s].
+    """
+    transfer, platform = MovingTransfer(problem), problem.minimum_duration
+    best = 0, 0, float(before.time[0] + rest + after.time[0])
+    for _ in range(ROUNDS):
+        known = best
+        for first in (True, False):
+            one, other = (before, after) if first else (after, before)
+            kept = best[1] if first else best[0]
+            for k in np.argsort(one.time, kind="stable").tolist():
+                lines = float(one.time[k] + other.time[kept])
+                if lines + platform >= best[2]:
+                    break
+                i, j = (k, kept) if first else (kept, k)
+                left = best[2] - lines
+                time = lines + transfer.duration(before.rates[i], after.rates[j], left)
+                if time < best[2]:
+                    best = i, j, time
+        if best == known:
+            break
+    return best
+
+
+def blended(
+    drive: Drive, plans: Sequence[StagePlan], kept: Collection[tuple[int, str]] = ()
+) -> list[StagePlan]:
+    """Returns the stages with the ways in which their lines' outer ends are passed.
+
+    At rest remain what waits there or is bent, hand-overs, and parts on conveyors.
+
+    Args:
+        drive: of the job.
+        plans: its stages, from rest to rest.
+        kept: transfers that stay as they are, by the stage that they lead to and arm.
+    """
+    found = list(plans)
+    for k, plan in enumerate(plans):
+        before = plans[k - 1] if k else None
+        platform = _platform_time(drive, plan)
+        for name in drive.model.arms:
+            if (k, name) in kept or name in plan.waits or name in plan.detours:
+                continue
+            ways = _ways(drive, before, plan, name, platform)
+            if ways is None:
+                continue
+            trial = list(found)
+            retract, approach = ways
+            if retract is not None:
+                passes = {**trial[k - 1].passes, (name, "retract"): retract}
+                trial[k - 1] = replace(trial[k - 1], passes=passes)
+            if approach is not None:
+                passes = {**trial[k].passes, (name, "approach"): approach}
+                trial[k] = replace(trial[k], passes=passes)
+            if _holds(drive, trial[k - 1] if k else None, trial[k], name):
+                found = trial
+    return found
+
+
+def _platform_time(drive: Drive, plan: StagePlan) -> float:
+    index = drive.columns.get(PLATFORM)
+    if index is None:
+        return 0.0
+    limits = drive.limits
+    law = RestToRest(*(x[index] for x in (limits.velocity, limits.acceleration, limits.jerk)))
+    return float(law.duration(plan.arrival[index] - plan.start[index]))
+
+
+def _waits_for_time(plan: StagePlan) -> bool:
+    """Returns whether all may have to wait before a stage begins."""
+    return any(
+        one.stop.belt is not None or one.task.not_before > 0.0 for one in plan.stops.values()
+    )
+
+
+def _ways(
+    drive: Drive, before: StagePlan | None, plan: StagePlan, name: str, platform: float
+) -> tuple[Launch | None, Launch | None] | None:
+    """Returns how an arm passes the ends of the lines about its transfer, None where it stops at both."""
+    arm = drive.model.arms[name]
+    index, limits = arm.columns, drive.limits.select(arm.arm.joints)
+    start, goal = plan.start[index], plan.arrival[index]
+    handing = giver_and_taker(plan.stops) is not None
+    ends = [Passings.none(len(index))] * 2
+    last = before.stops.get(name) if before is not None else None
+    if (
+        before is not None
+        and last is not None
+        and last.stop.retract > 0.0
+        and last.tracked is None
+        and giver_and_taker(before.stops) is None
+        and not _waits_for_time(plan)
+    ):
+        ends[0] = Passings.of(drive, before, last, "retract")
+    following = plan.stops.get(name)
+    if (
+        following is not None
+        and following.stop.approach > 0.0
+        and following.tracked is None
+        and not handing
+    ):
+        ends[1] = Passings.of(drive, plan, following, "approach")
+    if len(ends[0].ways) == len(ends[1].ways) == 1 or np.array_equal(start, goal):
+        return None
+    problem = TransferProblem(limits.joints, start, goal, limits, platform)
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    rest = max(platform, float(law.duration(goal - start)))
+    i, j, time = quickest_pair(*ends, problem, rest)
+    if time > float(ends[0].time[0] + rest + ends[1].time[0]) - WORTH:
+        return None
+    return ends[0].ways[i], ends[1].ways[j]
+
+
+def _holds(drive: Drive, before: StagePlan | None, plan: StagePlan, name: str) -> bool:
+    """Returns whether lines and transfer of an arm can be timed as estimated, within the tool's speed."""
+    try:
+        rates = rates_between(drive, before, plan)
+        transfers = time_transfers(drive, plan, {name: rates[name]})
+    except InfeasibleError:
+        return False
+    return drive.cap is None or tool_speed_of(drive, plan, transfers) <= drive.cap
