@@ -159,7 +159,7 @@ def _ways(
     index, limits = arm.columns, drive.limits.select(arm.arm.joints)
     start, goal = plan.start[index], plan.arrival[index]
     handing = giver_and_taker(plan.stops) is not None
-    ends = [Passings.none(len(index))] * 2
+    retract = approach = Passings.none(len(index))
     last = before.stops.get(name) if before is not None else None
     if (
         before is not None
@@ -169,7 +169,7 @@ def _ways(
         and giver_and_taker(before.stops) is None
         and not _waits_for_time(plan)
     ):
-        ends[0] = Passings.of(drive, before, last, "retract")
+        retract = Passings.of(drive, before, last, "retract")
     following = plan.stops.get(name)
     if (
         following is not None
@@ -177,16 +177,16 @@ def _ways(
         and following.tracked is None
         and not handing
     ):
-        ends[1] = Passings.of(drive, plan, following, "approach")
-    if len(ends[0].ways) == len(ends[1].ways) == 1 or np.array_equal(start, goal):
+        approach = Passings.of(drive, plan, following, "approach")
+    if len(retract.ways) == len(approach.ways) == 1 or np.array_equal(start, goal):
         return None
     problem = TransferProblem(limits.joints, start, goal, limits, platform)
     law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
     rest = max(platform, float(law.duration(goal - start)))
-    i, j, time = quickest_pair(*ends, problem, rest)
-    if time > float(ends[0].time[0] + rest + ends[1].time[0]) - WORTH:
+    i, j, time = quickest_pair(retract, approach, problem, rest)
+    if time > float(retract.time[0] + rest + approach.time[0]) - WORTH:
         return None
-    return ends[0].ways[i], ends[1].ways[j]
+    return retract.ways[i], approach.ways[j]
 
 
 def _holds(drive: Drive, before: StagePlan | None, plan: StagePlan, name: str) -> bool:

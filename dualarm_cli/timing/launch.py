@@ -11,7 +11,6 @@ from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.line_profile import PathCoordinates, path_and_law
 from dualarm_cli.timing.problem import LineProblem
-from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.shapes import interpolate_samples
 from dualarm_cli.timing.spline import largest_rates, launch_spline
 
