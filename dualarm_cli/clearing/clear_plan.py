@@ -13,15 +13,17 @@ from dualarm_cli.collision.lying import too_near
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
+from dualarm_cli.motion.blending import blended
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
-from dualarm_cli.motion.transfers import Known
+from dualarm_cli.motion.transfers import Drive, Known
 from dualarm_cli.motion.waiting import transfer_ends
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.postures.stage_plan import StagePlan, same_postures
 from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.search.clearance import Barred
+from dualarm_cli.stages.serving import with_stopping_room
 from dualarm_cli.timing import TimingSolver
 
 MOST_PAIRS = 30
@@ -237,13 +239,18 @@ class ClearedPlan:
     """Whether other postures or platform angles were needed."""
     checked: bool = True
     """Whether anything had to be collision-free."""
+    gain: float | None = None
+    """How much shorter the plan is than with stops at the outer ends of lines [s]; None where tools stop there."""
 
     @property
     def cost(self) -> float | None:
-        """How much longer the plan is than the unchecked one [s]; None where nothing had to be collision-free."""
+        """How much longer the plan, with all stops, is than the unchecked one [s].
+
+        None where nothing had to be collision-free.
+        """
         if not self.checked:
             return None
-        return self.cleared.motion.trajectory.duration - self.unchecked
+        return self.cleared.motion.trajectory.duration + (self.gain or 0.0) - self.unchecked
 
 
 def quickest_clear(
@@ -255,7 +262,91 @@ def quickest_clear(
     clear: bool = True,
     crossing: bool = True,
 ) -> ClearedPlan:
-    """Returns the quickest plan of a method that is collision-free.
+    """Returns the quickest plan of a method that is collision-free, see `_quickest_with_stops`.
+
+    Where the problem allows it, tools then pass the outer ends of lines in motion; the method keeps joints so far from
+    their limits of position that they can.
+
+    Args:
+        problem: what the method is asked.
+        solve: the method.
+        timing: how motions are timed.
+        progress: receives what is being done.
+        clear: whether anything has to be collision-free.
+        crossing: whether arms have to be clear of one another.
+
+    Raises:
+        InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
+    """
+    lines = any(s.approach or s.retract for task in problem.job.tasks for s in task.stops)
+    if not (problem.blend and lines):
+        return _quickest_with_stops(
+            problem, solve, timing, progress, clear=clear, crossing=crossing
+        )
+    roomy = with_stopping_room(problem)
+    known = Known()
+
+    def solved(asked: MethodProblem) -> Decided:
+        try:
+            job = replace(asked.job, cell=roomy.job.cell)
+            return solve(replace(asked, model=roomy.model, job=job))
+        except InfeasibleError:
+            return solve(asked)
+
+    found = _quickest_with_stops(problem, solved, timing, progress, clear=clear, crossing=crossing)
+    progress("blending lines and transfers")
+    drive = Drive.of(problem.model, problem.job, timing, known)
+    holding = Holding.of(problem.job, crossing=crossing) if clear else None
+    clearing = None
+    if holding is not None:
+        clearing = Clearing(problem.model, problem.job, holding, timing, problem.seed, known)
+    return _blended(found, drive, problem.job, clearing)
+
+
+BLEND_ROUNDS = 6
+"""So often transfers in motion that collide are exchanged for those with stops."""
+
+
+def _blended(found: ClearedPlan, drive: Drive, job: Job, clearing: Clearing | None) -> ClearedPlan:
+    """Returns a plan whose tools pass the outer ends of lines in motion, wherever that is collision-free.
+
+    Args:
+        found: the plan with all stops.
+        drive: of the job.
+        job: what is to be done.
+        clearing: for what has to be collision-free; None where nothing has to.
+    """
+    before = found.cleared.motion
+    kept: set[tuple[int, str]] = set()
+    for _ in range(BLEND_ROUNDS):
+        plans = blended(drive, found.cleared.plans, kept)
+        motion = realise(drive.model, job, plans, drive.timing, drive.known)
+        touching = clearing.touching(plans, motion) if clearing is not None else []
+        if not touching:
+            break
+        # A stage has the transfers to its lines, and ends as those of the next one begin.
+        kept |= {(k + more, name) for k in touching for more in (0, 1) for name in drive.model.arms}
+    gain = before.trajectory.duration - motion.trajectory.duration
+    if touching or gain <= 0.0:
+        return replace(found, gain=0.0)
+    stages = tuple(
+        replace(stage, saved=(other.end - other.start) - (stage.end - stage.start))
+        for stage, other in zip(motion.stages, before.stages, strict=True)
+    )
+    cleared = Cleared(plans, replace(motion, stages=stages), ())
+    return replace(found, cleared=cleared, gain=gain)
+
+
+def _quickest_with_stops(
+    problem: MethodProblem,
+    solve: Callable[[MethodProblem], Decided],
+    timing: TimingSolver,
+    progress: Callable[[str], None],
+    *,
+    clear: bool = True,
+    crossing: bool = True,
+) -> ClearedPlan:
+    """Returns the quickest plan of a method that is collision-free, with all tools stopping at both ends of lines.
 
     The method decides without collision checking. Where that plan is collision-free, or repairing it costs next to
     nothing, it is the plan. Otherwise the method decides anew with collision checking, and again without stages that
@@ -351,7 +442,7 @@ def quickest_clear(
             return found
         progress("comparing with the plan of less effort")
         try:
-            other = quickest_clear(
+            other = _quickest_with_stops(
                 replace(problem, effort=less),
                 solve,
                 timing,

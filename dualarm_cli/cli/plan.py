@@ -14,6 +14,8 @@ import typer
 
 from dualarm_cli.cli.parts.completion import complete_job
 from dualarm_cli.cli.parts.options import (
+    Blend,
+    BlendOption,
     Effort,
     EffortOption,
     PlatformOption,
@@ -76,6 +78,7 @@ def plan_command(
     platform: PlatformOption = None,
     redundancy: RedundancyOption = None,
     timing: TimingOption = "ruckig",
+    blend: BlendOption = Blend.lines,
     effort: EffortOption = Effort.normal,
     time_limit: TimeLimitOption = None,
     rate: Annotated[
@@ -146,6 +149,7 @@ def plan_command(
             platform=platform,
             redundancy=redundancy,
             timing=timing,
+            blend=blend,
             effort=effort,
             time_limit=time_limit,
             rate=rate,
@@ -164,7 +168,9 @@ def plan_command(
         refuse_plot(file, force)
     if rate is not None:
         refuse_rate(job, rate)
-    settings = PlanSettings(timing=timing, effort=effort.value, seed=seed, time_limit=limit)
+    settings = PlanSettings(
+        timing=timing, blend=blend.value, effort=effort.value, seed=seed, time_limit=limit
+    )
     settings = with_redundancy(settings.naming(platform=platform), redundancy)
     schedule = _plan_and_verify(job, settings, quiet)
     rate, notes = served_rate(schedule.duration, rate or RATE)

@@ -12,6 +12,8 @@ import typer
 
 from dualarm_cli.cli.parts.evaluating import evaluators, open_store, say_unkept
 from dualarm_cli.cli.parts.options import (
+    Blend,
+    BlendOption,
     Effort,
     EffortOption,
     PlatformOption,
@@ -65,6 +67,7 @@ def score_command(
     platform: PlatformOption = None,
     redundancy: RedundancyOption = None,
     timing: TimingOption = "ruckig",
+    blend: BlendOption = Blend.lines,
     effort: EffortOption = Effort.normal,
     seed: SeedOption = 0,
     jobs: JobsOption = None,
@@ -116,6 +119,7 @@ def score_command(
             platform=platform,
             redundancy=redundancy,
             timing=timing,
+            blend=blend.value,
             effort=effort.value,
             seed=seed,
             page=pages is not None,

@@ -67,7 +67,9 @@ def settings_of(request: Request) -> PlanSettings:
     Raises:
         UnknownSolverError: no family has a solver that is named.
     """
-    plain = PlanSettings(timing=request.timing, effort=request.effort, seed=request.seed)
+    plain = PlanSettings(
+        timing=request.timing, blend=request.blend, effort=request.effort, seed=request.seed
+    )
     settings = with_redundancy(plain.naming(platform=request.platform), request.redundancy)
     METHODS[settings.platform]
     TIMING_SOLVERS[settings.timing]

@@ -23,6 +23,8 @@ class Request:
     """Solver that a person asked for, as `plan --redundancy` names it."""
     timing: str = "ruckig"
     """Timing solver."""
+    blend: str = "lines"
+    """Where tools do not stop: lines or none."""
     effort: str = "normal"
     """quick, normal or thorough."""
     seed: int = 0
@@ -57,7 +59,7 @@ class Request:
         """What it is planned by, without what is planned."""
         return {
             name: getattr(self, name)
-            for name in ("platform", "redundancy", "timing", "effort", "seed")
+            for name in ("platform", "redundancy", "timing", "blend", "effort", "seed")
         }
 
     def as_document(self) -> dict[str, Any]:

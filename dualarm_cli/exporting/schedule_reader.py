@@ -70,6 +70,7 @@ def read_schedule(path: Path) -> Schedule:
         grid_gap=reader.number(document, "grid_gap", "grid_gap", None),
         order_grid_gap=reader.number(document, "order_grid_gap", "order_grid_gap", None),
         clearance_cost=reader.number(document, "clearance_cost", "clearance_cost", None),
+        blend_gain=reader.number(document, "blend_gain", "blend_gain", None),
         notes=tuple(reader.names(document, "notes", "notes", ())),
         extra=reader.stated(document),
     )
@@ -290,4 +291,5 @@ class _Reader(JsonReader):
             joint_times=self.times(row, "joint_times", path),
             bottleneck=self.text(row, "bottleneck", f"{path}.bottleneck"),
             arm=arm,
+            saved=self.number(row, "saved", f"{path}.saved", 0.0) or 0.0,
         )

@@ -127,6 +127,9 @@ class Stop:
     belt: OnBelt | None = None
     """The conveyor that its pose moves with, None where it stands; approach, dwell and retract are in the belt's
     frame."""
+    straight: float = math.inf
+    """How much of approach and retract, next to the target, has to be straight where tools do not stop at their outer
+    ends [m]."""
 
     @property
     def moves(self) -> bool:
@@ -143,6 +146,13 @@ class Stop:
     def window(self) -> tuple[float, float]:
         """The first and the last instant at which the tool may come to it [s], by itself: any where it stands."""
         return (0.0, math.inf) if self.belt is None else (self.belt.passes, self.belt.last)
+
+    def straight_part(self) -> Stop:
+        """Returns the stop with only as much of its lines as has to be straight; what moves with a belt stays."""
+        if self.moves:
+            return self
+        approach, retract = (min(way, self.straight) for way in (self.approach, self.retract))
+        return replace(self, approach=approach, retract=retract)
 
     def met(self, time: float) -> Stop:
         """Returns the stop with its target where the conveyor has it at a time [s]; the same where nothing moves."""
@@ -303,6 +313,14 @@ class Job:
     begin: FloatArray | None = field(default=None, compare=False)
     """All joints where the motion starts [rad or m], shape (n,), where that is no posture of the robot; of a part of a
     job, whose start is then only a name."""
+
+    def with_straight_parts(self) -> Job:
+        """Returns the job whose lines are only as long as they have to be straight."""
+        tasks = tuple(
+            replace(task, stops=tuple(stop.straight_part() for stop in task.stops))
+            for task in self.tasks
+        )
+        return replace(self, tasks=tasks)
 
     @property
     def start_posture(self) -> str:

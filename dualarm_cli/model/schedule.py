@@ -113,6 +113,8 @@ class Stage:
     task file does; empty where nothing moves."""
     arm: str = ""
     """The arm whose stage it is by its own clock; empty where it is both arms'."""
+    saved: float = 0.0
+    """How much shorter it is than with stops at the outer ends of lines [s]."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +210,9 @@ class Schedule:
     nothing of their plans; None where the order was given or no bound is known."""
     clearance_cost: float | None = None
     """How much longer it is than the same method's plan where nothing has to be collision-free [s], or None."""
+    blend_gain: float | None = None
+    """How much shorter it is than the same stages with stops at the outer ends of lines [s]; None where tools stop
+    there."""
     verification: Verification | None = None
     """The judgement, once there is one."""
     notes: tuple[str, ...] = ()

@@ -18,6 +18,8 @@ class PlanSettings:
     """Timing solver."""
     effort: str = "normal"
     """quick, normal or thorough: how hard methods and the lower bound try."""
+    blend: str = "lines"
+    """Where tools do not stop: `lines`, at the outer ends of approaches and retracts, or `none`."""
     follower: str | None = None
     """Method that finds the joints on paths; None for what the task file says."""
     seam_solver: str | None = None

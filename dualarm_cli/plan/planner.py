@@ -137,7 +137,12 @@ def plan_without_bound(
     watch.kept = None
     watch.tell("reading the robot")
     model = cell_model(job.cell, settings.redundancy)
-    problem = MethodProblem(model, job, settings.redundancy, settings.effort, settings.seed)
+    blend = settings.blend != "none"
+    if blend:
+        job = job.with_straight_parts()
+    problem = MethodProblem(
+        model, job, settings.redundancy, settings.effort, settings.seed, blend=blend
+    )
     if reason := method.why_unsupported(problem):
         raise UnsupportedError(f"--platform {method.name} cannot plan {robot.name}: {reason}")
     found = _until_seen_enough(
@@ -278,7 +283,12 @@ def _decided_plan(
         *clearance_notes([(found, 1)]),
     )
     schedule = _schedule(job, settings, motion, notes)
-    return replace(schedule, grid_gap=found.decided.grid_gap, clearance_cost=found.cost)
+    return replace(
+        schedule,
+        grid_gap=found.decided.grid_gap,
+        clearance_cost=found.cost,
+        blend_gain=found.gain,
+    )
 
 
 def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str, ...]) -> Schedule:

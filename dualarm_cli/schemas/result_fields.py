@@ -50,6 +50,10 @@ _STAGES = {
         "the cap on the tools' speed decides, `duration` where the task file gives the time; empty where nothing "
         "moves.",
     ),
+    "stages[].saved": (
+        "s",
+        "How much shorter the stage is than with stops at the outer ends of lines.",
+    ),
 }
 
 SCHEDULE: dict[str, tuple[str, str]] = {
@@ -95,6 +99,11 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "clearance_cost": (
         "s",
         "How much longer the plan is than the same method's plan without collision checking.",
+    ),
+    "blend_gain": (
+        "s",
+        "How much shorter the plan is than the same stages with stops at the outer ends of lines; none where tools "
+        "stop there.",
     ),
     **_STAGES,
     "stages[].arm": (

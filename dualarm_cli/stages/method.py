@@ -38,6 +38,8 @@ class MethodProblem:
     """Its stages that do not, or only at a cost; the number of stages stands for the return."""
     start: Decisions | None = None
     """A plan to begin a search with: that which an order was chosen by."""
+    blend: bool = False
+    """Whether tools may pass the outer ends of lines in motion."""
     patient: bool = True
     """Whether stages in which arms touch at their stops are repaired and decided once more; else the order
     will be changed, which is what helps most."""

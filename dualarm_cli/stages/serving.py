@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from dualarm_cli.kinematics.cell_model import CellModel
 from dualarm_cli.model.cell import Cell
+from dualarm_cli.model.job import ANY, JointTarget
 from dualarm_cli.model.robot import Robot
 from dualarm_cli.model.settings import PlanSettings
+from dualarm_cli.stages.method import MethodProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
 
 CLOSED_FORMS, NUMERIC = "arm_angle", "numeric"
 """Redundancy solvers: of arms with closed forms, and of any arms."""
@@ -98,3 +103,45 @@ def why_unserved(method: str, redundancy: str, robot: Robot) -> str | None:
 def _which(robot: Robot) -> str:
     names = robot.without_closed_form
     return f"{' and '.join(names)} {'arm is' if len(names) == 1 else 'arms are'}"
+
+
+ROOM = 0.1
+"""Share of its way from full speed to rest that a joint keeps free towards its limits of position."""
+MOST_ROOM = 0.05
+"""Share of its range that it keeps free at most."""
+
+
+def with_stopping_room(problem: MethodProblem) -> MethodProblem:
+    """Returns a problem whose arms keep away from their limits of position.
+
+    What passes the outer end of a line in motion comes to rest beyond it. Wherever joints are given, they are allowed.
+
+    Args:
+        problem: with the robot's own limits.
+    """
+    job, robot = problem.job, problem.job.cell.robot
+    limits = robot.limits
+    law = RestToRest(limits.velocity, limits.acceleration, limits.jerk)
+    span = limits.upper - limits.lower
+    way = np.where(np.isfinite(span), span, 0.0) + 1.0
+    ramps = law.per_joint(way * 1e3) - way * 1e3 / limits.velocity
+    room = np.minimum(ROOM * 0.5 * limits.velocity * ramps, MOST_ROOM * span)
+    room[problem.model.platform_columns] = 0.0
+    lower, upper = limits.lower + room, limits.upper - room
+    start = np.array(job.start_joints)
+    lower, upper = np.minimum(lower, start), np.maximum(upper, start)
+    for task in job.tasks:
+        for stop in task.stops:
+            if isinstance(stop.target, JointTarget):
+                for arm in robot.arms if task.arm == ANY else [robot.arm(task.arm)]:
+                    columns = robot.columns(arm.joints)
+                    given = stop.target.configurations
+                    if given.shape[1] == len(columns):
+                        lower[columns] = np.minimum(lower[columns], given.min(axis=0))
+                        upper[columns] = np.maximum(upper[columns], given.max(axis=0))
+    roomy = replace(robot, limits=replace(limits, lower=lower, upper=upper))
+    cell = replace(job.cell, robot=roomy)
+    model = cell_model(cell, problem.redundancy)
+    # Whether the platform is held is the problem's.
+    model = replace(model, platform=problem.model.platform)
+    return replace(problem, model=model, job=replace(job, cell=cell))

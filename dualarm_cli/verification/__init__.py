@@ -94,6 +94,9 @@ def _judged(schedule: Schedule, job: Job | None, clearance: bool) -> Verificatio
         )
     if job is not None:
         schedule = replace(schedule, robot=_robot_of(job, trajectory.joints))
+        if schedule.provenance.settings.get("blend", "none") != "none":
+            # It says that only so much of its lines is straight as the job asks for then.
+            job = job.with_straight_parts()
     model = ToolModel(schedule)
     known = _of_known_arms(schedule)
     # What needs an arm for every task takes the one that did it; whether it may have is for the check of the order.

@@ -20,6 +20,13 @@ class Effort(StrEnum):
     thorough = "thorough"
 
 
+class Blend(StrEnum):
+    """Where tools do not stop."""
+
+    lines = "lines"
+    none = "none"
+
+
 EffortOption = Annotated[
     Effort, typer.Option("--effort", help="How hard to try: more planning time for a faster plan.")
 ]
@@ -48,6 +55,13 @@ RedundancyOption = Annotated[
 TimingOption = Annotated[
     str,
     typer.Option("--timing", help="Timing solver.", autocompletion=complete_solver("timing")),
+]
+BlendOption = Annotated[
+    Blend,
+    typer.Option(
+        "--blend",
+        help="Where tools do not stop: at the outer ends of approaches and retracts, or nowhere.",
+    ),
 ]
 TimeLimitOption = Annotated[
     str | None,

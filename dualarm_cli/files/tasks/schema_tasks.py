@@ -18,6 +18,7 @@ from dualarm_cli.files.source.fields import (
     Section,
     SpeedFraction,
     StraightLine,
+    StraightPart,
     refuse,
 )
 from dualarm_cli.files.source.quantity_schemas import quantity_schema
@@ -156,6 +157,10 @@ class TaskSection(TaskHead):
     retract: StraightLine | None = Field(
         default=None, description="Straight retract along the tool's z axis [m]."
     )
+    straight: StraightPart | None = Field(
+        default=None,
+        description="How much of approach and retract, next to the target, must be straight [m].",
+    )
     dwell: Dwell | None = Field(
         default=None, description="Time at each target [s], one number or its shares."
     )
@@ -174,10 +179,10 @@ class DefaultsSection(Section):
     part: Name | None = Field(
         default=None, description="Kind of part carried from pick to place, as the cell names it."
     )
-    straight: StraightLine | None = Field(
+    straight: StraightPart | None = Field(
         default=None,
-        description="How much of a line must be straight [m]; not used in this version, with a note: every approach "
-        "and retract is straight over its whole length.",
+        description="How much of approach and retract, next to the target, must be straight [m]; all of it where "
+        "nothing is said, or where a line is shorter.",
     )
     dwell_motion: Literal["allowed", "forbidden"] | None = Field(
         default=None,

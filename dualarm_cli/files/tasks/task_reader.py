@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any
 
@@ -309,7 +309,10 @@ class TaskReader:
             if target is None:
                 continue
             around = self._surroundings(section, action == "move")
+            straight = section.straight if section.straight is not None else self.defaults.straight
             stop = Stop(action, target, *around, self.place(place))
+            if straight is not None:
+                stop = replace(stop, straight=straight)
             for kind in self._kinds:
                 stop = kind.stop(self, target_section, place, stop)
             stops.append(stop)

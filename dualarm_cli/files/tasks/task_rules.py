@@ -166,10 +166,6 @@ def check_sequences(
 def permission_notes(model: TasksFile) -> list[str]:
     """Returns notes on what the file permits or demands and the present planner does not use."""
     defaults, notes = model.defaults, []
-    if defaults.straight is not None:
-        notes.append(
-            "straight: not used; every approach and retract is straight over its whole length"
-        )
     for key in ("dwell_motion", "line_motion"):
         if getattr(defaults, key) == "allowed":
             during = "dwells" if key == "dwell_motion" else "lines"
