@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -239,8 +239,6 @@ class ClearedPlan:
     """Whether other postures or platform angles were needed."""
     checked: bool = True
     """Whether anything had to be collision-free."""
-    gain: float | None = None
-    """How much shorter the plan is than with stops at the outer ends of lines [s]; None where tools stop there."""
 
     @property
     def cost(self) -> float | None:
@@ -250,7 +248,8 @@ class ClearedPlan:
         """
         if not self.checked:
             return None
-        return self.cleared.motion.trajectory.duration + (self.gain or 0.0) - self.unchecked
+        motion = self.cleared.motion
+        return motion.trajectory.duration + (motion.gain or 0.0) - self.unchecked
 
 
 def quickest_clear(
@@ -278,13 +277,38 @@ def quickest_clear(
     Raises:
         InfeasibleError: no posture reaches a target, or nothing that was found is collision-free.
     """
-    lines = any(s.approach or s.retract for task in problem.job.tasks for s in task.stops)
-    if not (problem.blend and lines):
+    if not has_blends(problem):
         return _quickest_with_stops(
             problem, solve, timing, progress, clear=clear, crossing=crossing
         )
+    found = _quickest_with_stops(
+        problem,
+        with_room(problem, solve),
+        timing,
+        progress,
+        clear=clear,
+        crossing=crossing,
+    )
+    progress("blending lines and transfers")
+    return blended_plan(problem, found, timing, clear=clear, crossing=crossing)
+
+
+def has_blends(problem: MethodProblem) -> bool:
+    """Returns whether there are lines whose outer ends tools may pass in motion."""
+    stops = (stop for task in problem.job.tasks for stop in task.stops)
+    return problem.blend and any(stop.approach > 0.0 or stop.retract > 0.0 for stop in stops)
+
+
+def with_room(
+    problem: MethodProblem, solve: Callable[[MethodProblem], Decided]
+) -> Callable[[MethodProblem], Decided]:
+    """Returns a method that keeps joints so far from their limits that tools can pass lines' ends in motion.
+
+    Args:
+        problem: what it is asked, now and in variations.
+        solve: the method; it serves where that leaves no plan.
+    """
     roomy = with_stopping_room(problem)
-    known = Known()
 
     def solved(asked: MethodProblem) -> Decided:
         try:
@@ -293,48 +317,56 @@ def quickest_clear(
         except InfeasibleError:
             return solve(asked)
 
-    found = _quickest_with_stops(problem, solved, timing, progress, clear=clear, crossing=crossing)
-    progress("blending lines and transfers")
-    drive = Drive.of(problem.model, problem.job, timing, known)
-    holding = Holding.of(problem.job, crossing=crossing) if clear else None
-    clearing = None
-    if holding is not None:
-        clearing = Clearing(problem.model, problem.job, holding, timing, problem.seed, known)
-    return _blended(found, drive, problem.job, clearing)
+    return solved
 
 
 BLEND_ROUNDS = 6
 """So often transfers in motion that collide are exchanged for those with stops."""
 
 
-def _blended(found: ClearedPlan, drive: Drive, job: Job, clearing: Clearing | None) -> ClearedPlan:
+def blended_plan(
+    problem: MethodProblem,
+    found: ClearedPlan,
+    timing: TimingSolver,
+    stopping: Collection[tuple[int, str]] = (),
+    *,
+    clear: bool = True,
+    crossing: bool = True,
+) -> ClearedPlan:
     """Returns a plan whose tools pass the outer ends of lines in motion, wherever that is collision-free.
 
     Args:
+        problem: what was asked.
         found: the plan with all stops.
-        drive: of the job.
-        job: what is to be done.
-        clearing: for what has to be collision-free; None where nothing has to.
+        timing: how motions are timed.
+        stopping: transfers between stops all the same, by the stage that they lead to and arm.
+        clear: whether anything has to be collision-free.
+        crossing: whether arms have to be clear of one another.
     """
-    before = found.cleared.motion
-    kept: set[tuple[int, str]] = set()
+    model, job, known = problem.model, problem.job, Known()
+    drive = Drive.of(model, job, timing, known)
+    clearing = None
+    if clear:
+        holding = Holding.of(job, crossing=crossing)
+        clearing = Clearing(model, job, holding, timing, problem.seed, known)
+    before, kept = found.cleared.motion, set(stopping)
     for _ in range(BLEND_ROUNDS):
         plans = blended(drive, found.cleared.plans, kept)
-        motion = realise(drive.model, job, plans, drive.timing, drive.known)
+        motion = realise(model, job, plans, timing, known)
         touching = clearing.touching(plans, motion) if clearing is not None else []
         if not touching:
             break
         # A stage has the transfers to its lines, and ends as those of the next one begin.
-        kept |= {(k + more, name) for k in touching for more in (0, 1) for name in drive.model.arms}
+        kept |= {(k + more, name) for k in touching for more in (0, 1) for name in model.arms}
     gain = before.trajectory.duration - motion.trajectory.duration
     if touching or gain <= 0.0:
-        return replace(found, gain=0.0)
+        return replace(found, cleared=replace(found.cleared, motion=replace(before, gain=0.0)))
     stages = tuple(
         replace(stage, saved=(other.end - other.start) - (stage.end - stage.start))
         for stage, other in zip(motion.stages, before.stages, strict=True)
     )
-    cleared = Cleared(plans, replace(motion, stages=stages), ())
-    return replace(found, cleared=cleared, gain=gain)
+    motion = replace(motion, stages=stages, gain=gain)
+    return replace(found, cleared=Cleared(plans, motion, ()))
 
 
 def _quickest_with_stops(

@@ -34,6 +34,8 @@ class Motion:
     """Arm by arm, in time order."""
     events: tuple[Event, ...]
     """In time order."""
+    gain: float | None = None
+    """How much shorter it is than with stops at the outer ends of lines [s]; None where tools stop there."""
 
     @cached_property
     def event_of(self) -> Mapping[tuple[int, str], Event]:
@@ -76,6 +78,8 @@ class MotionBuilder:
     """What tools come to."""
     clock: float = 0.0
     """When what is added next begins [s]."""
+    gain: float | None = None
+    """How much shorter the motions that were added are than with stops at the outer ends of lines [s]."""
 
     def add(self, group: str, piece: Trajectory) -> None:
         """Appends a motion of a joint group; the clock stays, as other groups move meanwhile."""
@@ -89,6 +93,8 @@ class MotionBuilder:
     def append(self, motion: Motion) -> None:
         """Appends a motion of all joints with what happens in it."""
         t = self.clock
+        if motion.gain is not None:
+            self.gain = (self.gain or 0.0) + motion.gain
         self.stages += [replace(s, start=s.start + t, end=s.end + t) for s in motion.stages]
         self.segments += [replace(s, start=s.start + t, end=s.end + t) for s in motion.segments]
         self.events += [replace(e, time=e.time + t) for e in motion.events]
@@ -154,6 +160,7 @@ class MotionBuilder:
             tuple(self.stages),
             with_ends(segments, events),
             tuple(sorted(events, key=lambda event: (event.time, event.arm))),
+            self.gain,
         )
 
 

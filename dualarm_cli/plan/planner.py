@@ -287,7 +287,6 @@ def _decided_plan(
         schedule,
         grid_gap=found.decided.grid_gap,
         clearance_cost=found.cost,
-        blend_gain=found.gain,
     )
 
 
@@ -300,6 +299,7 @@ def _schedule(job: Job, settings: PlanSettings, motion: Motion, notes: tuple[str
         segments=motion.segments,
         events=motion.events,
         provenance=Provenance(__version__, job.inputs, settings.as_dict(), settings.seed),
+        blend_gain=motion.gain,
         notes=notes,
     )
 

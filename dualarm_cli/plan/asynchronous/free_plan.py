@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.clearing.clear_plan import quickest_clear
+from dualarm_cli.clearing.clear_plan import (
+    ClearedPlan,
+    blended_plan,
+    has_blends,
+    quickest_clear,
+    with_room,
+)
 from dualarm_cli.clearing.stage_samples import STEP, StageSamples, which_are_clear
 from dualarm_cli.collision.clearance import CellClearance
 from dualarm_cli.errors import InfeasibleError
@@ -18,6 +24,7 @@ from dualarm_cli.model.schedule import Segment
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.motion.builder import Motion, MotionBuilder
 from dualarm_cli.motion.transfers import PLATFORM, Drive, transfers_within_tool_speed
+from dualarm_cli.motion.waiting import SAME_TIME
 from dualarm_cli.orders.model.tool_changes import cell_after
 from dualarm_cli.plan.asynchronous.meeting_arms import ArmCoordination
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock, Wait
@@ -32,6 +39,18 @@ SPREADS = (1, 2, 4)
 """By how many steps what is blocked is made larger, one after the other, until all is collision-free."""
 CHUNK = 4000
 """Instants whose clearance is looked at together."""
+
+
+@dataclass(frozen=True)
+class OwnWay:
+    """One arm's way as if it were alone, and what it came from."""
+
+    clock: OwnClock
+    """With stops at both ends of all lines."""
+    problem: MethodProblem
+    """What was asked of the method."""
+    found: ClearedPlan | None
+    """What it answered, cleared; None where the arm has nothing to do."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +84,10 @@ class FreePlanner:
         model = replace(
             self.problem.model, platform=replace(self.problem.model.platform, held=True)
         )
-        clocks = []
+        ways = []
         for name in model.arms:
             self.tell(f"planning the {name} arm alone")
-            clocks.append(self._own(model, name, work))
+            ways.append(self._own(model, name, work))
         begin = work if job.start == "free" else start
         turn = self._turn(begin, work)
         back = None
@@ -79,41 +98,103 @@ class FreePlanner:
         cell = None
         if self.clear:
             cell = CellClearance.of(job.cell, job.carried())
-        if len(clocks) > 1:
+        if len(ways) > 1:
             self.tell("inserting waits between the arms")
-        for apart in (False, True) if turn.duration > 0.0 else (False,):
-            leave = turn.duration if apart else 0.0
-            meeting = ArmCoordination(model, job, work, cell, tuple(clocks), turn.duration, leave)
-            for spread in SPREADS:
-                waits = meeting.waits(spread)
-                if waits is None:
-                    break
-                motion = self._joined(model, work, tuple(clocks), (turn, back), waits, apart=apart)
-                if cell is None or _is_clear(job, cell, motion):
-                    return motion
+        found = self._together(model, work, [way.clock for way in ways], (turn, back), cell)
+        if found is not None:
+            motion, waits = found
+            if not any(has_blends(way.problem) for way in ways):
+                return motion
+            self.tell("blending lines and transfers")
+            ready = turn.duration > 0.0
+            clocks = [
+                self._blended(way, [wait.at for wait in own], ready=ready)
+                for way, own in zip(ways, waits, strict=True)
+            ]
+            quicker = self._together(model, work, clocks, (turn, back), cell)
+            gain = motion.trajectory.duration
+            if quicker is None or quicker[0].trajectory.duration >= gain:
+                return replace(motion, gain=0.0)
+            return replace(quicker[0], gain=gain - quicker[0].trajectory.duration)
         slides = self.problem.model.platform.is_rail
         places = (1e3 * angle if slides else np.degrees(angle)).round(1).tolist()
         more = {"places": places, "unit": "mm" if slides else "deg"}
         raise InfeasibleError(Refusal("asynchronous_not_clear", more=more))
 
-    def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnClock:
-        """Returns one arm's way through its stops, as if it were alone."""
+    def _together(
+        self,
+        model: CellModel,
+        work: FloatArray,
+        clocks: Sequence[OwnClock],
+        turns: tuple[Trajectory, Trajectory | None],
+        cell: CellClearance | None,
+    ) -> tuple[Motion, tuple[list[Wait], ...]] | None:
+        """Returns the motion of all arms together and their waits, None where none was found."""
+        job, ready = self.problem.job, turns[0].duration
+        for apart in (False, True) if ready > 0.0 else (False,):
+            leave = ready if apart else 0.0
+            meeting = ArmCoordination(model, job, work, cell, tuple(clocks), ready, leave)
+            for spread in SPREADS:
+                waits = meeting.waits(spread)
+                if waits is None:
+                    break
+                motion = self._joined(model, work, tuple(clocks), turns, waits, apart=apart)
+                if cell is None or _is_clear(job, cell, motion):
+                    return motion, waits
+        return None
+
+    def _own(self, model: CellModel, name: str, work: FloatArray) -> OwnWay:
+        """Returns one arm's way through its stops, as if it were alone, with all stops."""
         job, arm = self.problem.job, model.arms[name]
         tasks = tuple(task for task in job.tasks if task.arm == name)
         if not tasks and self.end is None:
             still = hold(arm.arm.joints, work[arm.columns], 0.0)
-            return OwnClock(name, still, (), (), ())
+            clock = OwnClock(name, still, (), (), ())
+            return OwnWay(clock, replace(self.problem, blend=False), None)
         free = tuple(replace(task, not_before=0.0, after=()) for task in tasks)
         alone = replace(job, begin=work, tasks=free, pairing=None, mode="paired")
         problem = replace(self.problem, model=model, job=alone)
-        motion = self._still(model, work)
+        motion, found = self._still(model, work), None
         if tasks:
-            motion = quickest_clear(
-                problem, self.solve, self.timing, lambda _: None, clear=self.clear, crossing=False
-            ).cleared.motion
+            found = quickest_clear(
+                replace(problem, blend=False),
+                with_room(problem, self.solve) if has_blends(problem) else self.solve,
+                self.timing,
+                lambda _: None,
+                clear=self.clear,
+                crossing=False,
+            )
+            motion = found.cleared.motion
+        return OwnWay(self._clock(problem, name, motion), problem, found)
+
+    def _clock(self, problem: MethodProblem, name: str, motion: Motion) -> OwnClock:
+        """Returns one arm's way with the way to where it has to be at the end."""
         if self.end is not None:
             motion = self._ended(problem, name, motion)
-        return OwnClock.of(motion, name, arm.arm.joints)
+        return OwnClock.of(motion, name, problem.model.arms[name].arm.joints)
+
+    def _blended(self, way: OwnWay, waits: Sequence[float], *, ready: bool) -> OwnClock:
+        """Returns an arm's way without stops at the outer ends of lines, but where it waits or may have to.
+
+        Args:
+            way: with all stops.
+            waits: when it waits, by its own clock [s].
+            ready: whether its first line waits for the platform.
+        """
+        if way.found is None or not has_blends(way.problem):
+            return way.clock
+        name, bound = way.clock.arm, way.clock.line_begins()
+        waiting = {task.id for task in self.problem.job.tasks if task.after or task.not_before}
+        waited = [*waits, *(bound[task] for task in waiting if task in bound)]
+        stopping = {(0, name)} if ready else set()
+        for k, stage in enumerate(way.clock.stages):
+            arrived = min((e.time for e in way.clock.events if e.time >= stage.start), default=0.0)
+            if any(stage.start - SAME_TIME <= at <= arrived + SAME_TIME for at in waited):
+                stopping.add((k, name))
+        found = blended_plan(
+            way.problem, way.found, self.timing, stopping, clear=self.clear, crossing=False
+        )
+        return self._clock(way.problem, name, found.cleared.motion)
 
     def _still(self, model: CellModel, work: FloatArray) -> Motion:
         """Returns no motion at all."""

@@ -64,6 +64,12 @@ class ClockSteps:
         k = bisect_left(self.rests, time - SAME_TIME)
         return k if k < len(self.rests) and self.rests[k] <= time + SAME_TIME else None
 
+    def place_after(self, time: float) -> int:
+        """Returns the first step that is not before an instant of the own clock [s] between two rests."""
+        k = bisect_right(self.rests, time + SAME_TIME) - 1
+        least = self.places[k] + 1 if k >= 0 else 0
+        return min(max(_up(time, self.step), least), self.count)
+
     def arrived(self, time: float) -> Since:
         """Returns an instant of the own clock [s] as one at which the arm has yet to leave a rest that is just then."""
         return self._since(bisect_left(self.rests, time - SAME_TIME) - 1, time)

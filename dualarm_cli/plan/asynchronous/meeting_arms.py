@@ -353,7 +353,7 @@ class ArmCoordination:
         ends = [clock.task_ends() for clock in self.clocks]
         for task in self.job.tasks:
             for a in (0, 1):
-                if task.id not in begins[a]:
+                if task.id not in begins[a] or not task.after:
                     continue
                 rest = steps[a].rest_at(begins[a][task.id])
                 assert rest is not None  # tasks begin where arms rest
@@ -364,7 +364,9 @@ class ArmCoordination:
                     # What takes no time is over when the arm goes on from where it begins.
                     at_once = over <= begins[1 - a][name] + SAME_TIME
                     here = other.rest_at(over)
-                    place = other.count if here is None else other.places[here] + at_once
+                    place = other.place_after(over)
+                    if here is not None:
+                        place = other.places[here] + at_once
                     needs[a].append((steps[a].places[rest], place))
                     since = other.left(over) if at_once else other.arrived(over)
                     rules.append(NotBefore(a, rest, "after", 0.0, since))

@@ -19,6 +19,8 @@ from dualarm_cli.timing.composition import concatenate, hold
 
 LINES = ("approach", "dwell", "retract")
 """Segments on which a part may touch what stands still."""
+AT_REST = 1e-6
+"""Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
 BEFORE_MOVING = ("transfer", "return")
 """An arm may wait before it leaves."""
 
@@ -70,7 +72,8 @@ class OwnClock:
     def rests(self) -> list[float]:
         """Returns when it may wait, by its own clock [s], increasing.
 
-        That is before it leaves, before a line begins, and where a task begins that takes no time.
+        That is before it leaves, before a line begins, and where a task begins that takes no time, if it is at rest
+        there.
         """
         found = list(self.line_begins().values())
         before = BEFORE_MOVING[0]  # with a free start the first line may begin at once
@@ -81,9 +84,13 @@ class OwnClock:
             before = part.kind
         rests: list[float] = []
         for time in sorted(found):
-            if not rests or time > rests[-1] + SAME_TIME:
+            if (not rests or time > rests[-1] + SAME_TIME) and self._stands(time):
                 rests.append(time)
         return rests
+
+    def _stands(self, time: float) -> bool:
+        """Returns whether no joint moves at an instant [s]."""
+        return bool(np.abs(self.trajectory.at(np.array([time]))[1]).max(initial=0.0) < AT_REST)
 
     def line_begins(self) -> dict[str, float]:
         """Returns when each task's first line begins, by its own clock [s]: there the arm can wait.
