@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -118,6 +119,7 @@ def summary_lines(report: dict[str, Any]) -> list[str]:
     if report["bottlenecks"]:
         worst = ", ".join(f"{j} in {n}" for j, n in list(report["bottlenecks"].items())[:4])
         lines.append(f"bottleneck stages: {worst}")
+    lines += blending_lines(report)
     lines.append(bound_line(report))
     lines.append(f"collisions: {report['collisions']}")
     lines += [f"budget: {line['text']}" for line in report["budget"]]
@@ -159,6 +161,26 @@ def _kind_lines(beside: str, report: dict[str, Any]) -> list[str]:
     """Returns what the kinds of work say, of those that stand beside one thing."""
     kinds = [kind for kind in of_kinds("measures") if kind.beside == beside]
     return [line for kind in kinds for line in kind.lines(report)]
+
+
+def blending_lines(report: dict[str, Any]) -> list[str]:
+    """Returns the sentence on what is saved as tools do not stop at the outer ends of lines."""
+    blending = report["blending"]
+    if blending is None:
+        return []
+    found = blending["corners"]
+    if not found:
+        return ["blending: tools stop at both ends of all lines, as that is not slower"]
+    joints = Counter(f"{corner['joint']} ({corner['limit']})" for corner in found)
+    most = ", ".join(f"{name} in {count}" for name, count in joints.most_common(3))
+    line = (
+        f"blending: {blending['gain']:.3f} s ({blending['share']:.1%}) shorter than with stops at the outer ends of "
+        f"lines; {len(found)} ends are passed in motion, limited by {most}"
+    )
+    if blending["largest_deviation"] > 0.0:
+        off = 1e3 * blending["largest_deviation"]
+        line += f"; beyond their straight parts tools leave the lines by at most {off:.1f} mm"
+    return [line]
 
 
 def bound_line(report: dict[str, Any]) -> str:

@@ -12,6 +12,7 @@ from dualarm_cli.kinds import of_kinds
 from dualarm_cli.model.job import Job
 from dualarm_cli.model.schedule import WORK_ENDS, Schedule, Stage
 from dualarm_cli.model.verification import Check, Verification
+from dualarm_cli.report.corners import blending_rows
 from dualarm_cli.report.measures import elbow_imbalance, joint_travel, platform_travel
 from dualarm_cli.report.sensitivity import sensitivity
 from dualarm_cli.report.stage_parts import StageParts, stage_parts
@@ -50,6 +51,7 @@ def build_report(schedule: Schedule, job: Job) -> dict[str, Any]:
         "collisions": _collisions(schedule),
         "smallest_clearance": smallest_clearance(schedule),
         "clearance_cost": schedule.clearance_cost,
+        "blending": blending_rows(schedule, job),
         "budget": [asdict(line) | {"text": str(line)} for line in judge_budget(schedule, job)],
         **_kind_rows("work", schedule, job),
         "stages": _stage_rows(schedule),
@@ -191,6 +193,7 @@ def _stage_row(stage: Stage, work: list[dict[str, str]]) -> dict[str, Any]:
         "arm_times": dict(stage.arm_times),
         "joint_times": dict(stage.joint_times),
         "bottleneck": stage.bottleneck,
+        "saved": stage.saved,
     }
 
 

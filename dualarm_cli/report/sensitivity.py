@@ -181,6 +181,8 @@ LINES = ("approach", "retract")
 MOTIONS = ("transfer", "return", *LINES)
 SPEED_BISECTIONS = 40
 """Halvings by which the slowing of transfers under a tool-speed cap is found again."""
+AT_REST = 1e-6
+"""Joints that are slower stand, but for the rounding of instants [rad/s or m/s]."""
 SLOWED = 1e-6
 """A transfer that is longer than its closed form by more than this share was slowed for a tool-speed cap."""
 
@@ -203,7 +205,7 @@ class LimitSensitivity:
 
 @dataclass(frozen=True)
 class _Line:
-    """One approach or retract."""
+    """One approach or retract, or a transfer."""
 
     arm: str
     stage: int
@@ -219,6 +221,8 @@ class _Chains:
     """Displacement of every joint in the transfer [rad], shape (s, n)."""
     lines: tuple[_Line, ...]
     """Approaches and retracts."""
+    passing: tuple[_Line, ...]
+    """Transfers that begin or end in motion."""
     fixed: Mapping[str, FloatArray]
     """Time that no limit changes, such as dwells, by arm [s]; minus infinity where the arm has no work, (s,). In a
     hand-over all that comes after both arms have come is the first arm's."""
@@ -234,12 +238,13 @@ def sensitivity(schedule: Schedule) -> list[LimitSensitivity]:
     """Returns what assumed limits are worth, the most telling joint first; all of them together at the end.
 
     Every joint's acceleration and jerk limit whose source is assumed is taken 10 % lower and 10 % higher. Postures
-    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-over
-    as long as the slower transfer and then both arms' lines and dwells), lines
-    change by the ratio of two estimates along the same path, dwells do not change. To decide postures anew with the
-    other limits could only be faster than this, so that `higher` is conservative. Under a tool-speed cap
-    the factor by which a transfer was slowed is kept. Transfers that wait or are bent to avoid collisions count as
-    straight ones of the same displacement, and what they take longer as constant; a note of the plan says so.
+    stay: transfers follow from their displacements in closed form, a stage lasts as long as the slower arm (a hand-
+    over as long as the slower transfer and then both arms' lines and dwells), lines change by the ratio of two
+    estimates along the same path, dwells do not change. A transfer that begins or ends in motion changes as its own
+    profile does when it is played at the pace that keeps the changed limits. To decide postures anew with the other
+    limits could only be faster than this, so that `higher` is conservative. Under a tool-speed cap the factor by
+    which a transfer was slowed is kept. Transfers that wait or are bent to avoid collisions count as straight ones
+    of the same displacement, and what they take longer as constant; a note of the plan says so.
 
     Args:
         schedule: a planned one; of one without stages, whose stages overlap, since its length is no sum of them then,
@@ -301,6 +306,7 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
     arrivals = {name: starts.copy() for name in schedule.robot.arms}
     fixed = {name: np.full(len(parts), -np.inf) for name in schedule.robot.arms}
     lines: list[_Line] = []
+    passing: list[_Line] = []
     for k, part in enumerate(parts):
         for name, segments in part.arms.items():
             rest = segments[-1].end - part.stage.start
@@ -311,6 +317,8 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
                     lines.append(_Line(name, k, segment.start, segment.end))
                 elif segment.kind in MOTIONS:
                     arrivals[name][k] = segment.end
+                    if _is_passed(schedule, name, (segment.start, segment.end)):
+                        passing.append(_Line(name, k, segment.start, segment.end))
             fixed[name][k] = rest
     returns = np.array([not part.stage.tasks or not part.arms for part in parts])
     together = np.array([is_handover(part.arms) for part in parts])
@@ -328,9 +336,13 @@ def _chains(schedule: Schedule, parts: Sequence[StageParts], limits: JointLimits
     displaced = _displacements(schedule, starts, arrivals, arrived, limits.joints)
     # What takes the time that the file gives it is as long under any limits.
     displaced[[part.stage.bottleneck == DURATION for part in parts]] = 0.0
+    for line in passing:
+        joints = schedule.robot.arms[line.arm].joints
+        displaced[line.stage, [limits.joints.index(joint) for joint in joints]] = 0.0
     return _Chains(
         moved=displaced,
         lines=tuple(lines),
+        passing=tuple(passing),
         fixed=fixed,
         returns=returns,
         recorded=arrived - starts,
@@ -374,11 +386,16 @@ def _cycle_times(
     line_times = {
         name: _line_times(schedule, chains, limits, name, acceleration, jerk) for name in robot.arms
     }
+    passing = {
+        name: _passing_times(schedule, chains, limits, name, acceleration, jerk)
+        for name in robot.arms
+    }
     cycle = np.empty(len(acceleration))
     for row, (a, j) in enumerate(zip(acceleration, jerk, strict=True)):
         law = RestToRest(velocity, limits.acceleration * a, limits.jerk * j)
         alone = law.per_joint(chains.moved)
         times = {name: alone[:, columns].max(axis=1) for name, columns in groups.items()}
+        times |= {name: np.maximum(times[name], passing[name][row]) for name in passing}
         longest = np.max(list(times.values()), axis=0)
         platform = times.get(PLATFORM, np.zeros_like(longest))
         lengths = stage_length(
@@ -410,6 +427,38 @@ def _slowing(schedule: Schedule, chains: _Chains, limits: JointLimits) -> FloatA
         enough = times(middle) <= chains.recorded
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     return np.where(slowed, high, 1.0)
+
+
+def _is_passed(schedule: Schedule, arm: str, span: tuple[float, float]) -> bool:
+    """Returns whether an arm is in motion at the beginning or the end of a transfer [s]."""
+    velocity = schedule.trajectory.at(np.array(span))[1]
+    columns = [schedule.trajectory.joints.index(name) for name in schedule.robot.arms[arm].joints]
+    return bool(np.abs(velocity[:, columns]).max() > AT_REST)
+
+
+def _passing_times(
+    schedule: Schedule,
+    chains: _Chains,
+    limits: JointLimits,
+    arm: str,
+    acceleration: FloatArray,
+    jerk: FloatArray,
+) -> FloatArray:
+    """Returns how long an arm's transfers that begin or end in motion take, by row of factors and stage [s], (v, s)."""
+    times = np.zeros((len(acceleration), len(chains.moved)))
+    lines = [line for line in chains.passing if line.arm == arm]
+    if not lines:
+        return times
+    own = limits.select(schedule.robot.arms[arm].joints)
+    columns = [limits.joints.index(joint) for joint in own.joints]
+    spans = np.array([[line.start, line.end] for line in lines])
+    asked = _own_times(schedule.trajectory, spans, columns, own)
+    asked /= asked.max(axis=1, keepdims=True)
+    a, j = acceleration[:, columns], jerk[:, columns]
+    slower = np.concatenate([np.ones_like(j), a**-0.5, np.cbrt(1.0 / j)], axis=1)
+    for line, factor in zip(lines, _slowest(asked[None], slower).T, strict=True):
+        times[:, line.stage] = factor * (line.end - line.start)
+    return times
 
 
 def _line_times(
