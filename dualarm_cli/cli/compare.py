@@ -246,12 +246,13 @@ def _kept(
 ) -> Iterator[Outcome]:
     """Yields outcomes, and adds the data of their plans' pages."""
     from dualarm_cli.page.page_data import page_data
+    from dualarm_cli.report.comparison.comparison import SOLVERS
     from dualarm_cli.report.report import build_report
 
     for outcome in outcomes:
-        case, schedule = outcome.case, outcome.schedule
+        schedule = outcome.schedule
         if schedule is not None:
-            key = printable(name), case.method, case.redundancy, case.timing
+            key = printable(name), *(getattr(outcome.case, solver) for solver in SOLVERS)
             plans[key] = page_data(schedule, job, build_report(schedule, job))
         yield outcome
 

@@ -9,6 +9,7 @@ from dualarm_cli.page.side_by_side import side_by_side
 from dualarm_cli.page.tables import PageCell, PageRow, PageTable
 from dualarm_cli.report.comparison.comparison import (
     SHOWN,
+    SOLVERS,
     row_namer,
     section_title,
     varied_solvers,
@@ -17,8 +18,8 @@ from dualarm_cli.report.comparison.comparison import (
 TITLE, HINT = "Methods compared", "A click on a method shows its plan beside the fastest one."
 _MARKS = {"verified": "good", "failed": "bad", "infeasible": "bad", "not served": ""}
 
-PlanKey = tuple[str, str, str, str]
-"""Task file, method, redundancy solver and timing solver of a plan."""
+PlanKey = tuple[str, ...]
+"""Task file and what tells a row of it from the others (SOLVERS)."""
 
 
 def plan_key(tasks: str, row: Mapping[str, Any]) -> PlanKey:
@@ -28,7 +29,7 @@ def plan_key(tasks: str, row: Mapping[str, Any]) -> PlanKey:
         tasks: what the task file is called.
         row: of the document.
     """
-    return tasks, row["method"], row["redundancy"], row["timing"]
+    return tasks, *(row[key] for key in SOLVERS)
 
 
 def solvers_page(document: Mapping[str, Any], plans: Mapping[PlanKey, Mapping[str, Any]]) -> bytes:

@@ -35,6 +35,8 @@ class Case:
     """Name of the redundancy solver, or of the follower of paths."""
     timing: str
     """Name of the timing solver."""
+    blend: str = "lines"
+    """Where tools do not stop, as `PlanSettings` has it."""
     named: bool = True
     """Whether a person named the redundancy solver; otherwise it is the one that serves the robot."""
 
@@ -98,7 +100,7 @@ def job_cases(
 
     Of a job with paths or seams every follower and seam solver with the default method and, where it has stops as
     well, every method with the file's followers (written as the redundancy solver of its stops). What is named is
-    taken in all combinations.
+    taken in all combinations. Where nothing is named, the default method is planned with all stops as well.
 
     Args:
         job: what is to be planned.
@@ -112,6 +114,29 @@ def job_cases(
     for name in redundancies:
         with_redundancy(PlanSettings(), name)
     own = served_settings(PlanSettings(), job.cell.robot)[0].platform
+    found = _job_cases(job, own, methods, redundancies, timings)
+    lines = any(s.approach > 0.0 or s.retract > 0.0 for task in job.tasks for s in task.stops)
+    if methods or redundancies or not lines:
+        return found
+    return found + [replace(case, blend="none") for case in found if case.method == own][:1]
+
+
+def _job_cases(
+    job: Job,
+    own: str,
+    methods: Sequence[str],
+    redundancies: Sequence[str],
+    timings: Sequence[str],
+) -> list[Case]:
+    """Returns the combinations without stops at the outer ends of lines; see `job_cases`.
+
+    Args:
+        job: what is to be planned.
+        own: the method that is taken where nobody names one.
+        methods: names in METHODS.
+        redundancies: names of redundancy solvers or path followers.
+        timings: names of timing solvers.
+    """
     if not job.in_sections:
         of_stops = [name for name in redundancies if name in REDUNDANCY_SOLVERS.names]
         found = cases(methods, of_stops, timings) if of_stops or not redundancies else []
@@ -159,11 +184,16 @@ def run_cases(
     every = [case.on(job.cell.robot) for case in matrix]
     for number, case in enumerate(every, start=1):
         name = f"{number}/{len(matrix)} {case.method}, {case.redundancy}, {case.timing}"
+        name += "" if case.blend == PlanSettings().blend else f", blend {case.blend}"
         if reason := _why_unserved(job, settings, case):
             yield Outcome(case, "not served", reason, None, None)
             continue
         wanted = replace(
-            settings, platform=case.method, timing=case.timing, named=frozenset({"platform"})
+            settings,
+            platform=case.method,
+            timing=case.timing,
+            blend=case.blend,
+            named=frozenset({"platform"}),
         )
         if case.redundancy not in REDUNDANCY_SOLVERS.names:
             own = own_redundancy(case.method, job.cell.robot)

@@ -28,6 +28,8 @@ from dualarm_cli.report.report import (
 from dualarm_cli.report.stage_parts import PLATFORM
 
 FORMAT = "dualarm.comparison/1"
+SOLVERS = ("method", "redundancy", "timing", "blend")
+"""What tells one row from another."""
 ORDER = ("verified", "failed", "infeasible", "not served")
 """Rows by what came of them; each kind by cycle time."""
 REFERENCE = "fixed"
@@ -63,7 +65,7 @@ def job_comparison(
         clock.append(
             {
                 "tasks": name,
-                **{key: row[key] for key in ("method", "redundancy", "timing")},
+                **{key: row[key] for key in SOLVERS},
                 "planning_time": outcome.planning_time,
             }
         )
@@ -82,9 +84,7 @@ def job_comparison(
         "lower_bound": bound,
         "lower_bound_assumptions": list(assumptions),
         "rows": rows,
-        "winner": {key: good[0][key] for key in ("method", "redundancy", "timing")}
-        if good
-        else None,
+        "winner": {key: good[0][key] for key in SOLVERS} if good else None,
         "sentence": winner_sentence(rows),
     }
     return section, clock
@@ -124,6 +124,7 @@ def _row(outcome: Outcome, job: Job) -> dict[str, Any]:
         "method": case.method,
         "redundancy": case.redundancy,
         "timing": case.timing,
+        "blend": case.blend,
         "status": outcome.status,
         "reason": outcome.reason,
         **dict.fromkeys(
@@ -255,7 +256,7 @@ def group_name(group: str) -> str:
 
 def varied_solvers(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Returns which solvers differ between the rows, beside the method."""
-    return [key for key in ("redundancy", "timing") if len({row[key] for row in rows}) > 1]
+    return [key for key in SOLVERS[1:] if len({row[key] for row in rows}) > 1]
 
 
 def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
@@ -263,7 +264,7 @@ def row_namer(rows: Sequence[dict[str, Any]]) -> Any:
     varied = varied_solvers(rows)
 
     def called(row: dict[str, Any]) -> str:
-        rest = ", ".join(row[key] for key in varied)
+        rest = ", ".join(f"{key} {row[key]}" if key == "blend" else row[key] for key in varied)
         return f"{row['method']} ({rest})" if rest else str(row["method"])
 
     return called

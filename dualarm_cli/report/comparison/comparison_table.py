@@ -10,7 +10,12 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from dualarm_cli.report.comparison.comparison import row_namer, section_title, varied_solvers
+from dualarm_cli.report.comparison.comparison import (
+    SOLVERS,
+    row_namer,
+    section_title,
+    varied_solvers,
+)
 
 COLOURS = {"verified": "green", "failed": "bold red", "infeasible": "yellow", "not served": "dim"}
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -78,7 +83,7 @@ def comparison_csv(document: dict[str, Any]) -> bytes:
     sections = document["comparisons"]
     groups = {g: None for s in sections for r in s["rows"] for g in r["deciding_time"] or {}}
     names = (
-        ["tasks", "method", "redundancy", "timing", "status", "cycle_time", "parts_per_hour"]
+        ["tasks", *SOLVERS, "status", "cycle_time", "parts_per_hour"]
         + ["lower_bound", "gap", "grid_gap", "clearance", "clearance_cost"]
         + ["elbow_imbalance", "platform_travel"]
         + [f"time_{group}" for group in groups]
