@@ -13,7 +13,7 @@ from dualarm_cli.collision.lying import too_near
 from dualarm_cli.effort import less_effort
 from dualarm_cli.errors import BlockedError, InfeasibleError
 from dualarm_cli.model.job import Job, PoseTarget
-from dualarm_cli.motion.blending import blended
+from dualarm_cli.motion.blending import passing_ways, with_ways
 from dualarm_cli.motion.builder import Motion
 from dualarm_cli.motion.motion import realise
 from dualarm_cli.motion.transfers import Drive, Known
@@ -24,6 +24,7 @@ from dualarm_cli.refusals import Refusal
 from dualarm_cli.stages.method import Decided, MethodProblem
 from dualarm_cli.stages.search.clearance import Barred
 from dualarm_cli.stages.serving import with_stopping_room
+from dualarm_cli.stages.stage_choice import REACH
 from dualarm_cli.timing import TimingSolver
 
 MOST_PAIRS = 30
@@ -313,15 +314,13 @@ def with_room(
     def solved(asked: MethodProblem) -> Decided:
         try:
             job = replace(asked.job, cell=roomy.job.cell)
-            return solve(replace(asked, model=roomy.model, job=job))
+            found = solve(replace(asked, model=roomy.model, job=job))
         except InfeasibleError:
             return solve(asked)
+        # At the platform angle that a method wants, reach may end a little earlier.
+        return solve(asked) if any(one.solver == REACH for one in found.stages) else found
 
     return solved
-
-
-BLEND_ROUNDS = 6
-"""So often transfers in motion that collide are exchanged for those with stops."""
 
 
 def blended_plan(
@@ -349,16 +348,21 @@ def blended_plan(
     if clear:
         holding = Holding.of(job, crossing=crossing)
         clearing = Clearing(model, job, holding, timing, problem.seed, known)
-    before, kept = found.cleared.motion, set(stopping)
-    for _ in range(BLEND_ROUNDS):
-        plans = blended(drive, found.cleared.plans, kept)
+    before = found.cleared.motion
+    ways = dict(passing_ways(drive, found.cleared.plans, stopping))
+    touching: list[int] = []
+    while ways:
+        plans = with_ways(found.cleared.plans, ways)
         motion = realise(model, job, plans, timing, known)
         touching = clearing.touching(plans, motion) if clearing is not None else []
-        if not touching:
-            break
         # A stage has the transfers to its lines, and ends as those of the next one begin.
-        kept |= {(k + more, name) for k in touching for more in (0, 1) for name in model.arms}
-    gain = before.trajectory.duration - motion.trajectory.duration
+        own = {key for key in ways if key[0] in touching}
+        own = own or {key for key in ways if key[0] - 1 in touching}
+        if not own:
+            break
+        for key in own:
+            del ways[key]
+    gain = before.trajectory.duration - motion.trajectory.duration if ways else 0.0
     if touching or gain <= 0.0:
         return replace(found, cleared=replace(found.cleared, motion=replace(before, gain=0.0)))
     stages = tuple(

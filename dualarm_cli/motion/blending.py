@@ -9,7 +9,7 @@ transfer of every arm is a problem of its own. Our own.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,39 +100,49 @@ def quickest_pair(
     return best
 
 
-def blended(
-    drive: Drive, plans: Sequence[StagePlan], kept: Collection[tuple[int, str]] = ()
-) -> list[StagePlan]:
-    """Returns the stages with the ways in which their lines' outer ends are passed.
+Ways = Mapping[tuple[int, str], tuple[Launch | None, Launch | None]]
+"""How an arm passes the ends of the retract before and of the approach after a transfer, by the stage that the transfer
+leads to and arm; None: it stops there."""
+
+
+def passing_ways(
+    drive: Drive, plans: Sequence[StagePlan], stopping: Collection[tuple[int, str]] = ()
+) -> Ways:
+    """Returns the ways in which lines' outer ends are passed, each transfer by itself.
 
     At rest remain what waits there or is bent, hand-overs, and parts on conveyors.
 
     Args:
         drive: of the job.
-        plans: its stages, from rest to rest.
-        kept: transfers that stay as they are, by the stage that they lead to and arm.
+        plans: its stages, with all stops.
+        stopping: transfers between stops all the same, by the stage that they lead to and arm.
     """
-    found = list(plans)
+    found = {}
     for k, plan in enumerate(plans):
         before = plans[k - 1] if k else None
         platform = _platform_time(drive, plan)
         for name in drive.model.arms:
-            if (k, name) in kept or name in plan.waits or name in plan.detours:
+            if (k, name) in stopping or name in plan.waits or name in plan.detours:
                 continue
             ways = _ways(drive, before, plan, name, platform)
-            if ways is None:
-                continue
-            trial = list(found)
-            retract, approach = ways
-            if retract is not None:
-                passes = {**trial[k - 1].passes, (name, "retract"): retract}
-                trial[k - 1] = replace(trial[k - 1], passes=passes)
-            if approach is not None:
-                passes = {**trial[k].passes, (name, "approach"): approach}
-                trial[k] = replace(trial[k], passes=passes)
-            if _holds(drive, trial[k - 1] if k else None, trial[k], name):
-                found = trial
+            if ways is not None and _holds(drive, before, plan, name, ways):
+                found[k, name] = ways
     return found
+
+
+def with_ways(plans: Sequence[StagePlan], ways: Ways) -> list[StagePlan]:
+    """Returns stages whose lines' outer ends are passed in given ways."""
+    found = list(plans)
+    for (k, name), (retract, approach) in ways.items():
+        if retract is not None:
+            found[k - 1] = _with_pass(found[k - 1], name, "retract", retract)
+        if approach is not None:
+            found[k] = _with_pass(found[k], name, "approach", approach)
+    return found
+
+
+def _with_pass(plan: StagePlan, name: str, line: str, launch: Launch) -> StagePlan:
+    return replace(plan, passes={**plan.passes, (name, line): launch})
 
 
 def _platform_time(drive: Drive, plan: StagePlan) -> float:
@@ -189,11 +199,22 @@ def _ways(
     return retract.ways[i], approach.ways[j]
 
 
-def _holds(drive: Drive, before: StagePlan | None, plan: StagePlan, name: str) -> bool:
+def _holds(
+    drive: Drive,
+    before: StagePlan | None,
+    plan: StagePlan,
+    name: str,
+    ways: tuple[Launch | None, Launch | None],
+) -> bool:
     """Returns whether lines and transfer of an arm can be timed as estimated, within the tool's speed."""
+    retract, approach = ways
+    if before is not None and retract is not None:
+        before = _with_pass(before, name, "retract", retract)
+    if approach is not None:
+        plan = _with_pass(plan, name, "approach", approach)
     try:
         rates = rates_between(drive, before, plan)
-        transfers = time_transfers(drive, plan, {name: rates[name]})
+        transfers = time_transfers(drive, plan, rates)
     except InfeasibleError:
         return False
     return drive.cap is None or tool_speed_of(drive, plan, transfers) <= drive.cap

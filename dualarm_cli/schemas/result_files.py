@@ -21,7 +21,7 @@ _TYPES: Mapping[str, dict[str, Any]] = {
 """JSON Schema of each type of a member."""
 _MEMBERS: Mapping[str, str] = {
     "texts": r"notes|assumed_limits|without_jerk_limit|sliding_joints|robot\.platform|.*\.(joints|tasks|bodies|arms)",
-    "number": r"gap|grid_gap|order_grid_gap|elbow_imbalance|speed|.*\.(utilisation|speed_share|measured|allowed|value)|"
+    "number": r"gap|blending\.share|grid_gap|order_grid_gap|elbow_imbalance|speed|.*\.(utilisation|speed_share|measured|allowed|value)|"
     r".*manipulability(_together|\.<arm>)|limits_used\..*",
     "numbers": r"trajectory\.time|.*\.ramps",
     "three numbers": r".*\.(xyz|part_xyz|part_rpy)|events\[\]\.velocity",
@@ -33,7 +33,7 @@ _MEMBERS: Mapping[str, str] = {
 }
 """Patterns of the members of each type; others are numbers where they have a unit, else text."""
 _MAY_BE_NONE = (
-    r"lower_bound|gap|grid_gap|order_grid_gap|clearance_cost|parts_per_hour|elbow_imbalance|tool_speed_cap|"
+    r"lower_bound|gap|grid_gap|order_grid_gap|clearance_cost|blend_gain|blending|parts_per_hour|elbow_imbalance|tool_speed_cap|"
     r"smallest_clearance|verification|robot\.tool_speed|robot\.limits\.<joint>\.(lower|upper|jerk)|"
     r"stages\[\]\.platform_angle|.*settings\.(follower|seam_solver|time_limit)|.*\.(measured|allowed)|"
     r"waits\[\]\.(task|for|for\.task)|sensitivity\[\]\.(joint|value)|(paths|seams)\[\]\.(clearance|master)|"

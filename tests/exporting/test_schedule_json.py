@@ -85,6 +85,7 @@ def test_members_stand_in_the_order_in_which_a_person_reads_them(schedule):
         "grid_gap",
         "order_grid_gap",
         "clearance_cost",
+        "blend_gain",
         "stages",
         "segments",
         "events",

@@ -63,11 +63,8 @@ def test_a_task_overrides_the_defaults_and_the_smaller_cap_counts(
 
 def test_permissions_that_are_not_used_become_notes(project: Path, change: Change) -> None:
     """They are accepted, and the reader is told."""
-    change(
-        "tasks.yaml", "settle: 30 ms}}", "settle: 30 ms}, straight: 40 mm, dwell_motion: allowed}"
-    )
+    change("tasks.yaml", "settle: 30 ms}}", "settle: 30 ms}, dwell_motion: allowed}")
     assert load_job("tasks.yaml").notes == (
-        "straight: not used; every approach and retract is straight over its whole length",
         "dwell_motion: allowed was not used; the platform stands still during dwells",
     )
 
@@ -123,7 +120,7 @@ def test_a_quaternion_is_normalised(project: Path, change: Change) -> None:
         ("id: b", "id: b\n    after: [aa]", "13:13: E300 there is no task 'aa', did you mean 'a'?"),
         ("    arm: right\n", "", "12:5: E202 'arm' is missing"),
         ("    move:", "    pick: {xyz: [0, 0, 0]}\n    move:", "15:5: E200 'move' does not go with 'pick'; make two tasks"),
-        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, approach, retract, dwell"),
+        ("    move:", "    x:", "14:5: E201 unknown key 'x'; allowed: id, arm, after, not_before, not_after, pick, place, move, path, coordinate, handover, tool, part, approach, retract, straight, dwell"),
         ("cell: cell.yaml", "cell: ../cell.yaml", None),
         ("cell: cell.yaml", "cell: /etc/passwd", "2:7: E500 '/etc/passwd' must be a relative path with forward slashes"),
         ("cell: cell.yaml", "cell: file:///etc/passwd", "2:7: E500 'file:///etc/passwd' must be a relative path with forward slashes"),

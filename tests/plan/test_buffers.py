@@ -26,6 +26,7 @@ from dualarm_cli.plan.asynchronous.own_clock import OwnClock
 from dualarm_cli.plan.planner import plan_without_bound
 from dualarm_cli.plan.section_plans import section_orders
 from dualarm_cli.stages.serving import cell_model
+from dualarm_cli.timing.composition import hold
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
@@ -164,7 +165,8 @@ def way(arm, stops):
                 events.append(Event(clock, arm, name, action, "", pin.SE3.Identity(), dwell))
             segments.append(Segment(arm, kind, name, action, clock, clock + length))
             clock += length
-    return OwnClock(arm, None, (), tuple(segments), tuple(events)), clock
+    still = hold(("joint",), np.zeros(1), clock)
+    return OwnClock(arm, still, (), tuple(segments), tuple(events)), clock
 
 
 ROUNDING = -1e-9

@@ -57,8 +57,8 @@ def test_every_platform_solver_gives_a_verified_plan(packing, platform):
 
 
 def test_transfers_last_as_long_as_their_slowest_joint(packing):
-    """Each arm's transfer takes the closed form of its own slowest joint or of the platform."""
-    schedule = plan(packing, PlanSettings(platform="exact"))
+    """With all stops each arm's transfer takes the closed form of its own slowest joint or of the platform."""
+    schedule = plan(packing, PlanSettings(platform="exact", blend="none"))
     robot = packing.cell.robot
     law = RestToRest(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
     platform = robot.columns(robot.platform)

@@ -21,6 +21,7 @@ def row(method, cycle, status="verified", reason="", **rest):
         "method": method,
         "redundancy": "arm_angle",
         "timing": "ruckig",
+        "blend": "lines",
         "status": status,
         "reason": reason,
         "cycle_time": cycle,

@@ -22,7 +22,7 @@ from dualarm_cli.report.comparison.schedule_comparison_table import (
 
 plan = partial(plan_without_bound, clear=False)
 """Plans that differ by their method alone, not by what they make way for."""
-FIXED = PlanSettings(platform="fixed")
+FIXED = PlanSettings(platform="fixed", blend="none")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_a_schedule_is_identical_to_itself(before):
 
 def test_differences_of_the_stages_add_up(job, before):
     """To that of the whole, and so do those of what is to blame."""
-    document = compared(before, plan(job, PlanSettings(platform="exact")))
+    document = compared(before, plan(job, PlanSettings(platform="exact", blend="none")))
     whole = document["difference"]
     assert abs(whole) > 0.01
     assert sum(r["difference"] for r in document["stages"]) == pytest.approx(whole, abs=1e-9)
@@ -139,7 +139,7 @@ def test_a_weaker_joint_is_named_and_its_limits_are_the_cause(job, before):
 
 def test_the_way_is_the_cause_where_it_is_longer(job, before):
     """Named with its displacement before and after, which the trajectories confirm."""
-    after = plan(job, PlanSettings(platform="exact"))
+    after = plan(job, PlanSettings(platform="exact", blend="none"))
     document = compared(before, after)
     found = [
         row
@@ -247,7 +247,7 @@ def test_broken_times_are_refused_with_a_hint_to_the_verifier(before):
 
 def test_the_csv_has_one_row_per_stage(job, before):
     """Displacements read back as the same doubles."""
-    document = compared(before, plan(job, PlanSettings(platform="exact")))
+    document = compared(before, plan(job, PlanSettings(platform="exact", blend="none")))
     rows = list(csv.DictReader(io.StringIO(schedules_csv(document).decode())))
     assert len(rows) == len(document["stages"])
     for read, row in zip(rows, document["stages"], strict=True):
@@ -258,7 +258,7 @@ def test_the_csv_has_one_row_per_stage(job, before):
 
 def test_the_sentence_names_only_what_goes_the_way_of_the_whole(job, before):
     """A joint that got faster is not what makes B slower."""
-    document = compared(plan(job, PlanSettings(platform="exact")), before)
+    document = compared(plan(job, PlanSettings(platform="exact", blend="none")), before)
     sign = np.sign(document["difference"])
     text = schedules_sentence(document)
     named = [e for e in document["blamed"] if f"{e['name']} (" in text.split("most of it")[1]]

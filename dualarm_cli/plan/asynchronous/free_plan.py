@@ -188,8 +188,9 @@ class FreePlanner:
         waited = [*waits, *(bound[task] for task in waiting if task in bound)]
         stopping = {(0, name)} if ready else set()
         for k, stage in enumerate(way.clock.stages):
-            arrived = min((e.time for e in way.clock.events if e.time >= stage.start), default=0.0)
-            if any(stage.start - SAME_TIME <= at <= arrived + SAME_TIME for at in waited):
+            # What is at its end is the next stage's.
+            last = max(stage.start + SAME_TIME, stage.end - SAME_TIME)
+            if any(stage.start - SAME_TIME <= at <= last for at in waited):
                 stopping.add((k, name))
         found = blended_plan(
             way.problem, way.found, self.timing, stopping, clear=self.clear, crossing=False
