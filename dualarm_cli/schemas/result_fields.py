@@ -99,7 +99,7 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     ),
     "clearance_cost": (
         "s",
-        "How much longer the plan is than the same method's plan without collision checking.",
+        "How much longer the plan is than the same method's plan without collision checking, both with all stops.",
     ),
     "blend_gain": (
         "s",

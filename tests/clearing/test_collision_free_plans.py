@@ -107,9 +107,10 @@ def test_crowded_cells_have_proven_plans_and_the_cost_of_it_is_what_is_said(
     """Shared bins, shelves, tools, carried boxes; the easiest one within a tenth of the unchecked plan."""
     job = load_job(tasks_folder / name / "tasks.yaml")
     job = dataclasses.replace(job, tasks=job.tasks[:some])
-    schedule = plan_without_bound(job, PlanSettings())
+    stopping = PlanSettings(blend="none")
+    schedule = plan_without_bound(job, stopping)
     assert least(schedule, job) >= 0.0
-    unchecked = plan_without_bound(job, PlanSettings(), clear=False)
+    unchecked = plan_without_bound(job, stopping, clear=False)
     assert schedule.clearance_cost == pytest.approx(
         schedule.duration - unchecked.duration, abs=1e-9
     )

@@ -25,9 +25,9 @@ def failures(schedule, job):
 def test_a_tool_that_rams_beyond_its_target_and_comes_back_is_found(tasks_folder, monkeypatch):
     """A smooth plunge 16 mm too deep on a straight approach, on so many knots that each step is tiny."""
 
-    def plunging(arm_stop, line, limits, cap, timing):
+    def plunging(arm_stop, line, limits, cap, timing, launch=None):
         if line != "approach" or arm_stop.arm != "left":
-            return solve_line(arm_stop, line, limits, cap, timing)
+            return solve_line(arm_stop, line, limits, cap, timing, launch)
         problem, posture = arm_stop.problem, arm_stop.posture
         share = np.linspace(0, 1, 65)
         depth = problem.approach * (1 - share) - 0.03 * np.sin(np.pi * share**3)
