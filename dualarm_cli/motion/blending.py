@@ -2,9 +2,9 @@
 
 A retract, the transfer after it and the approach after that take R + X + A. Each line has a family of ways to pass its
 outer end (`timing/launch`), which fix the state of motion there; the transfer between two such states is ruckig's.
-The pair of ways with the least R + X + A is found by going through one line's family while the other's way is kept,
-in turns. What comes before a retract and after an approach does not change: the arm rests at its targets. So every
-transfer of every arm is a problem of its own. Our own.
+The pair of ways with the least R + X + A is found by a pattern search over both families. What comes before a retract
+and after an approach does not change: the arm rests at its targets. So every transfer of every arm is a problem of its
+own. Our own.
 """
 
 from __future__ import annotations
@@ -24,13 +24,23 @@ from dualarm_cli.motion.stop_motion import (
 from dualarm_cli.motion.transfers import PLATFORM, Drive, time_transfers, tool_speed_of
 from dualarm_cli.postures.candidates import line_path
 from dualarm_cli.postures.stage_plan import ArmStop, StagePlan, giver_and_taker
-from dualarm_cli.timing.launch import Launch, launches
+from dualarm_cli.timing.launch import CUTS, PROFILES, Launch, launches
 from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
-ROUNDS = 4
-"""So often both lines' families are gone through at most."""
+MIDDLE = len(PROFILES) // 4, len(CUTS) // 2 - 1
+"""A profile and a cut from which the search for a pair begins."""
+REST = 0, len(CUTS)
+"""What stands for rest: the last cut, after the whole profile."""
+LATE = 0, len(CUTS) - 3
+"""A profile and a cut that leave the line slowly, where limits of position are near."""
+STARTS = (MIDDLE, MIDDLE), (MIDDLE, REST), (REST, MIDDLE), (LATE, LATE)
+"""Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
+STEPS = (2, 4), (1, 2), (1, 1)
+"""Steps of that search through PROFILES and CUTS, one width after the other."""
+LESS = 1e-9
+"""What counts as a shorter time [s]."""
 WORTH = 1e-4
 """What is gained by passing a line's end in motion that is worth it [s]."""
 
@@ -45,6 +55,10 @@ class Passings:
     """How long the line takes [s], shape (g,)."""
     rates: FloatArray
     """Velocities and accelerations at the outer end, in the direction of motion, shape (g, 2, n)."""
+
+    def index(self, profile: int, cut: int) -> int:
+        """Returns the way with one of the PROFILES and CUTS; with a cut beyond them, or without a line, rest."""
+        return 0 if cut >= len(CUTS) or len(self.ways) == 1 else 1 + profile * len(CUTS) + cut
 
     @classmethod
     def none(cls, joints: int) -> Passings:
@@ -68,10 +82,17 @@ class Passings:
         )
 
 
+Place = tuple[int, int]
+"""A profile and a cut, as indices."""
+
+
 def quickest_pair(
     before: Passings, after: Passings, problem: TransferProblem, rest: float
 ) -> tuple[int, int, float]:
     """Returns which ways of two lines go best with the transfer between them, and how long all three take [s].
+
+    A pattern search: from the best of a few pairs to a better neighbour, profile and cut of one line or the cuts of
+    both changed, until there is none. Never slower than from rest to rest; no optimality is claimed.
 
     Args:
         before: of the retract.
@@ -80,24 +101,50 @@ def quickest_pair(
         rest: how long it takes from rest to rest [s].
     """
     transfer, platform = MovingTransfer(problem), problem.minimum_duration
-    best = 0, 0, float(before.time[0] + rest + after.time[0])
-    for _ in range(ROUNDS):
-        known = best
-        for first in (True, False):
-            one, other = (before, after) if first else (after, before)
-            kept = best[1] if first else best[0]
-            for k in np.argsort(one.time, kind="stable").tolist():
-                lines = float(one.time[k] + other.time[kept])
-                if lines + platform >= best[2]:
-                    break
-                i, j = (k, kept) if first else (kept, k)
-                left = best[2] - lines
-                time = lines + transfer.duration(before.rates[i], after.rates[j], left)
-                if time < best[2]:
-                    best = i, j, time
-        if best == known:
-            break
-    return best
+    least = {(0, 0): float(before.time[0] + rest + after.time[0])}
+
+    def time(pair: tuple[Place, Place], most: float) -> float:
+        i, j = before.index(*pair[0]), after.index(*pair[1])
+        if (i, j) not in least:
+            lines = float(before.time[i] + after.time[j])
+            if lines + platform >= most:
+                return np.inf
+            # What takes longer than the best pair known is not looked at again: that one only becomes better.
+            least[i, j] = lines + transfer.duration(before.rates[i], after.rates[j], most - lines)
+        return least[i, j]
+
+    best, pair = least[0, 0], (REST, REST)
+    for start in STARTS:
+        if (found := time(start, best)) < best:
+            best, pair = found, start
+    for width in STEPS:
+        moved = True
+        while moved:
+            moved = False
+            for one, other in _moves(*width):
+                tried = _moved(pair[0], one), _moved(pair[1], other)
+                if (found := time(tried, best)) < best - LESS:
+                    best, pair, moved = found, tried, True
+    return before.index(*pair[0]), after.index(*pair[1]), best
+
+
+def _moves(profiles: int, cuts: int) -> list[tuple[Place, Place]]:
+    """Returns the changes of a pair that are tried, for steps through profiles and cuts."""
+    still, ways = (0, 0), (-1, 1)
+    single = [(0, k * cuts) for k in ways]
+    both = [(p * profiles, k * cuts) for k in (0, *ways) for p in ways]
+    return (
+        [(one, still) for one in single]
+        + [(still, one) for one in single]
+        + [(one, other) for one in single for other in single]
+        + [(one, still) for one in both]
+        + [(still, one) for one in both]
+    )
+
+
+def _moved(place: Place, by: Place) -> Place:
+    profile, cut = place[0] + by[0], place[1] + by[1]
+    return min(max(profile, 0), len(PROFILES) - 1), min(max(cut, 0), len(CUTS))
 
 
 Ways = Mapping[tuple[int, str], tuple[Launch | None, Launch | None]]

@@ -1,4 +1,9 @@
-"""Lines that begin at rest and pass their far end in motion, by a family of speed profiles."""
+"""Lines that begin at rest and pass their far end in motion, by a family of speed profiles.
+
+Each profile is the first part of a longer double S from rest to rest. Where acceleration still rises at its end, the
+line is left as fast as possible; where it falls, or speed does, the transfer after it has less to change. Our own
+family: minimum time from event to event is in general none of its members.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dualarm_cli.geometry.arrays import FloatArray, IntArray, readonly
+from dualarm_cli.geometry.arrays import FloatArray, readonly
 from dualarm_cli.model.trajectory import Trajectory
 from dualarm_cli.timing.line_profile import PathCoordinates, path_and_law
 from dualarm_cli.timing.problem import LineProblem
@@ -16,15 +21,23 @@ from dualarm_cli.timing.spline import largest_rates, launch_spline
 
 PHASES = 7
 """Rising acceleration, constant, falling; constant speed; and the same three with the speed falling."""
-PROFILES = ((0.0, 0.0), (0.25, 0.0), (0.6, 0.0), (1.2, 0.0), (1.0, 1.0), (2.5, 0.0), (2.5, 1.0), (0.5, 3.0), (4.0, 3.0))
-"""Phases of constant acceleration, in those of the rise, and of constant speed, in the ramps, of whole profiles."""
-CUTS = tuple(np.linspace(0.24, 0.92, 18).tolist())
-"""Shares of a whole profile's time after which the line is over."""
-COMPARED = 8
+PROFILES = (
+    (0.0, 0.0, 1.0),
+    (0.0, 0.0, 0.6),
+    (0.3, 0.0, 1.0),
+    (0.3, 0.0, 0.6),
+    (0.8, 0.0, 1.0),
+    (0.8, 0.0, 0.6),
+    (0.5, 1.0, 1.0),
+    (1.5, 2.0, 1.0),
+    (4.0, 4.0, 1.0),
+)
+"""Constant, cruise and inner, see `Launch`, of whole profiles; neighbours are alike."""
+CUTS = tuple(np.linspace(0.24, 0.92, 12).tolist())
+"""Shares of a whole profile's time after which the line is over, rising."""
+COMPARED = 5
 """Index of the cut with which path coordinates are compared."""
-JERKS = (1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0)
-"""Jerks of the phases, up to a factor."""
-PER_PHASE = 4
+PER_PHASE = 3
 """Instants per phase at which limits are looked at."""
 PARTS = 3
 """Least number of knots' intervals in a phase: the first two knots belong to the boundary."""
@@ -35,9 +48,11 @@ class Launch:
     """One way of passing a line's far end in motion: as the first part of a longer line from rest to rest."""
 
     constant: float
-    """Length of the whole profile's phases of constant acceleration, in those of constant jerk."""
+    """Length of the whole profile's phases of constant acceleration, in those of its first one."""
     cruise: float
-    """Length of its phase of constant speed, in that of a ramp."""
+    """Length of its phase of constant speed, in those of its first one's ramp."""
+    inner: float
+    """Jerk before and after constant speed, in that of its first phase."""
     cut: float
     """Share of its time after which the line is over."""
     coordinate: int
@@ -58,33 +73,41 @@ class Launches:
     """Joints' accelerations there [rad/s²], shape (g, n)."""
 
 
-def _lengths(constant: FloatArray, cruise: FloatArray, cut: FloatArray) -> FloatArray:
-    """Returns the lengths of the phases of profiles, which sum up to 1, shape (g, 7); see `Launch`."""
-    one = np.ones_like(cut)
-    ramp = [one, constant, one]
-    lengths = np.stack([*ramp, cruise * (2.0 + constant), *ramp], axis=1)
+def _phases(profiles: FloatArray, cut: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns lengths, which sum up to 1, and jerks up to a factor of the phases of profiles, (g, 7) each.
+
+    Args:
+        profiles: constant, cruise and inner of each, see `Launch`, shape (g, 3).
+        cut: shares of their time, shape (g,).
+    """
+    constant, cruise, inner = profiles.T
+    one, none = np.ones_like(cut), np.zeros_like(cut)
+    ramp = [one, constant, one / inner]
+    lengths = np.stack([*ramp, cruise * (1.0 + constant + one / inner), *ramp[::-1]], axis=1)
     beyond = np.cumsum(lengths, axis=1) - cut[:, None] * lengths.sum(axis=1, keepdims=True)
     kept = np.clip(lengths - beyond, 0.0, lengths)
-    whole: FloatArray = kept / kept.sum(axis=1, keepdims=True)
-    return whole
+    jerks = np.stack([one, none, -inner, none, -inner, none, one], axis=1)
+    return kept / kept.sum(axis=1, keepdims=True), jerks
 
 
-def _profile(lengths: FloatArray, share: FloatArray) -> FloatArray:
+def _profile(lengths: FloatArray, jerks: FloatArray, share: FloatArray) -> FloatArray:
     """Returns way, speed, acceleration and jerk of profiles of way 1 in time 1, shape (4, g, 7, k).
 
     Args:
         lengths: of the phases, shape (g, 7).
+        jerks: of the phases, up to a factor, shape (g, 7).
         share: instants in each phase, as shares of it, rising from 0 to 1, shape (k,).
     """
     state = np.zeros((3, len(lengths), 1))
     found = np.zeros((4, len(lengths), PHASES, len(share)))
     for k in range(PHASES):
-        dt, jerk = lengths[:, k, None] * share, JERKS[k]
+        dt, jerk = lengths[:, k, None] * share, jerks[:, k, None]
         s, v, a = state
         found[0, :, k] = s + dt * (v + dt * (a / 2.0 + dt * jerk / 6.0))
         found[1, :, k] = v + dt * (a + dt * jerk / 2.0)
         found[2, :, k] = a + dt * jerk
-        found[3, :, k] = jerk
+        # A phase of no length has no jerk.
+        found[3, :, k] = jerk * (lengths[:, k, None] > 0.0)
         state = found[:3, :, k, -1:]
     scaled: FloatArray = found / found[0, :, -1, -1][:, None, None]
     return scaled
@@ -92,18 +115,17 @@ def _profile(lengths: FloatArray, share: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _instants() -> FloatArray:
-    """Returns way, speed, acceleration and jerk of all profiles where limits are looked at, (4, g, m)."""
+    """Returns way, speed, acceleration and jerk of all profiles with all cuts where limits are looked at, (4, g, m)."""
     profiles = np.repeat(np.array(PROFILES), len(CUTS), axis=0)
     cuts = np.tile(CUTS, len(PROFILES))
-    found = _profile(_lengths(*profiles.T, cuts), np.linspace(0.0, 1.0, PER_PHASE))
+    found = _profile(*_phases(profiles, cuts), np.linspace(0.0, 1.0, PER_PHASE))
     return readonly(found.reshape(4, len(cuts), -1))
 
 
 def launches(problem: LineProblem) -> Launches:
-    """Returns the ways of passing a line's far end, from rest at its first gridpoint.
+    """Returns the ways of passing a line's far end, from rest at its first gridpoint: all CUTS of all PROFILES.
 
-    Of each profile the path coordinate is taken in which it is fastest; each is slowed by the factors SLOWER. Our own
-    family: minimum time from event to event is in general none of its members.
+    Of each profile the path coordinate is taken in which it is fastest.
 
     Args:
         problem: the line; its cap on the tool's speed counts.
@@ -119,9 +141,7 @@ def launches(problem: LineProblem) -> Launches:
     speed, gain = instants[1][:, -1:], instants[2][:, -1:]
     # The rates of acceleration are shares of its limit, and a limit may be infinite for the tool's way alone.
     n = len(problem.joints)
-    first, second = (
-        paths.rates[coordinate, -1, k, :n] * law.acceleration[:n] for k in (0, 1)
-    )
+    first, second = (paths.rates[coordinate, -1, k, :n] * law.acceleration[:n] for k in (0, 1))
     ways = [
         Launch(*profile, cut, int(coordinate[k * many]))
         for k, profile in enumerate(PROFILES)
@@ -148,11 +168,11 @@ def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
     n = len(problem.joints)
     position, law = path_and_law(problem)
     paths = PathCoordinates.measure(position, law)
-    asked = (np.array([x]) for x in (launch.constant, launch.cruise, launch.cut))
-    lengths = _lengths(*asked)
-    time, way = _knots(lengths, problem.knots)
+    profile = np.array([[launch.constant, launch.cruise, launch.inner]])
+    phases = _phases(profile, np.array([launch.cut]))
+    time, way = _knots(*phases, problem.knots)
     place = np.clip(interpolate_samples(paths.share[launch.coordinate][:, None], way)[:, 0], 0, 1)
-    end = _profile(lengths, np.ones(1))[1, 0, -1, 0]
+    end = _profile(*phases, np.ones(1))[1, 0, -1, 0]
     last = paths.rates[launch.coordinate, -1, 0] * law.acceleration * end
     q, v, a = launch_spline(time, interpolate_samples(position, place), last)
     speed, acceleration, jerk = largest_rates(time, v, a)
@@ -168,7 +188,7 @@ def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
     )
 
 
-def _knots(lengths: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+def _knots(lengths: FloatArray, jerks: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Returns at least `count` knots in [0, 1], every end of a phase among them, and the way at each."""
     time, way = [np.zeros(1)], [np.zeros(1)]
     begin = 0.0
@@ -176,7 +196,7 @@ def _knots(lengths: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         if length > 0.0:
             share = np.linspace(0.0, 1.0, 1 + max(PARTS, int(np.ceil(length * count))))
             time.append(begin + length * share[1:])
-            way.append(_profile(lengths, share)[0, 0, k, 1:])
+            way.append(_profile(lengths, jerks, share)[0, 0, k, 1:])
             begin += length
     knots, ways = np.concatenate(time), np.clip(np.concatenate(way), 0.0, 1.0)
     knots[-1] = ways[-1] = 1.0
