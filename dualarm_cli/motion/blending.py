@@ -29,13 +29,15 @@ from dualarm_cli.timing.problem import LineProblem, TransferProblem
 from dualarm_cli.timing.rest_to_rest import RestToRest
 from dualarm_cli.timing.ruckig_ import MovingTransfer
 
-MIDDLE = len(PROFILES) // 4, len(CUTS) // 2 - 1
-"""A profile and a cut from which the search for a pair begins."""
+MIDDLE = 2, 5
+"""A profile and a cut, as indices, that are quick under jerk limits."""
+EVEN = 8, 5
+"""Those that are quick without."""
 REST = 0, len(CUTS)
 """What stands for rest: the last cut, after the whole profile."""
-LATE = 0, len(CUTS) - 3
-"""A profile and a cut that leave the line slowly, where limits of position are near."""
-STARTS = (MIDDLE, MIDDLE), (MIDDLE, REST), (REST, MIDDLE), (LATE, LATE)
+LATE = 0, 9
+"""Those that leave the line slowly, where limits of position are near."""
+STARTS = (MIDDLE, MIDDLE), (EVEN, EVEN), (LATE, LATE), (MIDDLE, REST), (REST, MIDDLE)
 """Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
 STEPS = (2, 4), (1, 2), (1, 1)
 """Steps of that search through PROFILES and CUTS, one width after the other."""

@@ -28,15 +28,20 @@ PROFILES = (
     (0.3, 0.0, 0.6),
     (0.8, 0.0, 1.0),
     (0.8, 0.0, 0.6),
-    (0.5, 1.0, 1.0),
-    (1.5, 2.0, 1.0),
+    (2.0, 0.0, 1.0),
+    (5.0, 0.0, 1.0),
+    (20.0, 0.0, 1.0),
     (4.0, 4.0, 1.0),
+    (1.5, 2.0, 1.0),
+    (0.5, 1.0, 1.0),
 )
 """Constant, cruise and inner, see `Launch`, of whole profiles; neighbours are alike."""
 CUTS = tuple(np.linspace(0.24, 0.92, 12).tolist())
 """Shares of a whole profile's time after which the line is over, rising."""
 COMPARED = 5
 """Index of the cut with which path coordinates are compared."""
+ROUNDING = 1.0 + 1e-12
+"""A hair slower, so that rounding cannot push a joint over its limit."""
 PER_PHASE = 3
 """Instants per phase at which limits are looked at."""
 PARTS = 3
@@ -137,7 +142,7 @@ def launches(problem: LineProblem) -> Launches:
     compared = instants[:, COMPARED::many]
     times = [paths.least_time(compared, np.full(len(PROFILES), c)) for c in range(coordinates)]
     coordinate = np.repeat(np.argmin(times, axis=0), many)
-    time = paths.least_time(instants, coordinate)
+    time = paths.least_time(instants, coordinate) * ROUNDING
     speed, gain = instants[1][:, -1:], instants[2][:, -1:]
     # The rates of acceleration are shares of its limit, and a limit may be infinite for the tool's way alone.
     n = len(problem.joints)
@@ -181,8 +186,7 @@ def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
         float(np.sqrt((acceleration / law.acceleration).max())),
         float(np.cbrt((jerk / law.jerk).max())),
     )
-    # A hair slower, so that rounding cannot push a joint over its limit.
-    factor *= 1.0 + 1e-12
+    factor *= ROUNDING
     return Trajectory(
         problem.joints, time * factor, q[:, :n], v[:, :n] / factor, a[:, :n] / factor**2
     )
