@@ -22,6 +22,10 @@ SAME_LIMIT = 1e-10
 """Share by which ruckig's acceleration may exceed its limit by rounding; now and then it is 6e-9."""
 SAME_RATE = 1e-9
 """How far from its goal's velocity a joint of ruckig's may end [rad/s]."""
+SAME_END = 1e-12
+"""How far from its goal a joint of a transfer in motion may end, in s, rad, rad/s and rad/s²."""
+CORRECTIONS = 5
+"""Steps in which such a joint's phases are corrected at most."""
 SHORTEST_PHASE = 1e-6
 """Phases that are not longer [s] make a profile unusable: knots a nanosecond apart become one."""
 
@@ -60,30 +64,91 @@ def solve_moving_transfer(problem: TransferProblem) -> Trajectory | None:
         problem: the transfer.
     """
     asked = MovingTransfer(problem)
-    trajectory = asked.calculated(*problem.rates())
+    trajectory, limits = asked.calculated(*problem.rates()), problem.limits
     if trajectory is None or not asked.is_within(trajectory):
         return None
-    rows = {name: np.zeros((len(problem.joints), PHASES)) for name in ("t", "a", "j")}
-    (_, arriving), limits = problem.rates(), problem.limits
+    leaving, arriving = problem.rates()
+    ends = np.stack([np.vstack([problem.start, leaving]), np.vstack([problem.goal, arriving])])
+    rows = []
     for k, profile in enumerate(trajectory.profiles[0]):
-        if not _is_usable(profile, problem.goal[k], arriving[:, k]) or (
-            max(map(abs, profile.a)) > limits.acceleration[k] * (1.0 + SAME_LIMIT)
-        ):
+        if profile.brake.duration != 0.0 or profile.accel.duration != 0.0:
             return None
-        rows["t"][k], rows["a"][k], rows["j"][k] = profile.t, profile.a[:PHASES], profile.j
-    phases = Phases(rows["t"], rows["a"], rows["j"])
+        if _is_usable(profile, ends[1, :, k], limits.acceleration[k]):
+            rows.append(np.array([profile.t, profile.a[:PHASES], profile.j]))
+            continue
+        joint = _corrected(profile, ends[:, :, k], float(trajectory.duration))
+        if joint is None or not asked.is_kept(joint, ends[0, :, k], k):
+            return None
+        rows.append(joint)
+    phases = Phases(*np.moveaxis(np.array(rows), 1, 0))
     return transfer_trajectory(problem, phases, float(trajectory.duration))
 
 
-def _is_usable(profile: Any, goal: float, arriving: FloatArray) -> bool:
-    """Returns whether a joint's profile has no part before its phases, none too short, and ends where it has to."""
+def _is_usable(profile: Any, goal: FloatArray, acceleration: float) -> bool:
+    """Returns whether a joint's profile has no phase that is too short, and ends where it has to within its limit."""
     return bool(
-        profile.brake.duration == 0.0
-        and profile.accel.duration == 0.0
-        and all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
-        and abs(profile.p[-1] - goal) <= SAME_POSITION
-        and abs(profile.v[-1] - arriving[0]) <= SAME_RATE
+        all(t == 0.0 or t > SHORTEST_PHASE for t in profile.t)
+        and abs(profile.p[-1] - goal[0]) <= SAME_POSITION
+        and abs(profile.v[-1] - goal[1]) <= SAME_RATE
+        and max(map(abs, profile.a)) <= acceleration * (1.0 + SAME_LIMIT)
     )
+
+
+def _corrected(profile: Any, ends: FloatArray, duration: float) -> FloatArray | None:
+    """Returns lengths, accelerations, jerks of a joint's phases, shape (3, 7), that lead to its end; None for none.
+
+    Ruckig ends up to 1e-8 rad beside the goal and has phases of rounding. Those are left out, and the lengths of the
+    others corrected by Newton's method. Lengths that lead to the acceleration limit stay.
+
+    Args:
+        profile: ruckig's.
+        ends: position, velocity, acceleration at the start and at the end, shape (2, 3).
+        duration: of the transfer [s].
+    """
+    time, jerk = np.array(profile.t), np.array(profile.j)
+    time[time <= SHORTEST_PHASE] = 0.0
+    free = time > 0.0
+    for limited, ramp in ((1, 0), (5, 6)):
+        free[ramp] &= time[limited] == 0.0
+    for _ in range(CORRECTIONS):
+        q, v, a = _states(time, jerk, ends[0])
+        missing = np.array([duration - time.sum(), *(ends[1] - [q[-1], v[-1], a[-1]])])
+        if (np.abs(missing) <= SAME_END).all():
+            return np.stack([time, a[:-1], jerk])
+        left = time.sum() - np.cumsum(time)
+        # A moment more of a phase, and the same phases after it.
+        more = np.stack(
+            [
+                np.ones(PHASES),
+                v[1:] + left * (a[1:] + left * jerk / 2.0),
+                a[1:] + left * jerk,
+                jerk,
+            ]
+        )
+        time[free] += np.linalg.lstsq(more[:, free], missing, rcond=None)[0]
+        if time.min() < 0.0:
+            return None
+    return None
+
+
+def _states(time: FloatArray, jerk: FloatArray, start: FloatArray) -> FloatArray:
+    """Returns position, velocity, acceleration at the ends of phases, shape (3, 8).
+
+    Args:
+        time: lengths of the phases [s], shape (7,).
+        jerk: in them [rad/s³], shape (7,).
+        start: position, velocity, acceleration before the first one.
+    """
+    q, v, a = start.tolist()
+    found = [(q, v, a)]
+    for dt, j in zip(time.tolist(), jerk.tolist(), strict=True):
+        q, v, a = (
+            q + dt * (v + dt * (a / 2.0 + dt * j / 6.0)),
+            v + dt * (a + dt * j / 2.0),
+            a + dt * j,
+        )
+        found.append((q, v, a))
+    return np.array(found).T
 
 
 class MovingTransfer:
@@ -145,17 +210,49 @@ class MovingTransfer:
         q, v, a = (
             np.array([getattr(one, name)[:PHASES] for one in profiles]) for name in ("p", "v", "a")
         )
-        low, high = self._lower[:, None], self._upper[:, None]
-        # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
-        root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
-        large = -(a + np.where(a < 0.0, -root, root))
-        for numerator, denominator in ((large, j), (2.0 * v, large)):
-            t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0.0)
-            t = np.where((t > 0.0) & (t < dt), t, 0.0)
-            at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
-            if not ((at >= low) & (at <= high)).all():
-                return False
-        return True
+        return _stays(dt, np.stack([q, v, a, j]), self._lower[:, None], self._upper[:, None])
+
+    def is_kept(self, phases: FloatArray, start: FloatArray, joint: int) -> bool:
+        """Returns whether a joint keeps its limits of position, velocity and acceleration.
+
+        Args:
+            phases: their lengths, accelerations and jerks, shape (3, 7).
+            start: position, velocity, acceleration before the first one.
+            joint: its index.
+        """
+        time, _, jerk = phases
+        q, v, a = _states(time, jerk, start)
+        turns = a[:-1] * a[1:] < 0.0
+        inside = v[:-1][turns] - a[:-1][turns] ** 2 / (2.0 * jerk[turns])
+        most = 1.0 + SAME_LIMIT
+        begins = np.stack([q[:-1], v[:-1], a[:-1], jerk])
+        return bool(
+            np.abs(a).max() <= self._request.max_acceleration[joint] * most
+            and np.abs([*v, *inside]).max() <= self._request.max_velocity[joint] * most
+            and _stays(time, begins, self._lower[joint], self._upper[joint])
+        )
+
+
+def _stays(dt: FloatArray, begins: FloatArray, low: FloatArray, high: FloatArray) -> bool:
+    """Returns whether phases stay between positions.
+
+    Args:
+        dt: lengths of the phases [s], shape (..., 7).
+        begins: position, velocity, acceleration and jerk at their starts, shape (4, ..., 7).
+        low: least positions, broadcast against the phases.
+        high: greatest positions.
+    """
+    q, v, a, j = begins
+    # v + a t + j t²/2 = 0, in the form that divides by neither a small j nor a small difference.
+    root = np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0))
+    large = -(a + np.where(a < 0.0, -root, root))
+    for numerator, denominator in ((large, j), (2.0 * v, large)):
+        t = np.divide(numerator, denominator, out=np.zeros_like(v), where=denominator != 0.0)
+        t = np.where((t > 0.0) & (t < dt), t, 0.0)
+        at = q + t * (v + t * (a / 2.0 + t * j / 6.0))
+        if not ((at >= low) & (at <= high)).all():
+            return False
+    return True
 
 
 def _calculate(problem: TransferProblem, moving: IntArray, duration: float) -> dict[int, Any]:
