@@ -72,11 +72,23 @@ class Passings:
         """Returns those of a stop's `approach` or `retract`."""
         own = drive.limits.select(drive.model.arms[arm_stop.arm].arm.joints)
         q, length = line_path(arm_stop.problem, arm_stop.posture, line, PATH_SAMPLES)
-        outward = q if line == "retract" else q[::-1]
-        found = launches(LineProblem(own.joints, outward, length, own, drive.cap))
+        away = line == "retract"
+        problem = LineProblem(own.joints, q if away else q[::-1], length, own, drive.cap)
         rest = timed_line(drive, replace(plan, passes={}), arm_stop, line).duration
-        sign = 1.0 if line == "retract" else -1.0
-        rates = np.stack([sign * found.velocity, found.acceleration], axis=1)
+        return cls.along(problem, rest, away=away)
+
+    @classmethod
+    def along(cls, problem: LineProblem, rest: float, *, away: bool) -> Passings:
+        """Returns those of a line that is given from its target outwards.
+
+        Args:
+            problem: the line.
+            rest: how long it takes from rest to rest [s].
+            away: whether the tool leaves the target on it; else it comes to it.
+        """
+        found = launches(problem)
+        velocity = found.velocity if away else -found.velocity
+        rates = np.stack([velocity, found.acceleration], axis=1)
         return cls(
             (None, *found.ways),
             np.append(rest, found.time),
