@@ -42,10 +42,14 @@ COMPARED = 5
 """Index of the cut with which path coordinates are compared."""
 ROUNDING = 1.0 + 1e-12
 """A hair slower, so that rounding cannot push a joint over its limit."""
-PER_PHASE = 3
-"""Instants per phase at which limits are looked at."""
+BETWEEN = 16
+"""So many instants between ends of phases are looked at in the whole time."""
+COORDINATES = 2
+"""So many of the path coordinates are tried; the others are too rough where the speed is greatest at the end."""
 PARTS = 3
-"""Least number of knots' intervals in a phase: the first two knots belong to the boundary."""
+"""Least number of knots' intervals in the first phase: its first two knots belong to the boundary."""
+SHORTEST = 0.3
+"""Length of a phase that gets no knot of its own, in the mean distance of knots."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +124,24 @@ def _profile(lengths: FloatArray, jerks: FloatArray, share: FloatArray) -> Float
 
 @lru_cache(maxsize=1)
 def _instants() -> FloatArray:
-    """Returns way, speed, acceleration and jerk of all profiles with all cuts where limits are looked at, (4, g, m)."""
+    """Returns way, speed, acceleration and jerk of all profiles with all cuts where limits are compared, (4, g, m).
+
+    These are both ends of each phase and instants between them, the longer the phase the more.
+    """
     profiles = np.repeat(np.array(PROFILES), len(CUTS), axis=0)
-    cuts = np.tile(CUTS, len(PROFILES))
-    found = _profile(*_phases(profiles, cuts), np.linspace(0.0, 1.0, PER_PHASE))
-    return readonly(found.reshape(4, len(cuts), -1))
+    lengths, jerks = _phases(profiles, np.tile(CUTS, len(PROFILES)))
+    rows = []
+    for k in range(len(lengths)):
+        row = []
+        for phase, length in enumerate(lengths[k].tolist()):
+            if length > 0.0:
+                share = np.linspace(0.0, 1.0, 2 + int(length * BETWEEN))
+                row.append(_profile(lengths[[k]], jerks[[k]], share)[:, 0, phase])
+        rows.append(np.concatenate(row, axis=1))
+    most = max(row.shape[1] for row in rows)
+    return readonly(
+        np.stack([np.pad(row, ((0, 0), (0, most - row.shape[1])), "edge") for row in rows], axis=1)
+    )
 
 
 def launches(problem: LineProblem) -> Launches:
@@ -138,9 +155,9 @@ def launches(problem: LineProblem) -> Launches:
     position, law = path_and_law(problem)
     paths = PathCoordinates.measure(position, law)
     instants = _instants()
-    many, coordinates = len(CUTS), len(paths.share)
+    many = len(CUTS)
     compared = instants[:, COMPARED::many]
-    times = [paths.least_time(compared, np.full(len(PROFILES), c)) for c in range(coordinates)]
+    times = [paths.least_time(compared, np.full(len(PROFILES), c)) for c in range(COORDINATES)]
     coordinate = np.repeat(np.argmin(times, axis=0), many)
     time = paths.least_time(instants, coordinate) * ROUNDING
     speed, gain = instants[1][:, -1:], instants[2][:, -1:]
@@ -193,15 +210,19 @@ def solve_launch(problem: LineProblem, launch: Launch) -> Trajectory:
 
 
 def _knots(lengths: FloatArray, jerks: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Returns at least `count` knots in [0, 1], every end of a phase among them, and the way at each."""
+    """Returns about `count` knots in [0, 1], ends of all phases but very short ones among them, and the way at each.
+
+    Knots that are much nearer to each other than others would let the spline swing.
+    """
     time, way = [np.zeros(1)], [np.zeros(1)]
     begin = 0.0
     for k, length in enumerate(lengths[0].tolist()):
-        if length > 0.0:
-            share = np.linspace(0.0, 1.0, 1 + max(PARTS, int(np.ceil(length * count))))
+        if length * count > SHORTEST:
+            parts = max(1 if k else PARTS, round(length * count))
+            share = np.linspace(0.0, 1.0, 1 + parts)
             time.append(begin + length * share[1:])
             way.append(_profile(lengths, jerks, share)[0, 0, k, 1:])
-            begin += length
+        begin += length
     knots, ways = np.concatenate(time), np.clip(np.concatenate(way), 0.0, 1.0)
     knots[-1] = ways[-1] = 1.0
     return knots, ways
