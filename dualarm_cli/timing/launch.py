@@ -130,14 +130,16 @@ def _instants() -> FloatArray:
     """
     profiles = np.repeat(np.array(PROFILES), len(CUTS), axis=0)
     lengths, jerks = _phases(profiles, np.tile(CUTS, len(PROFILES)))
+    found = _profile(lengths, jerks, np.linspace(0.0, 1.0, BETWEEN + 1))
     rows = []
-    for k in range(len(lengths)):
-        row = []
-        for phase, length in enumerate(lengths[k].tolist()):
-            if length > 0.0:
-                share = np.linspace(0.0, 1.0, 2 + int(length * BETWEEN))
-                row.append(_profile(lengths[[k]], jerks[[k]], share)[:, 0, phase])
-        rows.append(np.concatenate(row, axis=1))
+    for k, counts in enumerate((lengths * BETWEEN).astype(np.int64).tolist()):
+        at = [
+            (phase, x)
+            for phase, count in enumerate(counts)
+            if lengths[k, phase] > 0.0
+            for x in np.linspace(0, BETWEEN, 2 + count).round().astype(np.int64).tolist()
+        ]
+        rows.append(found[:, k, *np.array(at).T])
     most = max(row.shape[1] for row in rows)
     return readonly(
         np.stack([np.pad(row, ((0, 0), (0, most - row.shape[1])), "edge") for row in rows], axis=1)
