@@ -35,9 +35,13 @@ EVEN = 8, 5
 """Those that are quick without."""
 REST = 0, len(CUTS)
 """What stands for rest: the last cut, after the whole profile."""
-LATE = 0, 9
-"""Those that leave the line slowly, where limits of position are near."""
-STARTS = (MIDDLE, MIDDLE), (EVEN, EVEN), (LATE, LATE), (MIDDLE, REST), (REST, MIDDLE)
+LATE = (0, 9), (8, 9)
+"""Those that leave the line slowly, where limits of position are near, under jerk limits and without."""
+STARTS = tuple(
+    pair
+    for quick, slow in zip((MIDDLE, EVEN), LATE, strict=True)
+    for pair in ((quick, quick), (slow, slow), (quick, REST), (REST, quick))
+)
 """Pairs from whose best one the search for a pair begins, if rest at both lines is not better."""
 STEPS = (2, 4), (1, 2), (1, 1)
 """Steps of that search through PROFILES and CUTS, one width after the other."""

@@ -1,0 +1,156 @@
+"""Corners passed in motion: against an IPOPT optimum, all pairs of ways, and the verifier's limits."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dualarm_cli.motion.blending import Passings, quickest_pair
+from dualarm_cli.timing import TIMING_SOLVERS
+from dualarm_cli.timing.launch import CUTS, PROFILES, launches
+from dualarm_cli.timing.problem import LineProblem, TransferProblem
+from dualarm_cli.timing.rest_to_rest import RestToRest
+from dualarm_cli.timing.ruckig_ import MovingTransfer
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def script():
+    """The benchmark of blended corners, as a module."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        return importlib.import_module("blended_corners")
+
+
+def families(corner):
+    """Both lines' ways, the transfer, and how long it takes from rest to rest."""
+    first = LineProblem(corner.limits.joints, corner.retract, corner.length, corner.limits)
+    second = replace(first, position=corner.approach[::-1])
+    line = TIMING_SOLVERS["ruckig"].line
+    before = Passings.along(first, line(first).duration, away=True)
+    after = Passings.along(second, line(second).duration, away=False)
+    start, goal, own = corner.retract[-1], corner.approach[0], corner.limits
+    law = RestToRest(own.velocity, own.acceleration, own.jerk)
+    problem = TransferProblem(own.joints, start, goal, own)
+    return before, after, problem, float(law.duration(goal - start))
+
+
+def narrowed(corner, room):
+    """The same corner where no joint may leave the ranges of both lines by more than some room [rad]."""
+    both = np.concatenate([corner.retract, corner.approach])
+    limits = replace(corner.limits, lower=both.min(axis=0) - room, upper=both.max(axis=0) + room)
+    return replace(corner, limits=limits)
+
+
+def test_durations_are_within_5_percent_of_the_optimum(script, monkeypatch):
+    """Three corners on a coarse grid, and the program's own limits hold between its constraints as well."""
+    monkeypatch.setattr(script, "LINE", 14)
+    monkeypatch.setattr(script, "TRANSFER", 28)
+    corners = islice((c for c in script.random_corners(0.08, 0) if c.margin > script.MARGIN), 3)
+    reference = None
+    for corner in corners:
+        reference = reference or script.Reference(corner.limits)
+        ours = script.blend(corner)
+        least, used = reference.solve(corner, ours)
+        assert used < 1.005
+        # No slower than allowed, and a reference that we beat would be none.
+        assert 0.995 * least < ours.duration < 1.05 * least < 1.05 * ours.rest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", [0.08, 0.04, 0.02])
+def test_50_corners_are_within_5_percent_of_the_optimum(script, line):
+    """And a fifth faster than from rest to rest in the median, as measured without any blending of ours."""
+    ratio, gain = script.compare(line, 0, 50).T
+    assert ratio.min() > 0.999
+    assert ratio.max() < 1.05
+    assert np.median(gain) < 0.85
+
+
+@pytest.mark.parametrize("line", [0.08, 0.02])
+def test_no_corner_breaks_a_limit_or_is_slower_than_rest_to_rest(script, line):
+    """Postures as they come, also at position limits; judged by the verifier."""
+    for corner in islice(script.random_corners(line, 3), 60):
+        found = script.blend(corner)
+        assert script.broken_limits(corner, found) == []
+        assert found.duration <= found.rest + 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("line", "count"), [(0.08, 4000), (0.04, 3000), (0.02, 3000)])
+def test_10_000_corners_break_no_limit(script, line, count):
+    """With and without room for joints beyond their lines."""
+    for k, corner in enumerate(islice(script.random_corners(line, 1), count)):
+        tried = corner if k % 2 else narrowed(corner, 0.02)
+        found = script.blend(tried)
+        assert script.broken_limits(tried, found) == []
+        assert found.duration <= found.rest + 1e-9
+
+
+@pytest.mark.parametrize("room", [3.0, 0.02])
+@pytest.mark.parametrize("jerk", ["limited", "unlimited"])
+def test_the_pair_is_nearly_the_best_of_all_pairs(script, room, jerk):
+    """Every third way of either line with every third one; near limits of position and without jerk limits too."""
+    for corner in islice(script.random_corners(0.04, 7), 4):
+        tried = narrowed(corner, room)
+        if jerk == "unlimited":
+            limits = replace(tried.limits, jerk=np.full(7, np.inf))
+            tried = replace(tried, limits=limits)
+        before, after, problem, rest = families(tried)
+        i, j, time = quickest_pair(before, after, problem, rest)
+        transfer = MovingTransfer(problem)
+        best = float(before.time[0] + rest + after.time[0])
+        assert time <= best
+        if i or j:
+            taken = transfer.duration(before.rates[i], after.rates[j])
+            assert time == pytest.approx(before.time[i] + taken + after.time[j], rel=1e-12)
+        for a in range(0, len(before.ways), 3):
+            for b in range(0, len(after.ways), 3):
+                lines = float(before.time[a] + after.time[b])
+                if lines < best:
+                    taken = transfer.duration(before.rates[a], after.rates[b], best - lines)
+                    best = min(best, lines + taken)
+        assert time <= 1.02 * best
+
+
+def test_lines_are_as_short_as_can_be_where_the_platform_decides(script):
+    """It takes two seconds: nothing but the lines' own time is left to save."""
+    corner = next(script.random_corners(0.08, 2))
+    before, after, problem, rest = families(corner)
+    problem = replace(problem, minimum_duration=2.0)
+    i, j, time = quickest_pair(before, after, problem, 2.0)
+    assert 2.0 + before.time.min() + after.time.min() <= time
+    assert time < before.time[0] + 2.0 + after.time[0] - 0.05
+    assert rest < 2.0 and before.time[i] < before.time[0] and after.time[j] < after.time[0]
+
+
+def test_ways_are_found_by_profile_and_cut(limits):
+    """Rest first, then all cuts of the first profile; beyond the cuts, and without a line, is rest."""
+    length = np.linspace(0.0, 0.08, 65)
+    path = length[:, None] * np.linspace(1, 2, 7)
+    problem = LineProblem(limits.joints, path, length, limits)
+    ways = Passings.along(problem, 0.4, away=True)
+    assert ways.ways[0] is None and ways.time[0] == 0.4 and not ways.rates[0].any()
+    found = ways.ways[ways.index(2, 3)]
+    assert (found.constant, found.cruise, found.inner) == PROFILES[2]
+    assert found.cut == CUTS[3]
+    assert ways.index(5, len(CUTS)) == 0
+    assert Passings.none(7).index(2, 3) == 0
+    coming = Passings.along(problem, 0.4, away=False)
+    estimated = launches(problem)
+    np.testing.assert_array_equal(ways.rates[1:, 0], estimated.velocity)
+    np.testing.assert_array_equal(coming.rates[1:, 0], -estimated.velocity)
+    np.testing.assert_array_equal(coming.rates[1:, 1], estimated.acceleration)
+
+
+def test_without_lines_it_is_the_transfer_from_rest_to_rest(limits):
+    """Nothing to choose."""
+    none = Passings.none(7)
+    problem = TransferProblem(limits.joints, np.zeros(7), np.ones(7), limits)
+    assert quickest_pair(none, none, problem, 1.25) == (0, 0, 1.25)
