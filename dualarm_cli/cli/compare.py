@@ -231,7 +231,7 @@ def _one_job(
         progress(f"{name}: {text}")
 
     say("lower bound")
-    bound = job_bound(job, settings.effort)
+    bound = job_bound(job, settings.effort, blended=True)
     # Where a stop cannot be reached at all, every row says so; a bound of nothing bounds nothing.
     least = bound.value if bound.value and isfinite(bound.value) else None
     judge = partial(verify, clearance=True)

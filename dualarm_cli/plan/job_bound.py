@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dualarm_cli.bound.bound import LowerBound, lower_bound
+from dualarm_cli.bound.bound import ASSUMPTIONS, LowerBound, lower_bound
+from dualarm_cli.bound.passing import passing
 from dualarm_cli.geometry.arrays import FloatArray
 from dualarm_cli.kinds.planning import kind_of, kinds_of
 from dualarm_cli.kinematics.cell_model import CellModel
@@ -28,21 +30,41 @@ OWN_CLOCKS = (
     "arm's stops, as if the platform moved for this arm only"
 )
 """What the bound of asynchronous arms assumes."""
+BLENDED = (
+    "lower bound: holds also for plans whose tools stop at their targets only: transfers take at least each joint's "
+    "way at full speed, and the straight parts of lines what joints need from rest to any speed; the platform stands "
+    "during these and dwells"
+)
+"""What a bound assumes of plans with blended lines."""
 DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
 """Message where there are too many tasks to bound each."""
 MOST_TASKS = 60
 """So many tasks are bounded one by one."""
 
 
-def shared_bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+@dataclass(frozen=True)
+class Bounds:
+    """How hard bounds try, and what of."""
+
+    effort: str
+    """quick, normal or thorough."""
+    law: Callable[[SequenceProblem], SequenceProblem]
+    """Turns sequences into those whose plans are bounded."""
+
+    def of(self, model: CellModel, job: Job) -> LowerBound:
+        """Returns the bound of a decided job's stages."""
+        return lower_bound(self.law(sequence_problem(model, job)), self.effort)
+
+
+def shared_bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
     """Returns a bound over all orders and assignments.
 
     The least T so that tasks, shared out in fractions, take no arm longer than T: a linear programme.
 
     Args:
+        bounds: how they are computed.
         model: the job's cell, with closed forms.
         job: what is to be done.
-        effort: as of `lower_bound`.
     """
     times = np.full((len(model.arms), len(job.tasks)), np.inf)
     for t, task in enumerate(job.tasks):
@@ -53,14 +75,14 @@ def shared_bound(model: CellModel, job: Job, effort: str) -> LowerBound:
             if t < MOST_TASKS:
                 own = replace(task, arm=name, after=())
                 alone = replace(job, tasks=(own,), start="free", returns=False, pairing=None)
-                found = lower_bound(sequence_problem(model, alone), effort).value
+                found = bounds.of(model, alone).value
                 times[a, t] = max(times[a, t], found or 0.0)
     more = (DWELLS_ONLY.format(most=MOST_TASKS),) if len(job.tasks) > MOST_TASKS else ()
     visits = np.zeros(len(model.arms))
     for a, name in enumerate(model.arms):
         for stand in least_visits(job, name):
             alone = replace(job, tasks=(stand,), start="free", returns=False, pairing=None)
-            visits[a] += lower_bound(sequence_problem(model, alone), effort).value or 0.0
+            visits[a] += bounds.of(model, alone).value or 0.0
     return LowerBound(_least_makespan(times, visits), (SHARED, *more))
 
 
@@ -90,14 +112,14 @@ def least_visits(job: Job, arm: str) -> list[Task]:
     ]
 
 
-def own_clocks_bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+def own_clocks_bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
     """Returns a bound for arms that go through their stops by their own clocks; arguments as of `shared_bound`."""
     value = 0.0
     for name in model.arms:
         tasks = tuple(task for task in job.tasks if task.arm == name)
         if tasks:
             alone = replace(job, tasks=tasks, pairing=None)
-            found = lower_bound(sequence_problem(model, alone), effort).value
+            found = bounds.of(model, alone).value
             value = max(value, found or 0.0)
     return LowerBound(value, (OWN_CLOCKS,))
 
@@ -143,13 +165,24 @@ STAGES_AS_ZERO = "lower bound: stages between paths and seams count as zero on t
 """Message where only paths and seams are bounded."""
 
 
-def job_bound(job: Job, effort: str) -> LowerBound:
+def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
     """Returns what no plan of a job can beat.
 
     Args:
         job: what is to be done.
         effort: quick, normal or thorough.
+        blended: whether tools may pass the outer ends of lines in motion, of which only the straight parts count then.
     """
+    if not blended:
+        return _job_bound(Bounds(effort, lambda problem: problem), job)
+    found = _job_bound(Bounds(effort, passing), job.with_straight_parts())
+    if not found.value:
+        return found
+    kept = (text for text in found.assumptions if text not in ASSUMPTIONS)
+    return replace(found, assumptions=(*kept, BLENDED))
+
+
+def _job_bound(bounds: Bounds, job: Job) -> LowerBound:
     if why := next((kind.unbounded for kind in kinds_of(job) if kind.unbounded), ""):
         return LowerBound(None, (why,))
     model = CellModel.from_cell(job.cell)
@@ -158,11 +191,11 @@ def job_bound(job: Job, effort: str) -> LowerBound:
     if unbounded and not job.in_sections:
         return LowerBound(None, (unbounded,))
     if not job.is_decided and not job.in_sections:
-        return shared_bound(model, job, effort)
+        return shared_bound(bounds, model, job)
     if job.mode == "free":
-        return own_clocks_bound(model, job, effort)
+        return own_clocks_bound(bounds, model, job)
     if not job.in_sections:
-        return _bound(model, job, effort)
+        return _bound(bounds, model, job)
     value, assumptions = 0.0, dict[str, None]()
     for section in _bounded_sections(job):
         if (kind := kind_of(section)) is not None:
@@ -173,7 +206,7 @@ def job_bound(job: Job, effort: str) -> LowerBound:
             # Where a section starts is for the plan to choose, and what comes after it does not count.
             alone = replace(job, tasks=section, start="free", returns=False)
             bounded = _bound if alone.is_decided else shared_bound
-            bound = bounded(model, alone, effort)
+            bound = bounded(bounds, model, alone)
             value += bound.value if bound.value is not None else 0.0
             assumptions |= dict.fromkeys(bound.assumptions)
     return LowerBound(value, (*assumptions, PATH_BOUND))
@@ -210,16 +243,16 @@ def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
     return [*([others] if others else []), *alone]
 
 
-def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:
+def _bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
     """Returns the bound of a decided job.
 
     It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and
     dwell: at least what its stop takes by itself from wherever it likes.
     """
-    problem = sequence_problem(model, job)
+    problem = bounds.law(sequence_problem(model, job))
     arms = [list(arm.stops) for arm in problem.arms]
     for k in problem.together.tolist():
-        least = [_least_work(problem, a, k, effort) for a in range(len(arms))]
+        least = [_least_work(problem, a, k, bounds.effort) for a in range(len(arms))]
         for a, stops in enumerate(arms):
             stop = stops[k]
             if stop is not None:
@@ -227,7 +260,7 @@ def _bound(model: CellModel, job: Job, effort: str) -> LowerBound:
     whole = tuple(
         replace(arm, stops=tuple(stops)) for arm, stops in zip(problem.arms, arms, strict=True)
     )
-    return lower_bound(replace(problem, arms=whole, handing=()), effort)
+    return lower_bound(replace(problem, arms=whole, handing=()), bounds.effort)
 
 
 def _least_work(problem: SequenceProblem, a: int, k: int, effort: str) -> float:

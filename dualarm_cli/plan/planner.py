@@ -53,9 +53,10 @@ def plan(job: Job, settings: PlanSettings, watch: Watch | None = None) -> Schedu
     watch = watch or Watch(limit=settings.time_limit)
     schedule = plan_without_bound(job, settings, watch)
     watch.tell("computing the lower bound")
-    bound = _until_seen_enough(watch, lambda: job_bound(job, settings.effort)) or LowerBound(
-        None, (NOT_BOUNDED,)
-    )
+    blended = settings.blend != "none"
+    bound = _until_seen_enough(
+        watch, lambda: job_bound(job, settings.effort, blended=blended)
+    ) or LowerBound(None, (NOT_BOUNDED,))
     unneeded = (UNLIMITED,) if job.is_decided and settings.time_limit is not None else ()
     notes = (*schedule.notes, *unneeded, *bound.assumptions)
     return replace(schedule, lower_bound=bound.value, notes=notes)

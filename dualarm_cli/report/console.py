@@ -191,7 +191,10 @@ def bound_line(report: dict[str, Any]) -> str:
         line = "lower bound: 0 s, as the grid is too coarse for moves this short; try --effort thorough"
     else:
         what = "tasks, in any order," if report["open"] else "stages"
-        line = f"lower bound: no rest-to-rest plan of these {what} is faster than {report['lower_bound']:.3f} s"
+        plan = "rest-to-rest plan" if report["blending"] is None else "plan"
+        line = (
+            f"lower bound: no {plan} of these {what} is faster than {report['lower_bound']:.3f} s"
+        )
         if report["gap"] is not None:
             line += f"; at most {report['gap']:.1%} could be saved"
     if report["tool_speed_cap"] is not None:

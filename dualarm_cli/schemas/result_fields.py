@@ -85,7 +85,8 @@ SCHEDULE: dict[str, tuple[str, str]] = {
     "duration": ("s", "Length of the motion: the period where it returns to the start."),
     "lower_bound": (
         "s",
-        "No plan that is at rest after every transfer and line is shorter: of the same stages where the file gives "
+        "No plan is shorter (with `blend` none: none that is at rest after every transfer and line): of the same "
+        "stages where the file gives "
         "the order, of all orders where the planner chose it; the conditions are in `notes`. None where none was "
         "computed.",
     ),

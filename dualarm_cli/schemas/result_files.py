@@ -21,7 +21,8 @@ _TYPES: Mapping[str, dict[str, Any]] = {
 """JSON Schema of each type of a member."""
 _MEMBERS: Mapping[str, str] = {
     "texts": r"notes|assumed_limits|without_jerk_limit|sliding_joints|robot\.platform|.*\.(joints|tasks|bodies|arms)",
-    "number": r"gap|blending\.share|grid_gap|order_grid_gap|elbow_imbalance|speed|.*\.(utilisation|speed_share|measured|allowed|value)|"
+    "number": r"gap|blending\.share|grid_gap|order_grid_gap|elbow_imbalance|speed|"
+    r".*\.(utilisation|speed_share|measured|allowed|value)|"
     r".*manipulability(_together|\.<arm>)|limits_used\..*",
     "numbers": r"trajectory\.time|.*\.ramps",
     "three numbers": r".*\.(xyz|part_xyz|part_rpy)|events\[\]\.velocity",

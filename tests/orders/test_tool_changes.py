@@ -31,7 +31,7 @@ from dualarm_cli.plan.asynchronous import free_plan
 from dualarm_cli.plan.asynchronous.free_epochs import FreeEpochs, plan_epochs
 from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock
-from dualarm_cli.plan.job_bound import least_visits, shared_bound
+from dualarm_cli.plan.job_bound import Bounds, least_visits, shared_bound
 from dualarm_cli.plan.planner import _schedule, plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.console import summary_lines
@@ -43,6 +43,7 @@ from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
+BOUNDS = Bounds("quick", lambda problem: problem)
 THERE = ["leave fingers ({})", "take suction ({})"]
 BACK = ["leave suction ({})", "take fingers ({})"]
 END = "left arm, at the end"
@@ -324,12 +325,12 @@ def test_the_fewest_visits_are_those_of_any_order(kit, ids, returns, start, expe
 def test_the_bound_over_all_orders_has_the_fewest_visits_in_it(kit):
     """Four visits of at least 0.8 s more than without; the plan of the shipped job takes 20.5 s."""
     model = CellModel.from_cell(kit.cell)
-    bound = shared_bound(model, kit, "quick").value
+    bound = shared_bound(BOUNDS, model, kit).value
     screws = dataclasses.replace(
         kit,
         tasks=tuple(dataclasses.replace(t, tool="fingers" if t.tool else "") for t in kit.tasks),
     )
-    without = shared_bound(model, screws, "quick").value
+    without = shared_bound(BOUNDS, model, screws).value
     assert without + 4 * 0.8 <= bound < 20.5
 
 

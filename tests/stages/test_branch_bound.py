@@ -84,11 +84,16 @@ def test_no_plan_of_a_random_job_is_faster(general_robots, tmp_path, seed):
         file.write_text(text.replace("]}}", "], symmetry: 2}}", 1))
     job = load_job(file)
     bound = job_bound(job, "quick").value
-    assert bound is not None
+    blended = job_bound(job, "quick", blended=True).value
+    assert bound is not None and blended is not None
     for method in ("sequence", "fixed"):
-        found = plan_without_bound(job, PlanSettings(method, effort="quick"), clear=False)
+        settings = PlanSettings(method, effort="quick", blend="none")
+        found = plan_without_bound(job, settings, clear=False)
         assert verify(found, job).passed
         assert 0.6 * found.duration < bound <= found.duration
+        found = plan_without_bound(job, replace(settings, blend="lines"), clear=False)
+        assert verify(found, job).passed
+        assert blended <= found.duration
 
 
 def test_asynchronous_arms_and_open_orders_have_their_bounds(general_robots, tmp_path):

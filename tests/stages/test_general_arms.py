@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,8 +67,9 @@ def test_clearance_is_kept_by_any_arms(general_robots, tmp_path):
     shapes = "{capsule: {radius: 30 mm, length: 60 mm}, xyz: [0, 0, 40 mm]}"
     post = "obstacles: {post: {box: [0.04, 0.04, 0.3], xyz: [0.33, 0.26, 0.2]}}\nclearance: 10 mm\n"
     job = load_job(general_robots.write_cell(tmp_path, "yumi", 1, shapes, post))
-    schedule = plan_without_bound(job, QUICK)
-    unchecked = plan_without_bound(job, QUICK, clear=False)
+    stopping = replace(QUICK, blend="none")
+    schedule = plan_without_bound(job, stopping)
+    unchecked = plan_without_bound(job, stopping, clear=False)
     assert not verify(unchecked, job, clearance=True).passed
     assert verify(schedule, job, clearance=True).passed
     assert schedule.clearance_cost == pytest.approx(schedule.duration - unchecked.duration)

@@ -43,7 +43,7 @@ export function overview(plan, go) {
     figures.push(figure(fixed(report.parts_per_hour, 0), `parts per hour (${report.parts} per cycle)`));
   }
   if (report.lower_bound !== null) {
-    figures.push(figure(seconds(report.lower_bound), "lower bound", "No rest-to-rest plan of these stages is faster"));
+    figures.push(figure(seconds(report.lower_bound), "lower bound", "No plan of these stages is faster, as the notes say"));
     figures.push(figure(percent(report.gap), "gap to the bound: at most this could be saved"));
   }
   const nearest = report.smallest_clearance;
