@@ -1,6 +1,7 @@
 """The law of joints whose tools pass the outer ends of lines in motion: what the bound on such plans rests on.
 
-Stages are as they are: transfers, then approach, dwell and retract. Only at its target a tool is at rest. So
+Stages are as they are: both arms begin one together, with transfers, then approach, dwell and retract. Only at its
+target a tool is at rest, its joints' accelerations zero as well. So
 
 - a transfer takes at least the way of each joint at its full speed, in whatever motion it begins and ends; the
   platform, which is at rest at both ends, takes its rest-to-rest time as before;

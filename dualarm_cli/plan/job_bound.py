@@ -31,9 +31,9 @@ OWN_CLOCKS = (
 )
 """What the bound of asynchronous arms assumes."""
 BLENDED = (
-    "lower bound: holds also for plans whose tools stop at their targets only: transfers take at least each joint's "
-    "way at full speed, and the straight parts of lines what joints need from rest to any speed; the platform stands "
-    "during these and dwells"
+    "lower bound: holds for every plan that keeps the order, if one is given, and stops at its targets only: transfers "
+    "take at least each joint's way at full speed, the straight parts of lines what joints need from rest to any "
+    "speed; these are followed exactly, and the platform stands during them and dwells"
 )
 """What a bound assumes of plans with blended lines."""
 DWELLS_ONLY = "lower bound: tasks after the first {most} count with their dwells only"
@@ -43,7 +43,7 @@ MOST_TASKS = 60
 
 
 @dataclass(frozen=True)
-class Bounds:
+class BoundMethod:
     """How hard bounds try, and what of."""
 
     effort: str
@@ -56,7 +56,7 @@ class Bounds:
         return lower_bound(self.law(sequence_problem(model, job)), self.effort)
 
 
-def shared_bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
+def shared_bound(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
     """Returns a bound over all orders and assignments.
 
     The least T so that tasks, shared out in fractions, take no arm longer than T: a linear programme.
@@ -112,7 +112,7 @@ def least_visits(job: Job, arm: str) -> list[Task]:
     ]
 
 
-def own_clocks_bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
+def own_clocks_bound(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
     """Returns a bound for arms that go through their stops by their own clocks; arguments as of `shared_bound`."""
     value = 0.0
     for name in model.arms:
@@ -174,15 +174,15 @@ def job_bound(job: Job, effort: str, *, blended: bool = False) -> LowerBound:
         blended: whether tools may pass the outer ends of lines in motion, of which only the straight parts count then.
     """
     if not blended:
-        return _job_bound(Bounds(effort, lambda problem: problem), job)
-    found = _job_bound(Bounds(effort, passing), job.with_straight_parts())
-    if not found.value:
+        return _job_bound(BoundMethod(effort, lambda problem: problem), job)
+    found = _job_bound(BoundMethod(effort, passing), job.with_straight_parts())
+    if found.value is None:
         return found
     kept = (text for text in found.assumptions if text not in ASSUMPTIONS)
     return replace(found, assumptions=(*kept, BLENDED))
 
 
-def _job_bound(bounds: Bounds, job: Job) -> LowerBound:
+def _job_bound(bounds: BoundMethod, job: Job) -> LowerBound:
     if why := next((kind.unbounded for kind in kinds_of(job) if kind.unbounded), ""):
         return LowerBound(None, (why,))
     model = CellModel.from_cell(job.cell)
@@ -243,7 +243,7 @@ def _bounded_sections(job: Job) -> list[tuple[Task, ...]]:
     return [*([others] if others else []), *alone]
 
 
-def _bound(bounds: Bounds, model: CellModel, job: Job) -> LowerBound:
+def _bound(bounds: BoundMethod, model: CellModel, job: Job) -> LowerBound:
     """Returns the bound of a decided job.
 
     It looks at each arm by itself. In a hand-over what the other arm does comes before or after one's own lines and

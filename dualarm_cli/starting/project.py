@@ -165,7 +165,8 @@ def tasks_text(layout: Layout) -> str:
         )
     lines += [
         "return: true           # end where the cycle began",
-        f"defaults: {{approach: {line}, retract: {line}, dwell: 0.15 s}}   # straight lines to and from each target",
+        f"defaults: {{approach: {line}, retract: {line}, straight: {line}, dwell: 0.15 s}}",
+        "                       # lines to and from each target; `straight`: how much of them must be straight",
         "tasks:                 # rpy: [180 deg, 0, 0] points the tool down; free: yaw lets it turn about its own axis",
     ]
     arms = list(layout.trays)

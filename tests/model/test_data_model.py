@@ -123,6 +123,7 @@ def test_an_arm_is_the_same_wherever_its_kind_is_written():
 SOMETHING = {
     "PoseTarget.symmetry": 1,
     "Task.not_after": np.inf,
+    "Stop.straight": np.inf,
     "Job.speed": 1.0,
     "PathWork.tolerance": 1e-4,
     "PathWork.stiffness": 10.0,

@@ -80,6 +80,7 @@ def test_points_are_read_where_every_joint_is_and_measured_where_every_coordinat
 NEUTRAL = {
     ("Job", "speed"): 1.0,
     ("Task", "not_after"): math.inf,
+    ("Stop", "straight"): math.inf,
     ("PoseTarget", "symmetry"): 1,
     ("Amount", "factor"): 1.0,
     ("PathWork", "tolerance"): 1e-4,

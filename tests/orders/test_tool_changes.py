@@ -31,7 +31,7 @@ from dualarm_cli.plan.asynchronous import free_plan
 from dualarm_cli.plan.asynchronous.free_epochs import FreeEpochs, plan_epochs
 from dualarm_cli.plan.asynchronous.free_plan import FreePlanner
 from dualarm_cli.plan.asynchronous.own_clock import OwnClock
-from dualarm_cli.plan.job_bound import Bounds, least_visits, shared_bound
+from dualarm_cli.plan.job_bound import BoundMethod, least_visits, shared_bound
 from dualarm_cli.plan.planner import _schedule, plan_without_bound
 from dualarm_cli.postures.holding import Holding
 from dualarm_cli.report.console import summary_lines
@@ -43,7 +43,7 @@ from dualarm_cli.timing import TIMING_SOLVERS
 from dualarm_cli.verification import verify
 
 QUICK = PlanSettings(effort="quick")
-BOUNDS = Bounds("quick", lambda problem: problem)
+BOUNDS = BoundMethod("quick", lambda problem: problem)
 THERE = ["leave fingers ({})", "take suction ({})"]
 BACK = ["leave suction ({})", "take fingers ({})"]
 END = "left arm, at the end"

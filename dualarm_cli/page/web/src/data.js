@@ -54,7 +54,7 @@ export function readPlan(text) {
     pair: u32(clearance.pair),
     points: f32(clearance.points),
   }));
-  return { task_lines: {}, ...raw, joints, hulls, clearances };
+  return { ...raw, joints, hulls, clearances };
 }
 
 /**

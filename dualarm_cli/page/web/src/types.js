@@ -104,7 +104,6 @@
  * @property {Stage[]} stages
  * @property {Clearance[]} clearances none, one or both
  * @property {any} report report.json as it is
- * @property {Object<string, string>} task_lines
  */
 
 export {};
